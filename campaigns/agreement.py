@@ -36,7 +36,7 @@ from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, run
 from ballbot.workflows.metrics import SETTLE, Score
 from ballbot.workflows.statistics import fraction_with_interval, median_with_interval
 from campaigns.faulty_twins import asymmetric
-from campaigns.section import Section, compared
+from campaigns.section import Section, compared, markdown_table
 
 KEPT = Path(__file__).parents[1] / "build" / "agreement"
 LOOP_SEEDS, TWIN_SEEDS = range(200), range(40)
@@ -346,18 +346,16 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return the loop's medians over the twin's with one effect after another switched off on both."""
     heads = [f"{name}: {quantity}" for name in EXPLAINED for quantity in QUANTITIES]
     seeds = [len(one.scores[TWIN]) for one in effects if one.controller in EXPLAINED]
-    lines = [
+    words = (
         "What makes the difference: the hold in the nominal scenario, loop over twin (ratio of medians), with one "
         f"effect after another switched off on both ({min(seeds, default=0)} seeds or more on the twin). Rollers: "
         "each wheel touches in one point; slip: grip 5; pivoting: ten times the ball's resistance. Of the contacts "
         "the loop has what rollers do that touch side by side, but no other slip, pivoting or softness. What brings a "
         "ratio to 1 is what the loop lacks or has otherwise. One effect cannot be switched off: MuJoCo's convex "
         "friction presses a roller that slips harder onto the ball, most with rows far apart (*cheap*); the loop's "
-        "is Coulomb's.",
-        "",
-        f"| without | {' | '.join(heads)} |",
-        f"|---|{'---:|' * len(heads)}",
-    ]
+        "is Coulomb's."
+    )
+    rows = []
     cases = {"nothing": "nominal, hold"} | {effect: f"{effect}, hold" for effect in WITHOUT}
     for effect, course in cases.items():
         cells = [one for one in (*found, *effects) if one.course == course and one.controller in EXPLAINED]
@@ -366,5 +364,5 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
             for one in cells
             for quantity in QUANTITIES
         ]
-        lines.append(f"| {effect} | {' | '.join(ratios)} |")
-    return "\n".join([*lines, "", _named(found, effects)])
+        rows.append([effect, *ratios])
+    return "\n\n".join([words, markdown_table(["without", *heads], rows), _named(found, effects)])

@@ -20,52 +20,28 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
 from ballbot.files import write_text
 from ballbot.fitting.between_logs import LogEstimates, RobotLogs, fit_prior
 from ballbot.fitting.fit import FitOptions, fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
-from ballbot.identification.identify import (
-    IdentificationOptions,
-    estimated_parameters,
-    prepare,
-)
-from ballbot.identification.laws import LawName
-from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
-from ballbot.identification.variation import (
-    PRIOR_FILE,
-    Priors,
-    scaled_units,
-    shipped_priors,
-    widened,
-)
+from ballbot.identification.identify import IdentificationOptions, estimated_parameters, prepare
+from ballbot.identification.quantities import FRICTION, Bounds, Coordinates, Layout
+from ballbot.identification.variation import PRIOR_FILE, Priors, scaled_units, shipped_priors, widened
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Supply
-from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
-from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin import Scenario
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, kept, share_words
+from campaigns.twin_logs import NOMINAL, ROBOT, twin_log
 
 #: the folder of what is finished, within build
 KEPT = "between_logs"
-ROBOT = Robot.load("alten")
-NOMINAL = Scenario.nominal(ROBOT)
 DURATION = 24.0  # [s] of each log of a pair
 STEP = 2.5e-3  # [s], inner step of the fits
 #: the prior that ships is fitted to these; the statistics were developed on the first eight and the last six
@@ -139,34 +115,21 @@ def pair_log(seed: int, which: int) -> Log:
     """Return a log of the twin of a seed, by its own sensors, from file if it is there."""
 
     def make() -> Log:
-        reference = named_reference(references_of(seed)[which])
         for attempt in range(_SEEDS):
             run_seed = 10 * seed + which + 100_000 * attempt
-            log = simulate(
-                Twin(ROBOT, drawn(seed)),
-                nominal_controller(ROBOT),
-                reference,
-                duration=DURATION,
-                seed=run_seed,
-            )
+            log = twin_log(references_of(seed)[which], duration=DURATION, seed=run_seed, scenario=drawn(seed))
             if log.t[-1] > _LEAST * DURATION:
-                return log.without_truth()
+                return log
         raise RuntimeError(f"The twin {seed} falls with {_SEEDS} seeds.")
 
     return kept(KEPT, f"{seed:04d}_{which}", make)
 
 
-def nominal_log(seed: int, scenario: Scenario = NOMINAL, *, duration: float = 48.0) -> Log:
+def nominal_log(seed: int, scenario: Scenario = NOMINAL) -> Log:
     """Return a log of the nominal twin around the square, or of one with a fault switched."""
 
-    def make() -> Log:
-        twin = Twin(ROBOT, scenario)
-        reference = named_reference("square")
-        return simulate(
-            twin, nominal_controller(ROBOT), reference, duration=duration, seed=seed
-        ).without_truth()
-
-    return kept(KEPT, f"{scenario.name.replace(' ', '_')}_{duration:.0f}_{seed:02d}", make)
+    name = f"{scenario.name.replace(' ', '_')}_{DURATION:.0f}_{seed:02d}"
+    return kept(KEPT, name, lambda: twin_log("square", duration=DURATION, seed=seed, scenario=scenario))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,7 +142,7 @@ class Fit:
     by_log: LogEstimates
 
 
-def fit_of(log: Log, name: str, *, law: LawName = "stribeck") -> Fit:
+def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
     """Return a log's fit, in one thread, from file if it is there.
 
     As `identify` does, without its evolution, from a start far from the truth, and without profiles.
@@ -306,7 +269,7 @@ def campaign() -> Section:
     judged: list[Judged] = []
     for first, second in pairs(UNSEEN):
         judged += [*judge((first, second), priors), *judge((second, first), priors)]
-    nominal = [fit_of(nominal_log(seed, duration=DURATION), f"nominal_24_{seed:02d}") for seed in SEEDS]
+    nominal = [fit_of(nominal_log(seed), f"nominal_24_{seed:02d}") for seed in SEEDS]
     of_nominal = [one for both in permutations(nominal, 2) for one in judge(both, priors)]
     return Section(
         title="Intervals for the estimate from another log",
@@ -335,19 +298,13 @@ SEEDS = range(1, 11)
 
 
 DRY_SPEED = 0.5  # [rad/s]
+#: of the twelve parameters
+LAYOUT = Layout(wheel_count=3)
 
 
 def _dry(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    b, c, s = values[:3], values[3:6], values[6:9]
-    friction = Friction(
-        viscous=tuple(0.0 * b),
-        coulomb=tuple(c.tolist()),
-        stribeck=tuple(s.tolist()),
-        stribeck_speed=float(values[9]),
-        stribeck_exponent=float(values[10]),
-        rolling=0.0,
-    )
-    return wheel_friction(np.full(3, DRY_SPEED), friction)
+    friction = LAYOUT.robot_of(ROBOT, values).friction
+    return wheel_friction(np.full(3, DRY_SPEED), replace(friction, viscous=(0.0,) * 3))
 
 
 #: the nominal twin with one fault switched off
@@ -366,9 +323,9 @@ _SWITCHED_SEEDS = (1, 2)
 
 def effective() -> Section:
     """Identify twins with single faults off and return the section of docs/generated/evidence.md."""
-    rows = [["set", *_means(_set_values())]]
+    rows = [["set", *_means(LAYOUT.nominal(ROBOT.replace(friction=NOMINAL.friction)))]]
     for name, scenario in SWITCHED.items():
-        logs = [nominal_log(seed, scenario, duration=DURATION) for seed in _SWITCHED_SEEDS]
+        logs = [nominal_log(seed, scenario) for seed in _SWITCHED_SEEDS]
         fits = [
             fit_of(log, f"{scenario.name}_{seed}") for log, seed in zip(logs, _SWITCHED_SEEDS, strict=True)
         ]
@@ -381,11 +338,6 @@ def effective() -> Section:
         columns=["", "b", "c", "s", "v_s", "delta", "C_rr", "dry at 0.5 rad/s"],
         rows=rows,
     )
-
-
-def _set_values() -> NDArray[np.float64]:
-    f = NOMINAL.friction
-    return np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
 
 
 def _mean_known(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -36,8 +36,8 @@ from ballbot.workflows.controller_choice import SQUARE, candidates, compensated_
 from ballbot.workflows.grid import Condition, Grid, GridRun, TwinRobot, run_grid
 from ballbot.workflows.metrics import Score
 from ballbot.workflows.statistics import Estimate, MedianEstimate, Paired, median_with_interval
-from campaigns.compensation import identified
-from campaigns.section import Section, compared
+from campaigns.section import Section, compared, markdown_table
+from campaigns.twin_logs import identified
 
 ALTEN = Robot.load("alten")
 PLANT = TwinRobot(robot=ALTEN, scenario=Scenario.nominal(ALTEN), known=ALTEN)
@@ -110,17 +110,14 @@ def controller_of(robot: Robot, cell: Cell) -> Controller:
 
 def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     """Run every cell with every seed, or take the results from file."""
-    robot = compensated_robot(identified(ALTEN))
+    robot = compensated_robot(identified())
     controllers = {cell: controller_of(robot, cell) for cell in CELLS}
     runs = [
         GridRun(
             candidate=str(cell),
             controller=controllers[cell],
             condition=Condition(
-                plant=PLANT,
-                reference=SQUARE.reference_spec.reference,
-                duration=SQUARE.duration,
-                seed=seed,
+                plant=PLANT, reference=SQUARE.reference_spec.reference, duration=SQUARE.duration, seed=seed
             ),
         )
         for seed in seeds
@@ -202,23 +199,21 @@ def campaign() -> Section:
 
 
 def _effects_table(peaks: Peaks) -> str:
-    lines = [
-        "By what each of them divides the peak error (geometric mean over the combinations of the others in which no "
-        "run falls, 95 % interval over the seeds; their number in brackets): over all, and without and with the one "
-        "that it interacts with most; falls without and with it, over all.",
-        "",
-        "| factor | over all | interacts with | without that | with that | falls |",
-        "|---|---:|---|---:|---:|---:|",
-    ]
+    rows = []
     for factor, words in FACTORS.items():
         other = strongest_interaction(peaks, factor)
         whole, *conditional = (
             effect(peaks, factor, given=given) for given in ({}, {other: False}, {other: True})
         )
         shown = [f"{_ratio(one.ratio)} [{one.cells}]" for one in (whole, *conditional)]
-        falls = f"{whole.falls[0]} and {whole.falls[1]}"
-        lines.append(f"| {' | '.join([words, shown[0], FACTORS[other], *shown[1:], falls])} |")
-    return "\n".join(lines)
+        rows.append([words, shown[0], FACTORS[other], *shown[1:], f"{whole.falls[0]} and {whole.falls[1]}"])
+    headings = ("factor", "over all", "interacts with", "without that", "with that", "falls")
+    return (
+        "By what each of them divides the peak error (geometric mean over the combinations of the others in which no "
+        "run falls, 95 % interval over the seeds; their number in brackets): over all, and without and with the one "
+        "that it interacts with most; falls without and with it, over all.\n\n"
+        + markdown_table(headings, rows)
+    )
 
 
 def _ratio(found: Estimate) -> str:
@@ -247,7 +242,7 @@ def _reference(course: str) -> Reference:
 
 def choice() -> Section:
     """Run two candidates of `study`, none and precise, on three courses, 20 seeds each."""
-    known = candidates(identified(ALTEN), sample_time=0.005)
+    known = candidates(identified(), sample_time=0.005)
     conditions = [
         Condition(
             plant=PLANT, reference=partial(_reference, course), duration=duration, seed=seed, course=course

@@ -28,17 +28,8 @@ from ballbot.workflows.controller_prediction import (
     predict,
 )
 from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
-from ballbot.workflows.statistics import fraction_with_interval
-from campaigns.faulty_twins import (
-    CONTROLLERS,
-    KINDS,
-    FaultyTwin,
-    Studied,
-    drawn,
-    recorded,
-    studied,
-)
-from campaigns.section import Section
+from campaigns.faulty_twins import CONTROLLERS, KINDS, FaultyTwin, Studied, drawn, recorded, studied
+from campaigns.section import Section, share_words
 
 #: seeds of twins that the constants are made from, and of those that are judged
 DEVELOPMENT, JUDGED = range(1000, 1076), range(2000, 2050)
@@ -118,21 +109,14 @@ def section(found: Sequence[Outcome]) -> Section:
         f" {len(DEVELOPMENT)} other faulty twins. The interval of the fraction of all quantities treats them as"
         " independent, which those of one run are not. Errors are those "
         "of the logged state, as measured by the robot itself.",
-        columns=[
-            "quantity",
-            "inside its 95 % interval",
-            "95 % interval of the share",
-            "better, worse",
-            "measured over predicted",
-        ],
+        columns=["quantity", "inside its 95 % interval", "share", "better, worse", "measured over predicted"],
         rows=rows,
         after=_verdict_words(found),
     )
 
 
 def _row(name: str, count: int, runs: int, outside: str = "", ratios: str = "") -> list[str]:
-    share = f"{count} of {runs} ({100 * count / runs:.0f} %)"
-    return [name, share, _share(count, runs), outside, ratios]
+    return [name, f"{count} of {runs}", share_words(count, runs), outside, ratios]
 
 
 def _outside(found: Sequence[Outcome], name: str) -> str:
@@ -154,7 +138,7 @@ def _verdict_words(found: Sequence[Outcome]) -> str:
         f"Verdicts: {', '.join(f'{count} {name}' for name, count in counts.items())}."
         f" {len(bad)} controllers fall ({sum(one.fell for one in bad)}) or have a larger peak error than none on the"
         f" same twin ({sum(not one.fell for one in bad)}): {kinds}; {len(reverted)} of them get `revert`. Of the"
-        f" {len(good)} good ones {len(wrong)} do ({_share(len(wrong), len(good))}){_named(wrong)}."
+        f" {len(good)} good ones {len(wrong)} do ({share_words(len(wrong), len(good))}){_named(wrong)}."
     )
 
 
@@ -181,11 +165,6 @@ def _ratios(found: Sequence[Outcome], name: str) -> str:
 
 def _used(name: str, value: float) -> float:
     return 1.0 - value if name == "torque_margin" else value
-
-
-def _share(count: int, runs: int) -> str:
-    low, high = fraction_with_interval(count, runs)
-    return f"{100 * low:.1f} to {100 * high:.1f} %"
 
 
 def calibrate() -> None:

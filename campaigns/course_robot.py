@@ -10,7 +10,6 @@ and for the third log the delay at which the lean fits the wheels best.
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
 from dataclasses import dataclass
 from itertools import permutations
@@ -28,7 +27,7 @@ from ballbot.identification.windows import back_emf_of
 from ballbot.log import Log
 from ballbot.robot import Robot
 from campaigns.between_logs import COLUMNS, Judged, coverage_row
-from campaigns.section import DataMissingError, Section, data_folder
+from campaigns.section import Section, public_file
 
 SOURCE = "https://github.com/michiganrobotics/rob311"
 
@@ -61,19 +60,8 @@ _GROUPS = ("b", "c", "C_rr")
 
 
 def log_file(name: str) -> Path:
-    """Return the file of a log in `data_folder`.
-
-    Raises
-    ------
-    DataMissingError
-        If it is not there, or is another version.
-    """
-    path = data_folder() / "rob311" / f"{name}.txt"
-    if not path.exists():
-        raise DataMissingError(f"it needs the public log {path.name} as {path}; see docs/real_robots.md")
-    if hashlib.sha256(path.read_bytes()).hexdigest() != SOURCES[name].sha256:
-        raise DataMissingError(f"{path} is another version than the one that the section is about")
-    return path
+    """Return the file of a log; DataMissingError if it is not there."""
+    return public_file(f"rob311/{name}.txt", sha256=SOURCES[name].sha256, see="docs/real_robots.md")
 
 
 def filled_in(mapping: str, source: Source) -> str:

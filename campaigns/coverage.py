@@ -79,12 +79,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     coordinates = scale_between(robot)
     options, run = IdentificationOptions(held_out=0.02, step=STEP), Run(seed=seed, executor=Threads(count=1))
     prepared = prepare(
-        robot,
-        coordinates,
-        [noisy_log(truth, seed=seed)],
-        window=0.25,
-        options=options,
-        run=run,
+        robot, coordinates, [noisy_log(truth, seed=seed)], window=0.25, options=options, run=run
     )
     estimate = fit(
         prepared.experiment,

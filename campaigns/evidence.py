@@ -41,7 +41,6 @@ CAMPAIGNS = {
     "effective": "campaigns.between_logs:effective",
     "one_axis": "campaigns.one_axis",
     "axis_machines": "campaigns.one_axis:machines",
-    "drivelines": "campaigns.identified_twin:drivelines",
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
     "killed_sweep": "campaigns.killed_sweep",
@@ -55,7 +54,7 @@ CAMPAIGNS = {
 
 #: campaigns whose section the page does not have, and why
 NOT_ON_THE_PAGE = {
-    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it",
+    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it"
 }
 
 _HEAD = """# Evidence

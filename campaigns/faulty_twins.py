@@ -23,15 +23,7 @@ from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import (
-    Compliance,
-    CurrentLoop,
-    LoadDependence,
-    Payload,
-    Roughness,
-    Softness,
-    Timing,
-)
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,
@@ -39,13 +31,11 @@ from ballbot.workflows.controller_choice import (
     choose_controller,
     draw_plants,
 )
-from campaigns.compensation import identified
 from campaigns.section import finished, kept
+from campaigns.twin_logs import NOMINAL, ROBOT, identified
 
 #: the folder of what is finished, within build
 KEPT = "controller_prediction"
-ROBOT = Robot.load("alten")
-NOMINAL = Scenario.nominal(ROBOT)
 SAMPLE_TIME = 0.005
 #: of the study
 DRAWS, SEED = 20, 100
@@ -248,7 +238,7 @@ def studied() -> Studied:
 
 
 def _study() -> Studied:
-    found = identified(ROBOT)
+    found = identified()
     made = candidates(found, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
     plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
@@ -262,11 +252,7 @@ def record(study: Studied, twin: FaultyTwin, name: str) -> Log:
     estimator = named_estimator(controller.estimator, study.found.robot, sample_time=SAMPLE_TIME)
     plant = WeakMotors(Twin(twin.robot, twin.scenario, estimator=estimator), twin.torque_scale)
     log = simulate(
-        plant,
-        controller,
-        SQUARE.reference_spec.reference(),
-        duration=SQUARE.duration,
-        seed=twin.seed,
+        plant, controller, SQUARE.reference_spec.reference(), duration=SQUARE.duration, seed=twin.seed
     )
     return log.without_truth()
 

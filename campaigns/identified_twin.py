@@ -1,6 +1,6 @@
 """Identify friction from the twin's logs by all stages.
 
-.venv/bin/python -m campaigns.evidence identified_friction drivelines
+.venv/bin/python -m campaigns.evidence identified_friction
 
 The logs are recorded on the nominal twin with its own sensors, balanced by a gain without compensation.
 `ballbot record nominal --reference square --duration 32 --seed 1 --out square` makes the first of them.
@@ -9,63 +9,39 @@ The logs are recorded on the nominal twin with its own sensors, balanced by a ga
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
-from ballbot import simulate
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
-from ballbot.findings import texts
 from ballbot.identification import identify
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.upside_down import identify_upside_down
-from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.bench import parameter_rows
-from ballbot.robot import Friction, Robot
-from ballbot.twin import Scenario, Twin
-from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
+from ballbot.twin.bench import bench_torques, run_bench
 from campaigns.section import Section
+from campaigns.twin_logs import NOMINAL, ROBOT, twin_log
 
-ROBOT = Robot.load("alten")
-NOMINAL = Scenario.nominal(ROBOT)
 #: the seed of each log of balancing, by its reference
 BALANCING = {"square": 1, "hold": 2}
 DURATION = 32.0  #: of each log [s]
 
 
-@cache
-def bench_log(bench: Bench) -> Log:
-    """Return a minute of the held twin: the thesis's sweep on the stand, sines with the ball on the wheels."""
-    if bench == "stand":
-        torques = sweep_torques(ROBOT, NOMINAL, duration=62.83)
-    else:
-        torques = multisine_torques(ROBOT, NOMINAL, duration=60.0, seed=5)
-    return run_bench(ROBOT, NOMINAL, torques, bench=bench, seed=5).log
-
-
-def _balancing_friction() -> Friction:
-    """Return the friction identified from logs of balancing as the twin's own sensors have them."""
-    controller = nominal_controller(ROBOT)
-    logs = [
-        simulate(Twin(ROBOT), controller, named_reference(name), duration=DURATION, seed=seed).without_truth()
-        for name, seed in BALANCING.items()
-    ]
-    return identify(ROBOT, logs, seed=0).robot.friction
-
-
+SEED = 5  #: of sweep and multisine
 SPEEDS = (0.2, 0.5, 1.0, 2.0, 5.0)  # [rad/s]
 
 
 def identified_friction() -> Section:
     """Identify by all three stages and return the section of docs/generated/evidence.md."""
-    fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, bench_log("stand"))]
-    upside_down = identify_upside_down(ROBOT, bench_log("upside_down")).robot.friction
+    torques = bench_torques(ROBOT, NOMINAL, bench="stand", duration=62.83)
+    stand, _ = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=SEED)
+    fits = [fit_driveline(sweep) for sweep in sweeps_of(ROBOT, stand)]
+    torques = bench_torques(ROBOT, NOMINAL, bench="upside_down", duration=60.0, seed=SEED)
+    ball, _ = run_bench(ROBOT, NOMINAL, torques, bench="upside_down", seed=SEED)
+    upside_down = identify_upside_down(ROBOT, ball).robot.friction
+    balancing = [twin_log(name, duration=DURATION, seed=seed) for name, seed in BALANCING.items()]
     stages = {
         "driveline, wheel free": robot_with_friction(ROBOT, sweep_estimate(fits), source="stand").friction,
         "upside down, ball on the wheels": replace(upside_down, rolling=0.0),
-        "balancing": _balancing_friction(),
+        "balancing": identify(ROBOT, balancing, seed=0).robot.friction,
         "set in the twin's drivelines": NOMINAL.friction,
     }
     rows = []
@@ -85,21 +61,4 @@ def identified_friction() -> Section:
         "weight on the ball. Slip and losses between rollers, ball and floor grow with speed, and a model that rolls "
         "without slip can express them by b only. Predict and compensate with the friction identified from balancing; "
         "assess motors and gears by the sweep's.",
-    )
-
-
-def drivelines() -> Section:
-    """Fit every wheel and return the section of docs/generated/evidence.md."""
-    sweeps = sweeps_of(ROBOT, bench_log("stand"))
-    fits = [fit_driveline(sweep) for sweep in sweeps]
-    rows = [[f"{name} [{unit}]" if unit else name, *cells] for name, unit, *cells in parameter_rows(fits)]
-    rows.append(["RMS speed error [rad/s]", *(f"{fit.rmse:.3f}" for fit in fits)])
-    rows.append(["without friction", *(f"{fit.rmse_without:.1f}" for fit in fits)])
-    return Section(
-        title="Stage one: the drivelines, wheels free",
-        before="The thesis's sweep on the nominal twin, wheels free: a sine of 1 N m and 62.83 s. Each "
-        "wheel is fitted as an axis of known inertia, with delta = 1; in brackets 95 % intervals.",
-        columns=["", *(f"wheel {fit.wheel}" for fit in fits)],
-        rows=rows,
-        after=" ".join(texts([one for fit in fits for one in fit.findings])),
     )

@@ -9,13 +9,11 @@ EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR. docs/
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
-from scipy.stats import binomtest
 
 from ballbot.errors import InputError
 from ballbot.findings import texts
@@ -25,7 +23,7 @@ from ballbot.identification.axis.experiment import AxisEstimate
 from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.reading import AxisColumns, read_axis_record
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
-from campaigns.section import DataMissingError, Section, data_folder
+from campaigns.section import Section, public_file, share_words
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
@@ -43,20 +41,8 @@ PUBLISHED = {
 
 
 def emps_record() -> AxisRecord:
-    """Return the benchmark's training record, emps/DATA_EMPS.mat in `data_folder`.
-
-    Raises
-    ------
-    DataMissingError
-        If the file is not there.
-    """
-    path = data_folder() / "emps" / "DATA_EMPS.mat"
-    if not path.exists():
-        raise DataMissingError(f"it needs the public EMPS record as {path}; see docs/axis.md")
-    if hashlib.sha256(path.read_bytes()).hexdigest() != SHA_256:
-        raise DataMissingError(
-            f"{path} is another version of the EMPS record than the one that was published"
-        )
+    """Return the benchmark's training record; DataMissingError if it is not there."""
+    path = public_file("emps/DATA_EMPS.mat", sha256=SHA_256, see="docs/axis.md")
     return read_axis_record(path, AxisColumns(position="qm", force="vir", force_scale="gtau"))
 
 
@@ -86,7 +72,7 @@ def _row(name: str, one: AxisEstimate) -> list[str]:
         if parameter == "viscous" and "asymmetry" in one.values:
             change = one.values["asymmetry"]
             texts[-1] = f"{value + change:.4g} / {value - change:.4g}"
-    return [name, *texts, f"{1e3 * one.errors[0].open_loop_rmse:.2f}"]
+    return [name, *texts, f"{1e3 * one.errors[one.motions[0].record.name].open_loop_rmse:.2f}"]
 
 
 def _after(found: AxisIdentification) -> str:
@@ -215,7 +201,6 @@ def _distribution(trials: Sequence[Trial]) -> list[str]:
         inside = int(np.sum(sizes <= halves))
         covered = f"{inside} of {len(done)}"
         if len(done) > 2 * 3 * SEEDS:
-            share = binomtest(inside, len(done)).proportion_ci()
-            covered += f" ({100.0 * share.low:.0f} to {100.0 * share.high:.0f} %)"
+            covered += f", {share_words(inside, len(done))}"
         texts += [f"{np.median(sizes):.2g}, {sizes.max():.2g}; {np.median(halves):.2g}", covered]
     return texts

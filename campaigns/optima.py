@@ -20,8 +20,6 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
 from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
 from ballbot.fitting.uncertainty import covariance
@@ -36,10 +34,9 @@ from ballbot.identification.quantities import Bounds
 from ballbot.log import Log
 from ballbot.processes import worker_pool
 from ballbot.robot import Robot
-from ballbot.simulation.run import simulate
-from ballbot.twin import Scenario, Twin
 from campaigns.course_robot import SOURCES, mapped
 from campaigns.section import Section, data_folder
+from campaigns.twin_logs import twin_log
 
 STARTS = 20
 DURATION = 48.0  # [s], of a twin's log
@@ -96,13 +93,6 @@ def fitted(task: Task, start: int | None) -> End:
     seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
     errors = np.sqrt(covariance(best.equations.normal, free).diagonal())
     return End(cost=best.cost, point=best.point, errors=errors, seconds=seconds)
-
-
-def twin_log(reference: str, *, duration: float, seed: int) -> Log:
-    """Return a log of the nominal twin by its own sensors."""
-    robot = Robot.load("alten")
-    twin, course = Twin(robot, Scenario.nominal(robot)), named_reference(reference)
-    return simulate(twin, nominal_controller(robot), course, duration=duration, seed=seed).without_truth()
 
 
 def tasks() -> dict[str, Task]:

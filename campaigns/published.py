@@ -22,7 +22,7 @@ from ballbot.files import write_text
 from ballbot.mechanics.model import LinearModel, Model
 from ballbot.robot import Friction, Robot
 from ballbot.robot.derived import solid_sphere_inertia, thin_shell_inertia
-from campaigns.reproduce import markdown_table
+from campaigns.section import markdown_table
 from tests.support.lagrangian import corrections_of, equations
 
 PAGE = Path(__file__).parents[1] / "docs" / "generated" / "published_models.md"

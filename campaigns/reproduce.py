@@ -7,7 +7,6 @@ python -m campaigns.reproduce
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from ballbot.progress import ignore_progress
@@ -16,6 +15,7 @@ from ballbot.robot import Friction
 from ballbot.thesis.reproduce.campaign import Reproduction, reproduce
 from ballbot.thesis.reproduce.item import VERDICTS, Item, Mistake
 from ballbot.thesis.reproduce.page import CHECK_HEADINGS
+from campaigns.section import markdown_table
 
 PAGE = Path(__file__).parents[1] / "docs" / "generated" / "reproduce.md"
 
@@ -93,12 +93,6 @@ def friction_line(friction: Friction) -> str:
         f"v_s = {friction.stribeck_speed:g} rad/s; delta = {friction.stribeck_exponent:g}; "
         f"C_rr = {friction.rolling:g}."
     )
-
-
-def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a Markdown table; the columns after the first are set flush right."""
-    marks = [":--", *("--:" for _ in headings[1:])]
-    return "\n".join("| " + " | ".join(cells) + " |" for cells in [list(headings), marks, *rows])
 
 
 def item_markdown(item: Item) -> str:

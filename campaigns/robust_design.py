@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter
 
+import numpy as np
+
 from ballbot.control.controller import Controller
 from ballbot.control.references import square
-from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body
-from ballbot.simulation.run import simulate
-from ballbot.twin import Scenario, Twin
+from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
-from ballbot.workflows.metrics import position_error, rms_torque_change, settled
+from ballbot.workflows.controller_choice import SQUARE
+from ballbot.workflows.grid import Condition, Grid, TwinRobot, run_grid
+from ballbot.workflows.metrics import SETTLE, Score
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, RobustDesign, robust_design
-from campaigns.compensation import identified
 from campaigns.section import Section
+from campaigns.twin_logs import identified
 
 EFFORT = Effort(robots=200, generations=15, population=10, fresh=500)
 #: robots that differ from the one described, on the twin: shares of mass and height, samples of delay, tilt [rad]
@@ -31,12 +32,11 @@ TWINS = (
 #: whose state is fed back on the twins
 ESTIMATORS: dict[EstimatorName, str] = {"kalman": "Kalman filter's state", "onboard": "thesis's state"}
 SEEDS = (300, 301, 302)
-RUN, SETTLE = 32.0, 6.0
 
 
 def campaign() -> Section:
     """Search, compare, and return the section of docs/generated/evidence.md."""
-    robot = identified(Robot.load("alten")).robot
+    robot = identified().robot
     began = perf_counter()
     found = robust_design(
         robot,
@@ -93,24 +93,18 @@ def _on_twin(
     scenario = replace(
         Scenario.nominal(true), floor_tilt=(tilt, 0.0), timing=Timing(delay=delay) if delay else None
     )
+    plant = TwinRobot(robot=true, scenario=scenario, known=robot)
+    conditions = [
+        Condition(plant=plant, reference=square, duration=SQUARE.duration, seed=seed) for seed in SEEDS
+    ]
+    asked = {design: one.with_estimator(state) for design, one in controllers.items()}
+    made = run_grid(Grid(controllers=asked, conditions=conditions))
+    return [f"{name}, {ESTIMATORS[state]}: peak error [mm]", *(_cell(made.of(design)) for design in _ORDER)]
 
-    def twin() -> Twin:
-        known = named_estimator(state, robot, sample_time=scenario.sensors.sample_time)
-        return Twin(true, scenario, estimator=known)
 
-    cells = [_cell(twin, controllers[design], SEEDS) for design in _ORDER]
-    return [f"{name}, {ESTIMATORS[state]}: peak error [mm]", *cells]
-
-
-def _cell(make: Callable[[], Twin], controller: Controller, seeds: Sequence[int]) -> str:
-    logs = [simulate(make(), controller, square(), duration=RUN, seed=seed) for seed in seeds]
-    falls = sum(log.ended is not None for log in logs)
+def _cell(scores: Sequence[Score]) -> str:
+    falls = sum(one.ended is not None for one in scores)
     if falls:
-        return f"{falls} of {len(logs)} fall"
-    peaks = [_peak(log) for log in logs]
-    rough = sum(rms_torque_change(log) for log in logs) / len(logs)
-    return f"{1e3 * sum(peaks) / len(peaks):.0f} ({rough:.2f} N m)"
-
-
-def _peak(log: Log) -> float:
-    return float(position_error(log)[settled(log, SETTLE)].max())
+        return f"{falls} of {len(scores)} fall"
+    peak, rough = np.mean([(one.peak_position_error, one.rms_torque_change) for one in scores], axis=0)
+    return f"{1e3 * peak:.0f} ({rough:.2f} N m)"

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from matplotlib.figure import Figure
-from scipy.stats import binomtest
 
 import ballbot
 from ballbot.errors import InputError
@@ -24,6 +23,7 @@ from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
 from ballbot.workflows.grid import GridRun, GridTable
 from ballbot.workflows.metrics import Score
+from ballbot.workflows.statistics import fraction_with_interval
 
 Piece = TypeVar("Piece")
 Made = TypeVar("Made")
@@ -40,11 +40,16 @@ class Section:
     after: str = ""
 
     def markdown(self) -> str:
-        """Return the section as Markdown, numbers to the right."""
-        lines = [f"## {self.title}", "", self.before, ""]
-        lines += [f"| {' | '.join(self.columns)} |", f"|---|{'---:|' * (len(self.columns) - 1)}"]
-        lines += [f"| {' | '.join(row)} |" for row in self.rows]
-        return "\n".join([*lines, "", *([self.after, ""] if self.after else [])])
+        """Return the section as Markdown."""
+        table = markdown_table(self.columns, self.rows)
+        parts = [f"## {self.title}", self.before, table, *([self.after] if self.after else [])]
+        return "\n\n".join(parts) + "\n"
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; the columns after the first are set flush right."""
+    marks = [":--", *("--:" for _ in headings[1:])]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in [list(headings), marks, *rows])
 
 
 #: holds what campaigns have finished
@@ -102,9 +107,11 @@ def kept(folder: str, name: str, make: Callable[[], Made]) -> Made:
 
 
 def share_words(count: int, of: int) -> str:
-    """Return a share in per cent with its 95 % interval (Clopper and Pearson 1934)."""
-    share = binomtest(count, of).proportion_ci()
-    return f"{100 * count / of:.0f} % ({100 * share.low:.0f} to {100 * share.high:.0f} %)"
+    """Return a share in per cent with its 95 % interval (Clopper and Pearson 1934); a dash of nothing."""
+    if not of:
+        return "–"
+    low, high = fraction_with_interval(count, of)
+    return f"{100 * count / of:.3g} % ({100 * low:.3g} to {100 * high:.3g} %)"
 
 
 def compared(
@@ -152,6 +159,22 @@ def data_folder() -> Path:
     if not folder or not Path(folder).is_dir():
         raise DataMissingError("it needs public data; set BALLBOT_DATA to the folder that holds them")
     return Path(folder)
+
+
+def public_file(name: str, *, sha256: str, see: str) -> Path:
+    """Return a file within `data_folder`, of which a page says where it is from.
+
+    Raises
+    ------
+    DataMissingError
+        If it is not there, or is another version.
+    """
+    path = data_folder() / name
+    if not path.exists():
+        raise DataMissingError(f"it needs the public file {path}; see {see}")
+    if hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+        raise DataMissingError(f"{path} is another version than the one that the section is about")
+    return path
 
 
 FOLDER = Path(__file__).parents[1] / "docs" / "images"

@@ -19,7 +19,7 @@ from ballbot.identification.driveline import NAMES, fit_driveline, sweeps_of
 from ballbot.identification.upside_down import WIDENED, identify_upside_down
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
-from ballbot.twin.bench import multisine_torques, run_bench, sweep_torques
+from ballbot.twin.bench import bench_torques, run_bench
 from ballbot.twin.scenario import Scenario
 from campaigns.section import Section, finished, share_words
 
@@ -57,8 +57,8 @@ def _share_cells(done: Sequence[Counted]) -> list[str]:
 
 def of_sweep(seed: int) -> dict[str, list[Counted]]:
     """Return b, c, s and v_s of the three wheels of a sweep; the twin's delta is 1.1."""
-    torques = sweep_torques(ROBOT, NOMINAL, duration=SWEEP)
-    log = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=seed).log
+    torques = bench_torques(ROBOT, NOMINAL, bench="stand", duration=SWEEP)
+    log, _ = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=seed)
     found: dict[str, list[Counted]] = {name: [] for name in NAMES}
     for wheel, sweep in enumerate(sweeps_of(ROBOT, log)):
         fit, true = fit_driveline(sweep), NOMINAL.friction
@@ -95,8 +95,8 @@ def scenario_of(seed: int) -> Scenario:
 
 def recorded(scenario: Scenario, seed: int) -> Log:
     """Record the ball on the wheels of the robot held upside down."""
-    torques = multisine_torques(ROBOT, scenario, duration=UPSIDE_DOWN, seed=seed)
-    return run_bench(ROBOT, scenario, torques, bench="upside_down", seed=seed).log
+    torques = bench_torques(ROBOT, scenario, bench="upside_down", duration=UPSIDE_DOWN, seed=seed)
+    return run_bench(ROBOT, scenario, torques, bench="upside_down", seed=seed)[0]
 
 
 def of_ball(seed: int) -> tuple[dict[str, list[Counted]], bool]:

@@ -16,18 +16,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.signal import welch
 
-from ballbot import Log, Model, Robot, simulate
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import named_reference
+from ballbot import Log, Model
 from ballbot.processes import worker_pool
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.style import LineStyle
 from ballbot.robot import Friction
-from ballbot.twin import Scenario, Twin
+from ballbot.twin import Scenario
 from ballbot.twin.bench import run_bench
 from campaigns.section import Section, write_picture
+from campaigns.twin_logs import NOMINAL, ROBOT, twin_log
 
-ROBOT = Robot.load("alten")
 RUNNING_IN = 2.0  # [s] until a wheel on the bench turns evenly
 POINTS = 256  # a turn
 
@@ -58,7 +56,7 @@ class Ripple:
 
 def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
     """Return the ripple of a wheel upside down, all wheels driven alike, so that the ball turns evenly on them."""
-    log = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed).log
+    log, _ = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed)
     even = log.t > RUNNING_IN
     angle, speed = log["wheel1"][even], log["wheel1_dot"][even]
     places = np.arange(angle[0], angle[-1], 2 * np.pi / POINTS)
@@ -156,7 +154,6 @@ def resonance_figure(on: Mapping[str, Spectrum], off: Mapping[str, Spectrum]) ->
 
 SEEDS = range(1, 4)
 WHEELS = ("nominal", "wide_rows", "single_row", "single_point")
-NOMINAL = Scenario.nominal(ROBOT)
 RESONANT = Scenario.named("resonant", ROBOT)
 
 
@@ -178,10 +175,7 @@ RESONANCE = {
 
 def closed_loop(run: Run) -> Log:
     """Run the nominal gain around the square."""
-    twin = Twin(ROBOT, run.scenario)
-    return simulate(
-        twin, nominal_controller(ROBOT), named_reference("square"), duration=run.duration, seed=run.seed
-    )
+    return twin_log("square", duration=run.duration, seed=run.seed, scenario=run.scenario)
 
 
 def campaign() -> Section:

@@ -89,8 +89,11 @@ def run_at_collection(request: pytest.FixtureRequest) -> list[str]:
 @pytest.fixture
 def undrawn() -> Generator[None]:
     """Leave a page's figures empty where a test reads its words: to draw them takes most of a page's time."""
+    from matplotlib.figure import Figure
+
+    empty = Figure()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ballbot.report.style._with_data", lambda _draw, name: f"<svg><!--{name}--></svg>")
+        patch.setattr("ballbot.report.style._drawn", lambda _draw, name: (f"<svg><!--{name}--></svg>", empty))
         yield
 
 

@@ -36,7 +36,8 @@ from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
 from ballbot.log.mapping import parse_mapping, read_mapping
 from ballbot.log.row_order import LONGEST
 from ballbot.mechanics.model import Model
-from ballbot.report.log_check import summarize
+from ballbot.report.blocks import sheet_of
+from ballbot.report.log_check import COLUMNS, summed_columns
 from ballbot.robot import Robot
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.file import robot_text
@@ -197,7 +198,7 @@ def columns(path: Path) -> Log:
 
 def checked(path: Path) -> None:
     log = columns(path)
-    summarize(log)
+    sheet_of(summed_columns(log), COLUMNS)
     check(log, robot=ALTEN)
 
 

@@ -174,9 +174,6 @@ def test_the_sample_records_of_the_pages_are_what_their_commands_read(tmp_path, 
 def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
     pytest.importorskip("control")
     text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
-    if importlib.util.find_spec("pandas") is None:
-        text = "\n".join(re.sub(r"^>>> .*# pandas$", "", line) for line in text.splitlines())
-        text = re.sub(r"^('rad/s'|True)$", "", text, flags=re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     examples = doctest.DocTestParser().get_doctest(text, {}, "docs/python.md", "docs/python.md", 0)
     said: list[str] = []

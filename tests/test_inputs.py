@@ -12,11 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import InputError
-from ballbot.arrays import (
-    MOST_CELLS,
-    MOST_ROWS,
-    rows_between,
-)
+from ballbot.arrays import MOST_CELLS, MOST_ROWS, rows_between
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.files import read_text

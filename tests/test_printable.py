@@ -88,7 +88,7 @@ def test_a_page_escapes_names(tmp_path):
         seed=0,
         versions={},
     )
-    blocks = (Paragraph(text=bad), Bullets(items=[bad]), Sheet(headings=(bad,), rows=[(bad,)], caption=bad))
+    blocks = (Paragraph(bad), Bullets([bad]), Sheet((bad,), [(bad,)], bad))
     page = page_of(
         Result(
             title=bad,

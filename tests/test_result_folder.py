@@ -107,8 +107,7 @@ def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["", "{}", '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}'],
+    "text", ["", "{}", '{"format": "ballbot result 1", "command": "study", "files": {"../../secret": ""}}']
 )
 def test_a_damaged_manifest_is_refused(tmp_path, text):
     leave(tmp_path, OLD)

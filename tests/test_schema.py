@@ -3,7 +3,7 @@
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.mapping import MappingTable
+from ballbot.log.mapping import LogMapping
 from ballbot.schema import validate_table
 from ballbot.workflows.courses import CourseTable
 
@@ -48,7 +48,7 @@ def mapping(**changes):
 )
 def test_a_mistake_ends_in_its_key_and_what_it_may_hold(tree, key, words):
     with pytest.raises(InputError) as refused:
-        validate_table(MappingTable, tree, of="a file")
+        validate_table(LogMapping, tree, of="a file")
     said = str(refused.value)
     assert said.startswith(key)
     assert words in said

@@ -68,15 +68,12 @@ def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
         raise InputError(f"format is {name!r}; it must be {format_name(kind)!r}, or be left out.")
     if found[1] != kind:
         raise InputError(f"format is {name!r}, but this must be a {kind} file.")
-    if int(found[2]) > NEWEST[kind]:
+    if int(found[2]) != NEWEST[kind]:
+        newer = int(found[2]) > NEWEST[kind]
         raise InputError(
-            f"format is {name!r}, which a newer Ballbot wrote; this one ({version('ballbot')}) reads "
-            f"{format_name(kind)!r}. Update it: pip install --upgrade ballbot"
-        )
-    if int(found[2]) < NEWEST[kind]:
-        raise InputError(
-            f"format is {name!r}, which an earlier Ballbot wrote; this one ({version('ballbot')}) reads "
-            f"{format_name(kind)!r}. Make the file anew."
+            f"format is {name!r}, which {'a newer' if newer else 'an earlier'} Ballbot wrote; this one "
+            f"({version('ballbot')}) reads {format_name(kind)!r}. "
+            f"{'Update it: pip install --upgrade ballbot' if newer else 'Make the file anew.'}"
         )
     return rest
 

@@ -11,11 +11,7 @@ from tests.support.scores import score_of
 
 pytest.importorskip("mujoco")
 
-from campaigns.agreement import (
-    FEWEST,
-    Both,
-    section,
-)
+from campaigns.agreement import FEWEST, Both, section
 
 
 def known(

@@ -3,7 +3,8 @@
 import pytest
 
 from ballbot.identification.identify import IdentificationOptions
-from campaigns.optima import Task, ends_of, twin_log
+from campaigns.optima import Task, ends_of
+from campaigns.twin_logs import twin_log
 
 pytest.importorskip("mujoco")
 

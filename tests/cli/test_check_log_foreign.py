@@ -36,7 +36,7 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     assert main(words_for(folder, "run.txt", "--command", "duty", "--out", str(out))) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("run.txt: balancing")
-    assert "Next: ballbot identify" in shown
+    assert "Next: `ballbot identify" in shown
     (results,) = json.loads((out / "results.json").read_text())["files"]
     assert results["questions"] == []
     assert results["confidence"] > 0.9

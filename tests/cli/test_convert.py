@@ -33,10 +33,7 @@ def test_a_log_converts_from_format_to_format_by_one_command(tmp_path, capsys, l
 def test_convert_refuses_and_explains(tmp_path, capsys, log):
     path = tmp_path / "run.csv"
     log.write(path)
-    refusals = {
-        (str(path),): "already exists",
-        (str(tmp_path / "run.xls"),): ".parquet",
-    }
+    refusals = {(str(path),): "already exists", (str(tmp_path / "run.xls"),): ".parquet"}
     for words, reason in refusals.items():
         assert main(["convert", str(path), *words]) == 2
         assert reason in capsys.readouterr().err

@@ -105,12 +105,10 @@ def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["nowhere.csv"], "nowhere.csv"),
         (["{log}", "--bounds", "{log}"], "is not valid TOML"),
         (["{log}", "--window", "1"], "windows of 1 s"),
         (["{log}", "--estimate", "frixion"], "did you mean 'friction'?"),
         (["{log}", "--exclude-states", "psy"], "'psy' is not a state"),
-        (["{log}", "--seed", "-1"], "The seed is -1; it must be a whole number"),
         (["{log}", "--estimate", ""], "There is nothing to estimate. Name some of friction"),
         (["{unread}"], "The log's column theta has no value in any row"),
         (["{dead}", "--window", "0.05"], "--accept dead-motor"),

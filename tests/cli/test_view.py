@@ -7,7 +7,6 @@ import pytest
 
 from ballbot.cli.main import main
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
 from tests.support.log_examples import smooth_log
 
 
@@ -51,7 +50,7 @@ def test_page_is_opened_without_save(capsys, monkeypatch):
 
 def test_robot_beside_the_log_is_its_robot(folder, capsys):
     assert "--robot" in refused(capsys, "log.csv", "--save", "replay.html")
-    write_robot(Robot.load("alten").replace(name="mine"), folder / "robot.toml")
+    Robot.load("alten").replace(name="mine").write(folder / "robot.toml")
     assert main(["view", "log.csv", "--save", "replay.html"]) == 0
 
 

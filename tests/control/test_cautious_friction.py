@@ -13,7 +13,6 @@ from ballbot.control.file import read_controller
 from ballbot.control.overcompensation import cautious_friction, certain_friction, stated_covariance
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
-from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten
 
 SPEEDS = np.array([0.05, 0.3, 1.0, 4.0])
@@ -145,7 +144,7 @@ def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path):
     np.testing.assert_allclose(np.sqrt(np.diag(covariance))[3:6], [0.01, 0.0, 0.03])
     assert stated_covariance(alten(FRICTION)) is None
     assert certain_friction(alten(FRICTION)) == FRICTION
-    write_robot(robot, tmp_path / "found.toml")
+    robot.write(tmp_path / "found.toml")
     words = ["design", str(tmp_path / "found.toml"), "--compensation", "full"]
     assert main([*words, "--out", str(tmp_path)]) == 0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -11,11 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from ballbot.control.controller import Controller
-from ballbot.control.linear import (
-    linear_controller,
-    robot_loop,
-    step_response,
-)
+from ballbot.control.linear import linear_controller, robot_loop, step_response
 from ballbot.control.lqr import held
 from ballbot.control.margins import HEADINGS, Margins, loop_margins, sensitivity_peak
 from ballbot.control.parts import Parts

@@ -22,7 +22,6 @@ from ballbot.control.references import hold
 from ballbot.errors import UnsuitedController
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.components import Correlation, scaled_friction
-from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten
 
 ROBOT = alten(FRICTION)
@@ -84,7 +83,7 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
 @pytest.mark.usefixtures("undrawn")
 def test_design_refuses_overcompensation_without_a_flag_and_gives_the_margin(tmp_path, capsys):
     robot = tmp_path / "robot.toml"
-    write_robot(ROBOT, robot)
+    ROBOT.write(robot)
     words = ["design", str(robot), "--compensation", "full", "--out", str(tmp_path / "out")]
     assert main([*words, "--compensation-gain", "1.2"]) != 0
     told = capsys.readouterr()
@@ -176,11 +175,8 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
         "friction.coulomb": (0.01,) * 3,
         "friction.rolling": 0.001,
     }
-    known = ROBOT.annotated(
-        standard_deviations=deviations,
-        correlation=Correlation.of_matrix(labels, near),
-    )
-    write_robot(known, tmp_path / "robot.toml")
+    known = ROBOT.annotated(standard_deviations=deviations, correlation=Correlation.of_matrix(labels, near))
+    known.write(tmp_path / "robot.toml")
     robot, out = str(tmp_path / "robot.toml"), str(tmp_path / "out")
     assert main(["design", robot, "--kind", "precise", "--out", out]) == 0
     assert "warning" not in capsys.readouterr().err

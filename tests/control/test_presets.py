@@ -8,7 +8,6 @@ from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import KINDS, nominal_controller, precise_controller
 from ballbot.control.source import named_controller
-from ballbot.robot.file import write_robot
 from ballbot.workflows.candidates import NAMED_CONTROLLERS
 from ballbot.workflows.controller_design import GainOptions, design_controller
 from tests.support.control_examples import FRICTION, alten
@@ -31,7 +30,7 @@ def test_kinds_are_the_functions_of_their_names():
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_design_writes_the_requested_parts(tmp_path):
-    write_robot(alten(FRICTION), tmp_path / "robot.toml")
+    alten(FRICTION).write(tmp_path / "robot.toml")
     options = ["--kind", "precise", "--delay", "0.016", "--notch", "27", "--out", str(tmp_path)]
     assert main(["design", str(tmp_path / "robot.toml"), *options]) == 0
     parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts

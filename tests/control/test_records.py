@@ -8,15 +8,7 @@ import pytest
 from ballbot import InputError
 from ballbot.control.law import LAW, MEMORY
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import (
-    MAX_WHEELS,
-    Schema,
-    converted,
-    fill_record,
-    number,
-    schema_of,
-    whole,
-)
+from ballbot.control.records import MAX_WHEELS, Schema, converted, fill_record, number, schema_of, whole
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
 

@@ -22,14 +22,7 @@ from ballbot.firmware.processor_load import readings
 from ballbot.mechanics.geometry import transforms
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
-from tests.support.compiled_estimators import (
-    MEMORIES,
-    ROUNDOFF,
-    Compiled,
-    H,
-    covariance_in,
-    driven_run,
-)
+from tests.support.compiled_estimators import MEMORIES, ROUNDOFF, Compiled, H, covariance_in, driven_run
 from tests.support.control_examples import FRICTION, alten
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

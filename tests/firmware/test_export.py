@@ -15,7 +15,6 @@ from ballbot.firmware import processor_load
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import export_controller, exported_names
 from ballbot.firmware.processor_load import what_to_install
-from ballbot.robot.file import write_robot
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.report_pages import shown_text
 
@@ -28,7 +27,7 @@ ROBOT = alten(FRICTION)
 def given(tmp_path_factory) -> Path:
     """Return a folder with robot files and controllers."""
     folder = tmp_path_factory.mktemp("given")
-    write_robot(ROBOT, folder / "robot.toml")
+    ROBOT.write(folder / "robot.toml")
     write_controller(precise_controller(ROBOT), folder / "controller.toml")
     return folder
 

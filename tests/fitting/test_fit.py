@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
 from ballbot.fitting.parameter import Limits, Parameter
 
@@ -16,9 +16,9 @@ def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
     random = np.random.default_rng(seed)
     X = random.normal(size=(400, 2))
     values = X @ [0.3, -0.8] + 0.1 * random.normal(size=400)
-    made = Residuals(
+    made = residuals_without_states(
+        lambda p: (X @ p - values).reshape(100, 4),
         parameters=(signed("a", **more), signed("b")),
-        residuals_of=lambda p: (X @ p - values).reshape(100, 4),
         block=np.arange(400),
         block_log=np.zeros(400, dtype=np.int64),
     )
@@ -58,9 +58,9 @@ def test_of_two_optima_the_lower_is_the_estimate_and_the_other_is_told():
     x, w, noise = random.normal(size=(3, 400))
     # exactly so much worse is the other sign: noise and w are orthogonal
     noise -= w * (w @ noise) / (w @ w)
-    made = Residuals(
+    made = residuals_without_states(
+        lambda a: x * (a**2 - 1.0) + 0.02 * w * (a + 1.0) + noise,
         parameters=(signed("a"),),
-        residuals_of=lambda a: x * (a**2 - 1.0) + 0.02 * w * (a + 1.0) + noise,
         block=np.arange(400),
         block_log=np.zeros(400, dtype=np.int64),
     )

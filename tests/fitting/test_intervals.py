@@ -11,10 +11,7 @@ from ballbot.findings import texts
 from ballbot.fitting.intervals import Errors, Interval, between, truncated_reach
 from ballbot.fitting.uncertainty import covariance, leverage_corrected
 from ballbot.identification.quantities import scale_between
-from ballbot.identification.result_findings import (
-    correlation_findings,
-    interval_findings,
-)
+from ballbot.identification.result_findings import correlation_findings, interval_findings
 from tests.support.control_examples import alten
 
 COORDINATES = scale_between(alten())

@@ -7,15 +7,9 @@ import numpy as np
 
 from ballbot import Robot
 from ballbot.control.overcompensation import certain_friction, stated_covariance
-from ballbot.identification.agreement import (
-    LEAST_P_VALUE,
-    StageEstimate,
-    agreement_findings,
-    of_robot_file,
-)
+from ballbot.identification.agreement import LEAST_P_VALUE, StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.quantities import FRICTION, Layout
 from ballbot.identification.stated_uncertainty import with_uncertainty
-from ballbot.robot.file import write_robot
 from ballbot.robot.variations import draw_robots
 
 LABELS = ("b1", "b2", "c1", "c2")
@@ -70,14 +64,11 @@ def test_a_number_without_an_error_has_its_interval_and_leaves_the_others_theirs
         names=NAMES,
         ends={7: (0.0, 0.03), 10: (0.3, 10.0)},
     )
-    write_robot(found, tmp_path / "found.toml")
+    found.write(tmp_path / "found.toml")
     read = Robot.load(tmp_path / "found.toml")
     assert read.standard_deviations["friction.stribeck"] == (0.0025, math.inf, 0.003)
     assert read.standard_deviations["friction.stribeck_exponent"] == math.inf
-    assert read.intervals == {
-        "friction.stribeck[1]": (0.0, 0.03),
-        "friction.stribeck_exponent": (0.3, 10.0),
-    }
+    assert read.intervals == {"friction.stribeck[1]": (0.0, 0.03), "friction.stribeck_exponent": (0.3, 10.0)}
     stated = of_robot_file(read)
     assert stated is not None
     np.testing.assert_allclose(stated.covariance.diagonal()[3:6], (0.05 * P[3:6]) ** 2, rtol=1e-3)
@@ -106,7 +97,7 @@ def test_a_robot_written_and_read_again_has_the_same_covariance(tmp_path):
     found = with_uncertainty(
         LAYOUT.robot_of(robot, p), lambda q: LAYOUT.robot_of(robot, q), p, covariance, names=NAMES
     )
-    write_robot(found, tmp_path / "found.toml")
+    found.write(tmp_path / "found.toml")
     stated = stated_covariance(Robot.load(tmp_path / "found.toml"))
     assert stated is not None
     scale = np.outer(0.05 * p, 0.05 * p)

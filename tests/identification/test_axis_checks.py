@@ -105,12 +105,7 @@ def test_a_speed_at_the_supply_s_limit_is_stopped() -> None:
 def test_a_record_without_the_rows_at_the_limit_passes() -> None:
     wheel = limited_wheel()
     free = np.abs(np.gradient(wheel.position, wheel.sample_time)) < 26.0
-    rest = replace(
-        wheel,
-        times=wheel.t[free],
-        force=wheel.force[free],
-        position=wheel.position[free],
-    )
+    rest = replace(wheel, times=wheel.t[free], force=wheel.force[free], position=wheel.position[free])
     assert {one.code for one in record_findings(rest)} <= {"gap"}
 
 

@@ -21,10 +21,7 @@ def joint(**more: object) -> Machine:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("machine", "terms"),
-    [
-        (joint(gravity=(8.0, 0.0)), ("gravity",)),
-        (joint(kind="cart"), ()),
-    ],
+    [(joint(gravity=(8.0, 0.0)), ("gravity",)), (joint(kind="cart"), ())],
     ids=["joint", "slide"],
 )
 def test_intervals_contain_the_machine(machine: Machine, terms: tuple[str, ...]) -> None:

@@ -101,13 +101,7 @@ def test_bad_files_and_columns_answer_with_their_cause(
 
 
 #: names of classes and fields, which no user knows
-INTERNAL = (
-    "AxisRecord",
-    "AxisModel",
-    "ndarray",
-    "None",
-    "self",
-)
+INTERNAL = ("AxisRecord", "AxisModel", "ndarray", "None", "self")
 
 
 def assert_clear(sentence: str) -> None:
@@ -117,8 +111,7 @@ def assert_clear(sentence: str) -> None:
 
 
 values = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True, width=64),
-    st.sampled_from([0.0, 1e-300, 1e300, -1e9]),
+    st.floats(allow_nan=True, allow_infinity=True, width=64), st.sampled_from([0.0, 1e-300, 1e300, -1e9])
 )
 
 

@@ -51,10 +51,7 @@ def problem() -> Balancing:
 @pytest.fixture(scope="module")
 def finished(problem):
     return descend(
-        problem,
-        problem.coordinates.scaled(1.2 * TRUTH),
-        free=problem.coordinates.free,
-        most_steps=75,
+        problem, problem.coordinates.scaled(1.2 * TRUTH), free=problem.coordinates.free, most_steps=75
     )
 
 

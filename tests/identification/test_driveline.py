@@ -10,12 +10,7 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.driveline import (
-    Sweep,
-    classical,
-    fit_driveline,
-    sweeps_of,
-)
+from ballbot.identification.driveline import Sweep, classical, fit_driveline, sweeps_of
 from ballbot.simulation.driveline import Driveline, simulate_driveline
 from tests.support.report_pages import figure_count
 
@@ -43,15 +38,7 @@ def played_sweep(seed: int) -> Sweep:
     angle = np.concatenate([[0.0], free.angles[: meets + 1], together])
     counted = np.floor(angle / 1e-4) * 1e-4
     speed = np.concatenate([[0.0], np.diff(counted)]) / SAMPLE_TIME
-    return Sweep(
-        wheel=1,
-        t=t,
-        torque=torque,
-        speed=speed,
-        limit=27.7,
-        inertia=0.003,
-        angle=counted,
-    )
+    return Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=counted)
 
 
 @pytest.mark.slow

@@ -22,7 +22,6 @@ from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import body_rates_matrix, transforms
 from ballbot.progress import Progress
 from ballbot.robot import Friction
-from ballbot.robot.file import write_robot
 from ballbot.twin.recording import MotionCapture
 
 ALTEN = Robot.load("alten")
@@ -226,7 +225,7 @@ class TestStandIn:
     @pytest.mark.usefixtures("undrawn")
     def test_wrong_file_by_the_command(self, shared_data, tmp_path, capsys):
         folder = shared_data / "bbr"
-        write_robot(other(radius=0.0615, azimuths=tuple(np.radians([0, 122, 240]))), tmp_path / "wrong.toml")
+        other(radius=0.0615, azimuths=tuple(np.radians([0, 122, 240]))).write(tmp_path / "wrong.toml")
         command = ["identify-geometry", str(tmp_path / "wrong.toml")]
         command += ["--upside-down", str(folder / "upside_down.csv")]
         command += ["--balancing", str(folder / "square_soft.csv")]

@@ -38,12 +38,7 @@ def flat(table: dict[str, list[float] | float]) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found() -> Identification:
-    return identify(
-        alten(),
-        noisy(balancing_log(), seed=5),
-        seed=1,
-        options=BRIEF,
-    )
+    return identify(alten(), noisy(balancing_log(), seed=5), seed=1, options=BRIEF)
 
 
 @pytest.mark.slow
@@ -164,12 +159,7 @@ def test_motors_and_sensors_are_found_with_the_friction():
     changed |= {"theta": log["theta"] + c * a - s * b, "phi": log["phi"] + s * a + c * b}
     log = noisy(log.with_columns(changed).between(0.0, 14.0), seed=9)
     found = identify(
-        alten(),
-        log,
-        free=("friction", "torque", "lean_bias"),
-        bounds=HELD,
-        seed=2,
-        options=BRIEF,
+        alten(), log, free=("friction", "torque", "lean_bias"), bounds=HELD, seed=2, options=BRIEF
     )
     truth = np.concatenate([TRUTH, gain, offset, [0.01], [a, b]])
     deviation = (found.values - truth) / flat(found.standard_errors)
@@ -183,14 +173,7 @@ def test_command_and_sensor_delays_are_separated():
     seen = noisy(late(balancing_log(), imu=0.016, velocity=0.006), seed=1)
     torques = np.roll(seen.torques, -2, axis=0)
     log = seen.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)}).between(0.0, 15.0)
-    found = identify(
-        alten(),
-        log,
-        free=("friction", "delays"),
-        bounds=HELD,
-        seed=2,
-        options=BRIEF,
-    )
+    found = identify(alten(), log, free=("friction", "delays"), bounds=HELD, seed=2, options=BRIEF)
     truth = np.array([*TRUTH, 0.01, 0.016, 0.006])
     deviation = (found.values - truth) / flat(found.standard_errors)
     assert np.nanmax(np.abs(deviation)) < 4.0  # 13 of them

@@ -12,11 +12,7 @@ from ballbot.fitting.uncertainty import covariance
 from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
-from ballbot.identification.laws import (
-    LawName,
-    bounds_of,
-    law_named,
-)
+from ballbot.identification.laws import bounds_of, law_named
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.verdict import BLOCK, window_blocks
 from ballbot.identification.windows import Span, cut_windows
@@ -66,7 +62,7 @@ def ladder() -> ModelSelection[Identification]:
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
     log = noisy(balancing_log(friction=plain, duration=10.0), seed=8).between(4.0, 9.5)
 
-    def fit(law: LawName, start: Identification | None) -> Identification:
+    def fit(law: str, start: Identification | None) -> Identification:
         return identify(
             alten(),
             log,
@@ -112,7 +108,7 @@ def directed_log() -> Log:
     return balancing_log(friction=replace(FRICTION, stribeck_asymmetry=STRIBECK_ASYMMETRY), duration=12.0)
 
 
-def problem_of(log: Log, law: LawName, *, step: float = 1e-3) -> Balancing:
+def problem_of(log: Log, law: str, *, step: float = 1e-3) -> Balancing:
     """Return the fit of a law to a log, C_rr held at the truth."""
     coordinates = estimated_parameters(
         alten(), free=("friction",), law=law, bounds=Bounds({"rolling": (0.007, 0.007)})

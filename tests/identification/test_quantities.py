@@ -215,10 +215,7 @@ def test_tilted_imu_is_corrected():
     log, (a, b) = short_log(), (0.004, -0.006)
     tilt = rotation(a, b, 0.0)
     R = rotation(log["theta"], log["phi"], log["psi"]) @ tilt
-    seen = {
-        "theta": np.arctan2(-R[:, 1, 2], R[:, 2, 2]),
-        "phi": np.arcsin(R[:, 0, 2]),
-    }
+    seen = {"theta": np.arctan2(-R[:, 1, 2], R[:, 2, 2]), "phi": np.arcsin(R[:, 0, 2])}
     found = residuals(log.with_columns(seen), {"lean_bias": [a, b]})
     blind = residuals(log.with_columns(seen), {"delay": [0.0]})
     # to first order in tilt and lean: 0.006 * 0.05 rad of 0.006, and what a window makes of it

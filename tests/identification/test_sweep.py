@@ -13,7 +13,7 @@ from ballbot.errors import InputError
 from ballbot.identification import identify
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
-from ballbot.identification.sweep import SweepFriction, combine, read_sweep
+from ballbot.identification.sweep import combine, read_sweep, sweep_of
 from ballbot.robot import Friction
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy
@@ -61,15 +61,15 @@ def test_without_a_gain_it_is_the_joint_least_squares_of_both(seed):
     C, P = of_logs(random)[:12, :12], of_sweep(random)
     values = TRUE[:12].copy()
     values[own] += 0.5 * np.sqrt(C.diagonal()[own]) * random.uniform(-1.0, 1.0, 7)
-    sweep = SweepFriction(values=np.stack([TRUE[:3], TRUE[3:6]], axis=1), covariances=P)
-    moved, covariance, _ = combine(layout, values, C, sweep)
+    swept = np.stack([TRUE[:3], TRUE[3:6]], axis=1)
+    moved, covariance, _ = combine(layout, values, C, sweep_of(swept, P))
     # the normal equations of both kinds of measurement at once, in the form that has the inverse covariances
     normal = np.linalg.inv(C[np.ix_(own, own)])
     right = normal @ values[own]
     for i in range(3):
         places = [i, 3 + i]
         normal[np.ix_(places, places)] += np.linalg.inv(P[i])
-        right[places] += np.linalg.inv(P[i]) @ sweep.values[i]
+        right[places] += np.linalg.inv(P[i]) @ swept[i]
     np.testing.assert_allclose(moved[own], np.linalg.solve(normal, right), rtol=1e-6, atol=1e-9)
     # relative to the errors; the matrices' condition is up to 1e6
     found, joint = covariance[np.ix_(own, own)], np.linalg.inv(normal)
@@ -89,7 +89,7 @@ def test_estimated_gains_give_smaller_errors_of_the_stated_size():
         values = TRUE.copy()
         values[KNOWN] = random.multivariate_normal(TRUE[KNOWN], C[np.ix_(KNOWN, KNOWN)])
         swept = np.stack([random.multivariate_normal(by_sweep[i], P[i]) for i in range(3)])
-        found.append(combine(LAYOUT, values, C, SweepFriction(values=swept, covariances=P)))
+        found.append(combine(LAYOUT, values, C, sweep_of(swept, P)))
     off = np.array([one[KNOWN] - TRUE[KNOWN] for one, _, _ in found])
     errors = np.array([np.sqrt(one.diagonal()[KNOWN]) for _, one, _ in found])
     deviations = off.std(axis=0)
@@ -106,7 +106,7 @@ def test_contradicting_sweep_is_excluded_and_reported():
     C, P = of_logs(random)[:12, :12], of_sweep(random)
     swept = np.stack([TRUE[:3], TRUE[3:6]], axis=1)
     swept[1, 1] -= 0.06  # six of the logs' errors
-    sweep = SweepFriction(values=swept, covariances=P)
+    sweep = sweep_of(swept, P)
     moved, covariance, (together, single) = combine(Layout(wheel_count=3), TRUE[:12], C, sweep)
     # the five others still count
     assert (covariance.diagonal()[[0, 1, 2, 3, 5]] < 0.5 * C.diagonal()[[0, 1, 2, 3, 5]]).all()
@@ -122,10 +122,8 @@ def test_a_log_and_a_sweep_of_the_same_robot_together():
     random = np.random.default_rng(6)
     true = np.stack([DRY.viscous, DRY.coulomb], axis=1)
     errors = np.array([3e-4, 2e-3])
-    sweep = SweepFriction(
-        values=true + errors * random.standard_normal((3, 2)),
-        covariances=np.stack([np.diag(errors**2)] * 3),
-    )
+    swept = true + errors * random.standard_normal((3, 2))
+    sweep = sweep_of(swept, np.stack([np.diag(errors**2)] * 3))
     options = IdentificationOptions(
         generations=4, population=8, evolution_windows=16, gauss_newton_steps=5, step=2.5e-3, most_profiles=0
     )
@@ -154,7 +152,7 @@ def test_a_sweep_of_another_robot_is_refused(tmp_path):
     path = tmp_path / "results.json"
     bound = {name: [0.01, None if name == "b" else 0.02, 0.03] for name in ("b", "c", "s", "v_s", "delta")}
     path.write_text(json.dumps(results(standard_errors=bound)))
-    assert np.isnan(read_sweep(path, wheel_count=3).covariances[1, 0, 0])
+    assert np.isnan(read_sweep(path, wheel_count=3).covariance[1, 1])
     with pytest.raises(InputError, match=r"has 3 wheels, but the robot has 4"):
         read_sweep(path, wheel_count=4)
 

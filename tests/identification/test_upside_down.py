@@ -14,12 +14,7 @@ from scipy.integrate import solve_ivp
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.file_formats import read_results
-from ballbot.identification.upside_down import (
-    BALL_NAMES,
-    UpsideDown,
-    cut_ball_windows,
-    identify_upside_down,
-)
+from ballbot.identification.upside_down import BALL_NAMES, UpsideDown, cut_ball_windows, identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction

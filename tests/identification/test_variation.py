@@ -13,12 +13,7 @@ from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification.identify import estimated_parameters
 from ballbot.identification.quantities import FRICTION, Bounds, Coordinates
-from ballbot.identification.variation import (
-    Priors,
-    variation_findings,
-    widened,
-    with_torque_scale,
-)
+from ballbot.identification.variation import Priors, variation_findings, widened, with_torque_scale
 from ballbot.robot import Robot
 
 ROBOT = Robot.load("alten")

@@ -12,12 +12,7 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot
-from ballbot.link.live import (
-    FollowReference,
-    LiveRobot,
-    TorqueProgram,
-    log_columns,
-)
+from ballbot.link.live import FollowReference, LiveRobot, TorqueProgram, log_columns
 from ballbot.link.messages import ControllerPlace
 from ballbot.link.operators import EmulatedOperator
 from ballbot.link.references import CourseReference

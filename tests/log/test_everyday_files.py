@@ -20,21 +20,7 @@ from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
 CASES = ROOT.parent / "shared" / "cases"
-RAMP = [
-    "n",
-    "t",
-    "theta_x",
-    "theta_y",
-    "T1",
-    "T2",
-    "T3",
-    "phi_x",
-    "phi_y",
-    "phi_z",
-    "psi_1",
-    "psi_2",
-    "psi_3",
-]
+RAMP = "n t theta_x theta_y T1 T2 T3 phi_x phi_y phi_z psi_1 psi_2 psi_3"
 NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
 
 
@@ -178,7 +164,7 @@ def test_what_a_shared_case_is(name, what):
     path = CASES / name
     if not path.is_file():
         pytest.skip(f"no {path}")
-    columns = None if what == "held by hand" else RAMP
+    columns = None if what == "held by hand" else RAMP.split()
     found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
     assert found.what == what
     assert found.base.layout.rows is None

@@ -1,6 +1,7 @@
 """Logs as pandas' tables and back, against pandas itself."""
 
 import numpy as np
+import pandas
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -8,15 +9,10 @@ from hypothesis import strategies as st
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import KNOWN_NAMES, unit_of
-from ballbot.log.mapping import LogMapping, Source
+from ballbot.log.mapping import parse_mapping
 from tests.support.log_examples import smooth_log
 
 LOG = smooth_log(rows=20)
-
-
-@pytest.fixture(scope="module")
-def pandas():
-    return pytest.importorskip("pandas", reason="pandas is not installed")
 
 
 @st.composite
@@ -30,7 +26,6 @@ def logs(draw):
     return Log({"t": t, **columns})
 
 
-@pytest.mark.usefixtures("pandas")
 @given(log=logs())
 @settings(max_examples=50)
 def test_log_comes_back_to_the_bit(log):
@@ -40,7 +35,7 @@ def test_log_comes_back_to_the_bit(log):
         np.testing.assert_array_equal(back[name], log[name])
 
 
-def test_frame_has_time_as_index_and_units(pandas):
+def test_frame_has_time_as_index_and_units():
     frame = LOG.to_pandas()
     assert isinstance(frame, pandas.DataFrame)
     assert frame.index.name == "t"
@@ -51,7 +46,7 @@ def test_frame_has_time_as_index_and_units(pandas):
     assert LOG["theta"].any()
 
 
-def test_dates_count_from_the_first_and_durations_from_zero(pandas):
+def test_dates_count_from_the_first_and_durations_from_zero():
     durations = pandas.to_timedelta([1.0, 1.005, 1.011], unit="s")
     for index, first in ((durations, 1.0), (pandas.Timestamp("2026-11-22 09:00+01:00") + durations, 0.0)):
         log = Log.from_pandas(pandas.DataFrame({"x": [1.0, 2.0, 3.0]}, index=index))
@@ -59,7 +54,7 @@ def test_dates_count_from_the_first_and_durations_from_zero(pandas):
         np.testing.assert_allclose(log.t - first, [0.0, 0.005, 0.011], rtol=0, atol=2e-9)
 
 
-def test_missing_values_of_every_kind_become_nan(pandas):
+def test_missing_values_of_every_kind_become_nan():
     frame = pandas.DataFrame(
         {
             "t": [0.0, 1.0, 2.0],
@@ -74,10 +69,9 @@ def test_missing_values_of_every_kind_become_nan(pandas):
     assert log["fallen"].tolist() == [0.0, 1.0, 1.0]
 
 
-def test_foreign_frame_is_read_by_a_mapping(pandas):
-    mapping = LogMapping(
-        columns={"t": Source(column="time", factor=1e-3), "theta": Source(column="roll", factor=-1.0)},
-    )
+def test_foreign_frame_is_read_by_a_mapping():
+    text = '[columns]\nt = { from = "time", unit = "ms" }\ntheta = { from = "roll", sign = -1 }\n'
+    mapping = parse_mapping(text, source="mine")
     frame = pandas.DataFrame({"time": [0, 5, 10], "roll": [0.1, 0.2, 0.3]})
     for given_as in (frame, frame.set_index("time")):
         log = Log.from_pandas(given_as, mapping=mapping)
@@ -98,6 +92,6 @@ def test_foreign_frame_is_read_by_a_mapping(pandas):
         (lambda pd: pd.DataFrame({"t": [0.0, 0.0]}), "Time does not increase"),
     ],
 )
-def test_what_makes_no_log_is_refused(pandas, make, sentence):
+def test_what_makes_no_log_is_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         Log.from_pandas(make(pandas))

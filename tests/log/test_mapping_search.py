@@ -8,6 +8,8 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.log.checks.torque_balance import Driving
+from ballbot.log.mapping import DutyTable, parse_mapping
+from ballbot.log.mapping_search import proposal as proposal_module
 from ballbot.log.mapping_search.commands import assign, command_delay
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.motion import Stated, _continued
@@ -165,6 +167,7 @@ def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
     driving = Driving(
         torque=need + 0.1 * sign + 0.05 * speed - 0.25 * turning + 0.05 * random.standard_normal((4000, 4)),
         needed=need,
+        pulled=need,
         friction=np.stack([sign, speed, sign * np.exp(-np.abs(speed))], axis=-1),
         turning=np.ones((4000, 4)),
         block=np.arange(4000) // 100,
@@ -173,3 +176,17 @@ def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
     found = assign(driving, [1] * 4)
     assert (found.wheels, found.signs) == ((0, 1, 2, 3), (1, 1, 1, 1))
     assert found.confidence > CONFIDENT
+
+
+def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):
+    monkeypatch.setattr(proposal_module, "LARGEST_BAND", 0.0)
+    found = found_for(tmp_path)
+    assert [one.key for one in found.proposal.questions] == ["[input] dead_band"]
+    assert found.log is None
+    (at,) = (k for k, line in enumerate(found.text.splitlines()) if line.startswith("dead_band = "))
+    question = found.text.splitlines()[at - 1]
+    assert question.startswith("# cannot determine: dead band of the firmware (")
+    assert "% of their size, because wheels turn against their duties" in question
+    # as the firmware's author answers it
+    stated = found.text.replace("complete = false", "#")
+    assert isinstance(parse_mapping(stated, source="the mapping").input, DutyTable)

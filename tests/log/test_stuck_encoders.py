@@ -38,7 +38,7 @@ def test_an_encoder_that_holds_while_its_wheel_turns_is_an_error_with_its_span(w
 
 
 def test_encoders_that_turn_give_no_finding():
-    assert not check_stuck_encoders(measured(), wheel_count=3)
+    assert not [*check_stuck_encoders(measured(), wheel_count=3)]
 
 
 @pytest.mark.parametrize(("factor", "found"), [(1, 0), (2, 1), (4, 1)])
@@ -57,7 +57,7 @@ def test_encoders_of_a_robot_at_rest_give_no_finding():
     # what comes after goes on from where it stood
     for name in names:
         still[name][log.t >= 16.0] += log[name][rest][0] - log[name][rest][-1]
-    assert not check_stuck_encoders(log.with_columns(still), wheel_count=3)
+    assert not [*check_stuck_encoders(log.with_columns(still), wheel_count=3)]
 
 
 def test_hands_that_turn_the_lean_while_a_wheel_stands_give_no_finding():
@@ -69,4 +69,4 @@ def test_hands_that_turn_the_lean_while_a_wheel_stands_give_no_finding():
         "theta": log["theta"] + swing,
         "phi": log["phi"] + np.where(pushed, 0.1 * np.cos(5.0 * log.t), 0.0),
     }
-    assert not check_stuck_encoders(log.with_columns(moved), wheel_count=3)
+    assert not [*check_stuck_encoders(log.with_columns(moved), wheel_count=3)]

@@ -9,14 +9,10 @@ from ballbot import Model, Robot
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import found_robot
-from ballbot.mechanics.friction import (
-    friction_terms,
-    stribeck_curve,
-    wheel_friction,
-)
+from ballbot.mechanics.friction import friction_terms, stribeck_curve, wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
-from ballbot.robot.file import robot_text, write_robot
+from ballbot.robot.file import robot_text
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from tests.support.control_examples import FRICTION, alten
@@ -30,7 +26,7 @@ TORQUES = np.array([0.3, -0.2, 0.25])
 
 
 def test_terms_survive_the_robot_file_and_absent_terms_are_not_written(tmp_path):
-    write_robot(alten(FULL), tmp_path / "robot.toml")
+    alten(FULL).write(tmp_path / "robot.toml")
     assert Robot.load(tmp_path / "robot.toml").friction == FULL
     text = robot_text(alten(FRICTION))
     assert "asymmetry" not in text
@@ -148,7 +144,7 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     robot = found_robot(alten(Friction.none(3)), layout, values, errors, **given, asymmetric=True)
     assert robot.friction == replace(FRICTION, load=LOAD, coulomb_asymmetry=(0.03, -0.02, -0.12))
     assert robot.sources["friction.load"].startswith("identified: from 1 log")
-    write_robot(robot, tmp_path / "found.toml")
+    robot.write(tmp_path / "found.toml")
     assert Robot.load(tmp_path / "found.toml").friction == robot.friction
     # without the law, an offset is the motor's, and no friction
     motor = found_robot(alten(Friction.none(3)), layout, values, errors, **given)

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot import Model
-from ballbot.mechanics.engine.lanes import (
-    LANES,
-)
+from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import Lanes, code_of, simulate_lanes
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_SIZE
 from tests.support.control_examples import FRICTION, alten, four_wheeled

@@ -10,12 +10,7 @@ import pytest
 from ballbot.findings import note
 from ballbot.identification.axis import AxisIdentification, AxisRecord, identify_axis
 from ballbot.identification.axis.model import Axis
-from ballbot.report.axis import (
-    axis_friction_figure,
-    axis_report,
-    expected_sentence,
-    parameter_rows,
-)
+from ballbot.report.axis import axis_friction_figure, axis_report, expected_sentence, parameter_rows
 from ballbot.report.page import page_of
 from tests.support.report_pages import shown_text
 from tests.support.screen import assert_fits_a_screen

@@ -57,8 +57,8 @@ def page(*blocks, **more) -> str:
 
 def series(t, *columns, **more) -> TimeSeries:
     """Return a plot of columns over a time, each in its own panel."""
-    panels = [Panel(label="a [m]", lines=[Line(name="a", values=one, look="first")]) for one in columns]
-    return TimeSeries(t=t, panels=panels, caption="over time", **more)
+    panels = [Panel("a [m]", [Line("a", one, "first")]) for one in columns]
+    return TimeSeries(t, panels, "over time", **more)
 
 
 def drawn_data(made: TimeSeries) -> dict:
@@ -86,10 +86,10 @@ class Balance(HTMLParser):
 
 def test_page_has_verdict_contents_sections_doubts_and_the_command():
     text = page(
-        Paragraph(text="Run `ballbot check` first."),
-        Bullets(items=["theta_dot is small"]),
-        Sheet(headings=("name", "value"), rows=[("b", "1.5")], caption="a table"),
-        Verbatim(text="A = [ 1 ]"),
+        Paragraph("Run `ballbot check` first."),
+        Bullets(["theta_dot is small"]),
+        Sheet(("name", "value"), [("b", "1.5")], "a table"),
+        Verbatim("A = [ 1 ]"),
         series(np.arange(5.0), np.ones(5)),
         findings=[
             Finding(code="gap", severity="warning", text="rows are missing", where=Place(file="a.csv"))
@@ -135,7 +135,7 @@ def test_a_figure_takes_the_colors_of_the_theme():
         '<svg><path style="stroke: var(--blue); fill: var(--ink)"/><path style="fill: #123456"/>'
         '<a href="#22303c"/></svg>'
     )
-    assert "var(--blue)" in page(Picture(markup=lambda: svg, caption="a figure"))
+    assert "var(--blue)" in page(Picture(lambda: svg, "a figure"))
 
 
 @settings(max_examples=30)
@@ -163,8 +163,8 @@ def test_a_long_series_is_short_and_keeps_its_peaks_and_gaps(count, seed, share,
 
 
 def test_no_name_ends_the_data_of_a_plot():
-    line = Line(name="</script><b>", values=np.ones(3), look="first")
-    made = TimeSeries(t=np.arange(3.0), panels=[Panel(label="<i>", lines=[line])], caption="<u>")
+    line = Line("</script><b>", np.ones(3), "first")
+    made = TimeSeries(np.arange(3.0), [Panel("<i>", [line])], "<u>")
     text = page(made)
     assert "</script><b>" not in text
     assert "<u>" not in text
@@ -172,23 +172,23 @@ def test_no_name_ends_the_data_of_a_plot():
 
 
 def test_runs_of_different_length_share_the_longest_time():
-    t, (short, long) = together([(np.arange(3.0), np.arange(3.0)), (np.arange(5.0), np.ones(5))])
+    t, (short, long) = together(
+        [("a", "first", np.arange(3.0), np.arange(3.0)), ("b", "second", np.arange(5.0), np.ones(5))]
+    )
     np.testing.assert_array_equal(t, np.arange(5.0))
-    np.testing.assert_array_equal(short, [0.0, 1.0, 2.0, np.nan, np.nan])
-    np.testing.assert_array_equal(long, np.ones(5))
+    np.testing.assert_array_equal(short.values, [0.0, 1.0, 2.0, np.nan, np.nan])
+    np.testing.assert_array_equal(long.values, np.ones(5))
 
 
 def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
-    figure = Picture(markup=lambda: "<svg/>", caption="a figure")
-    shown = Sheet(
-        headings=("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One."
-    )
+    figure = Picture(lambda: "<svg/>", "a figure")
+    shown = Sheet(("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One.")
     report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works."), ("", "Indeed.")],
         sections=[
-            section("Numbers", figure, shown, Bullets(items=["So."]), Verbatim(text="K = 1")),
+            section("Numbers", figure, shown, Bullets(["So."]), Verbatim("K = 1")),
             section("None", figure),
         ],
         undecided=["everything else"],
@@ -250,12 +250,12 @@ def printed(parts) -> list[str]:
 
 
 def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
-    figure = drawn_picture("one", _line, "a figure")
+    figure = drawn_picture("one", "a figure", _line)
     report = Result(
         title="a title",
         lead="a lead",
         verdict=[("It", "works.")],
-        sections=[section("First", figure), details("Second", Paragraph(text="folded"))],
+        sections=[section("First", figure), details("Second", Paragraph("folded"))],
         undecided=[],
         next_step="`ballbot check`",
         made=MADE,

@@ -46,17 +46,17 @@ def figure() -> Figure:
 
 def wide_sheet() -> Sheet:
     """Return a table of many columns."""
-    rows = [(Cell(text="c", below="Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 6)]
+    rows = [(Cell("c", "Coulomb (dry, at speed)"), "N m", *("0.0912 ± 0.0034",) * 6)]
     headings = ("parameter", "unit", *(f"wheel {k}" for k in range(1, 7)))
-    return Sheet(headings=headings, rows=rows, caption="A caption of some length. " * 4)
+    return Sheet(headings, rows, "A caption of some length. " * 4)
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory):
     t = np.arange(2000) * 0.01
     lines = [
-        Line(name="measured", values=np.sin(t), look="measured"),
-        Line(name="a model with a name that is rather long for a telephone", values=np.cos(t), look="second"),
+        Line("measured", np.sin(t), "measured"),
+        Line("a model with a name that is rather long for a telephone", np.cos(t), "second"),
     ]
     made = Provenance(
         command="ballbot study " + "a/very/long/folder/" * 8 + "log.csv",
@@ -71,28 +71,23 @@ def path(tmp_path_factory):
         sections=[
             section(
                 "A section",
-                Paragraph(text="Some words."),
+                Paragraph("Some words."),
                 wide_sheet(),
-                Sheet(headings=("state", "error"), rows=[("x", "1.5"), ("y", "2.5")]),
+                Sheet(("state", "error"), [("x", "1.5"), ("y", "2.5")]),
                 drawn_picture(
-                    "one", figure, "A figure, with a caption that is longer than a line of a telephone."
+                    "one", "A figure, with a caption that is longer than a line of a telephone.", figure
                 ),
-                Verbatim(text="A = [ " + "0.0000  " * 12 + "]"),
+                Verbatim("A = [ " + "0.0000  " * 12 + "]"),
                 TimeSeries(
-                    t=t,
-                    panels=[
-                        Panel(label="x [m]", lines=lines),
-                        Panel(label="y [m]", lines=lines[:1], levels=(0.5,)),
-                    ],
-                    caption="Over time.",
+                    t,
+                    [Panel("x [m]", lines), Panel("y [m]", lines[:1], levels=(0.5,))],
+                    "Over time.",
                     shaded=[(2.0, 4.0)],
                     shade="held out",
                     level="limit",
                 ),
             ),
-            details(
-                "Folded", TimeSeries(t=t, panels=[Panel(label="x [m]", lines=lines[:1])], caption="More.")
-            ),
+            details("Folded", TimeSeries(t, [Panel("x [m]", lines[:1])], "More.")),
         ],
         undecided=["Much."],
         made=made,

@@ -18,11 +18,7 @@ from ballbot.identification.result_findings import optimum_findings
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.identification import (
-    _parameter_sheet,
-    friction_curve,
-    friction_sentence,
-)
+from ballbot.report.identification import _parameter_sheet, friction_curve, friction_sentence
 from ballbot.report.style import drawn
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.robot import Friction
@@ -58,12 +54,7 @@ def _found() -> Identification:
         bounds=np.tile([0.0, 10.0], (12, 1)),
         intervals={},
         variation=Variation(
-            logs=1,
-            differ=False,
-            factor=1.0,
-            deviations=np.full(12, np.nan),
-            predictions={},
-            prior_robots=0,
+            logs=1, differ=False, factor=1.0, deviations=np.full(12, np.nan), predictions={}, prior_robots=0
         ),
         correlation=spread / np.outer(scale, scale),
         coulomb=CoulombEquivalent(

@@ -37,11 +37,7 @@ class TestFile:
             ('["friction.rolling", "body.mass"]', "[[1.0], [0.1]]", "rows of 1 to 2"),
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "no errors can have"),
             ('"friction.rolling"', "[[1.0]]", r"correlation\.of is 'friction.rolling'; it must be a list"),
-            (
-                '["body.mass"]',
-                "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]",
-                "belong together",
-            ),
+            ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]", "belong together"),
             (
                 '["body.mass"]',
                 "[[1.0]]\n[intervals]\n'body.mass' = [0.0]",
@@ -59,11 +55,7 @@ class TestFile:
     @pytest.mark.parametrize(
         ("old", "new", "says"),
         [
-            (
-                '0.393, unit = "m"',
-                '0.393, unit = "m", standard_deviation = -1',
-                "it must be zero or more",
-            ),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = -1', "it must be zero or more"),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviation = "1"',

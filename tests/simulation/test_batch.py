@@ -60,12 +60,7 @@ def test_every_lane_has_its_own_robot_start_and_controller():
     np.testing.assert_array_equal(batch.states[:, 0], starts)
     for lane in (0, 7, 31, 32, 44):
         one = simulate_batch(
-            models[lane],
-            controllers[lane],
-            hold(),
-            duration=1.0,
-            initial_states=starts[lane],
-            every=200,
+            models[lane], controllers[lane], hold(), duration=1.0, initial_states=starts[lane], every=200
         )
         np.testing.assert_allclose(batch.finals[lane], one.finals[0], atol=1e-9)
 

@@ -11,11 +11,7 @@ from scipy.integrate import solve_ivp
 from ballbot import InputError, Log
 from ballbot.mechanics.friction import WheelTerms
 from ballbot.mechanics.friction_laws import Classical
-from ballbot.simulation.driveline import (
-    Driveline,
-    TorqueSpeedCurve,
-    simulate_driveline,
-)
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 
 J = 2.97e-3  # j_w + j_r of the thesis's robot [kg m^2]
 DRIVELINE = {"viscous": 0.014, "coulomb": 0.11}

@@ -168,11 +168,7 @@ def test_the_impact_at_the_stop_conserves_momentum(pattern):
 
 
 @settings(max_examples=25, deadline=None)
-@given(
-    play=st.floats(1e-6, 0.2),
-    seed=st.integers(0, 2**32 - 1),
-    size=st.floats(0.0, 3.0),
-)
+@given(play=st.floats(1e-6, 0.2), seed=st.integers(0, 2**32 - 1), size=st.floats(0.0, 3.0))
 def test_motors_stay_within_their_play_and_push_only_at_its_stops(play, seed, size):
     plant = geared(STUCK, play)
     plant.reset(seed=seed)

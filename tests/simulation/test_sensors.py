@@ -12,13 +12,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.estimation import Fix
 from ballbot.mechanics.geometry import lean_of
 from ballbot.robot import Robot, Sensors
-from ballbot.simulation.sensors import (
-    Accelerometer,
-    Encoders,
-    FixSource,
-    SensorFaults,
-    SensorSuite,
-)
+from ballbot.simulation.sensors import Accelerometer, Encoders, FixSource, SensorFaults, SensorSuite
 
 ALTEN = Robot.load("alten")
 QUIET = replace(ALTEN.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)

@@ -21,14 +21,7 @@ from ballbot.firmware.header import SOURCES
 Floats = NDArray[np.float32]
 
 #: what the header states, in ulp; of the power per 1 + |log2 result|
-STATED = {
-    "sine": 2.5,
-    "cosine": 2.5,
-    "exponential": 1.1,
-    "power": 1.2,
-    "square root": 0.5,
-    "arctangent": 2.5,
-}
+STATED = {"sine": 2.5, "cosine": 2.5, "exponential": 1.1, "power": 1.2, "square root": 0.5, "arctangent": 2.5}
 #: bits of infinity: all non-negative floats below it
 _INFINITY = 0x7F800000
 _CHUNK = 1 << 21

@@ -88,9 +88,7 @@ def body_link(robot: Robot) -> Link:
         inertia = inertia - turned - point_inertia(wheel.mass, place.hub)
     center_of_mass = moment / mass
     return Link(
-        mass=mass,
-        center_of_mass=center_of_mass,
-        inertia=inertia - point_inertia(mass, center_of_mass),
+        mass=mass, center_of_mass=center_of_mass, inertia=inertia - point_inertia(mass, center_of_mass)
     )
 
 

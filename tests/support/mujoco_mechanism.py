@@ -48,8 +48,7 @@ def _model(robot: Robot) -> mujoco.MjModel:
     ball = spec.worldbody.add_body(name="ball")
     ball.add_freejoint()
     _set_inertia(
-        ball,
-        Link(mass=robot.ball.mass, center_of_mass=np.zeros(3), inertia=robot.ball.inertia * np.eye(3)),
+        ball, Link(mass=robot.ball.mass, center_of_mass=np.zeros(3), inertia=robot.ball.inertia * np.eye(3))
     )
     body = spec.worldbody.add_body(name="body")
     body.add_freejoint()

@@ -15,7 +15,6 @@ from ballbot.files import write_text
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.results import as_json
-from ballbot.robot.file import write_robot
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
@@ -72,7 +71,7 @@ def write_predicting_study(folder: Path) -> Path:
     """Write a folder as a study leaves it, and return it."""
     folder.mkdir()
     write_text(folder / "results.json", as_json({"prediction": known_prediction()}))
-    write_robot(KNOWN, folder / "robot.toml")
+    KNOWN.write(folder / "robot.toml")
     write_controller(CONTROLLER, folder / "controller.toml")
     write_controller(nominal_controller(KNOWN, compensation="none"), folder / "previous_controller.toml")
     return folder

@@ -4,6 +4,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,6 +26,19 @@ def ideal(**faults: Any) -> Scenario:
 def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, Driveline]:
     engine = Engine(twin_mjcf(ALTEN, scenario, mounting="stand"))
     return engine, Driveline(ALTEN, scenario, engine)
+
+
+def mass_matrix(engine: Engine) -> NDArray[np.float64]:
+    full = np.zeros((engine.model.nv, engine.model.nv))
+    mujoco.mj_forward(engine.model, engine.data)
+    mujoco.mj_fullM(engine.model, engine.data, full)
+    return full
+
+
+def block_of(engine: Engine, joint: str) -> NDArray[np.float64]:
+    """Return the mass matrix (6, 6) of a free joint: three translations, then three rotations about its origin."""
+    first = engine.model.joint(joint).dofadr[0]
+    return mass_matrix(engine)[first : first + 6, first : first + 6]
 
 
 def turn(engine: Engine, driveline: Driveline, torques: NDArray[np.float64], steps: int) -> list[list[float]]:

@@ -33,11 +33,7 @@ from ballbot.thesis.reproduce.item import Check, Item, Mistake
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import reproduction_report
-from ballbot.thesis.reproduce.recordings import (
-    CHANGE,
-    ModelOnGrid,
-    TwinOnGrid,
-)
+from ballbot.thesis.reproduce.recordings import CHANGE, ModelOnGrid, TwinOnGrid
 from ballbot.thesis.reproduce.runs import above
 from ballbot.twin import Scenario, Twin
 from campaigns.reproduce import item_markdown, mistake_markdown

@@ -14,8 +14,10 @@ from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import with_values
+from ballbot.twin.engine import Engine
 from ballbot.twin.model_files import LARGEST_MODEL, read_model, robot_urdf
 from ballbot.twin.parts import wheel_frames
+from tests.support.twin_examples import block_of, mass_matrix
 
 ALTEN = Robot.load("alten")
 
@@ -39,21 +41,16 @@ def test_mujoco_finds_the_masses_and_wheels_in_urdf():
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    first = model.joint("body").dofadr[0]
-    # of a free joint: three translations, then three rotations about the frame's origin, the ball's centre
-    inertia = mass[first + 3 : first + 6, first + 3 : first + 6]
-    np.testing.assert_allclose(mass[first, first], ALTEN.body.mass, rtol=1e-12)
-    np.testing.assert_allclose(
-        inertia, ALTEN.body.inertia_about_ball_center(), atol=1e-9
-    )  # 4.37: rounding of sums
+    engine = Engine(text)
+    block, masses = block_of(engine, "body"), np.diag(mass_matrix(engine))
+    np.testing.assert_allclose(block[0, 0], ALTEN.body.mass, rtol=1e-12)
+    # 4.37: rounding of sums
+    np.testing.assert_allclose(block[3:, 3:], ALTEN.body.inertia_about_ball_center(), atol=1e-9)
     assert np.isclose(model.body("ball").mass[0], ALTEN.ball.mass)
     for i, frame in enumerate(wheel_frames(ALTEN), start=1):
         joint = model.joint(f"wheel_{i}")
         np.testing.assert_allclose(data.xaxis[joint.id], frame[:, 2], atol=1e-12)
-        place = joint.dofadr[0]
-        np.testing.assert_allclose(mass[place, place], ALTEN.wheels.inertia, rtol=1e-9)
+        np.testing.assert_allclose(masses[joint.dofadr[0]], ALTEN.wheels.inertia, rtol=1e-9)
     ball = model.body("ball").id
     pairs = model.geom_bodyid[data.contact.geom]
     assert (pairs == ball).any(axis=1).all()  # no roller touches another part

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -17,33 +16,31 @@ from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Softness
 from ballbot.twin.parts import split_robot
 from ballbot.twin.recording import twin_findings
-from tests.support.twin_examples import ALTEN, lone_ball, wheels_in_the_air
-
-
-def mass_matrix(engine: Engine) -> NDArray[np.float64]:
-    full = np.zeros((engine.model.nv, engine.model.nv))
-    mujoco.mj_forward(engine.model, engine.data)
-    mujoco.mj_fullM(engine.model, engine.data, full)
-    return full
+from tests.support.twin_examples import (
+    ALTEN,
+    INERTIA,
+    block_of,
+    lone_ball,
+    mass_matrix,
+    turn,
+    wheels_in_the_air,
+)
 
 
 @pytest.mark.parametrize("scenario", Scenario.names())
 def test_locked_twin_has_the_robot_s_mass_and_inertia(scenario: str) -> None:
     """With every wheel and roller locked, the body's block of MuJoCo's mass matrix is the robot file's."""
     engine = Engine(twin_mjcf(ALTEN, Scenario.named(scenario, ALTEN)))
-    body = engine.first_velocity("body")
-    block = mass_matrix(engine)[body : body + 6, body : body + 6]
     ml = ALTEN.body.mass * ALTEN.body.center_of_mass
     expected = np.zeros((6, 6))
     expected[:3, :3] = ALTEN.body.mass * np.eye(3)
     expected[3:, 3:] = [[4.37, 0, 0], [0, 4.37, 0], [0, 0, 0.193]]  # Appendix III, about the ball's centre
     expected[0, 4], expected[1, 3] = ml, -ml
     expected = np.triu(expected) + np.triu(expected, 1).T
-    np.testing.assert_allclose(block, expected, atol=1e-12)  # sums of some sixty parts, rounding only
-    ball = engine.first_velocity("ball")
     np.testing.assert_allclose(
-        np.diag(mass_matrix(engine))[ball : ball + 6], [3.0, 3.0, 3.0, 0.0242, 0.0242, 0.0242], rtol=1e-12
-    )
+        block_of(engine, "body"), expected, atol=1e-12
+    )  # sums of some sixty parts, rounding only
+    np.testing.assert_allclose(np.diag(block_of(engine, "ball")), 3 * [3.0] + 3 * [0.0242], rtol=1e-12)
 
 
 def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> None:
@@ -54,10 +51,8 @@ def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> No
     assert rest.mass + 3.0 * wheel.mass == pytest.approx(robot.body.mass)
     assert wheel.inertia()[2, 2] == pytest.approx(robot.wheels.inertia)
     engine = Engine(twin_mjcf(robot, Scenario.nominal(robot)))
-    body = engine.first_velocity("body")
-    block = mass_matrix(engine)[body + 3 : body + 6, body + 3 : body + 6]
-    # sums of some sixty parts, rounding only
-    np.testing.assert_allclose(block, robot.body.inertia_about_ball_center(), atol=1e-12)
+    inertia = block_of(engine, "body")[3:, 3:]  # sums of some sixty parts, rounding only
+    np.testing.assert_allclose(inertia, robot.body.inertia_about_ball_center(), atol=1e-12)
 
 
 @pytest.mark.parametrize("preset", Robot.presets())
@@ -75,11 +70,8 @@ def test_robots_that_record_would_refuse_are_found() -> None:
 def test_wheel_and_rotor_have_the_robot_s_inertias() -> None:
     engine = Engine(twin_mjcf(ALTEN, Scenario.nominal(ALTEN)))
     M = mass_matrix(engine)
-    rotor = 27.6**2 * (2.42e-6 + 1.6e-7)  # Appendix III
-    for i in (1, 2, 3):
-        motor, play = engine.first_velocity(f"wheel {i}"), engine.first_velocity(f"play {i}")
-        assert M[play, play] == pytest.approx(1e-3, rel=1e-9)
-        assert M[motor, motor] == pytest.approx(1e-3 + rotor, rel=1e-9)
+    np.testing.assert_allclose(np.diag(M)[engine.velocities("play", 3)], 1e-3, rtol=1e-9)
+    np.testing.assert_allclose(np.diag(M)[engine.velocities("wheel", 3)], INERTIA, rtol=1e-9)
 
 
 def test_free_wheel_slows_down_by_the_stribeck_law() -> None:
@@ -87,39 +79,26 @@ def test_free_wheel_slows_down_by_the_stribeck_law() -> None:
     scenario = replace(Scenario.nominal(ALTEN), backlash=0.0)
     engine, driveline = wheels_in_the_air(scenario)
     driveline.speeds[:] = 8.0
-    inertia = 1e-3 + 27.6**2 * (2.42e-6 + 1.6e-7)
 
     def slow_down(_t: float, w: NDArray[np.float64], i: int) -> NDArray[np.float64]:
         b, c, s = (0.014, 0.016, 0.013)[i], (0.11, 0.09, 0.12)[i], (0.05, 0.04, 0.06)[i]
-        return -(b * w + c + s * np.exp(-((np.abs(w) / 0.6) ** 1.1))) / inertia
+        return -(b * w + c + s * np.exp(-((np.abs(w) / 0.6) ** 1.1))) / INERTIA
 
-    speeds = []
-    for _ in range(300):  # 0.15 s; the slowest wheel stops after 0.19 s
-        driveline.prepare_step()
-        engine.step()
-        speeds.append(driveline.speeds.copy())
+    speeds = turn(engine, driveline, np.zeros(3), 900)  # the slowest wheel stops after 0.19 s
     for i in range(3):
         solution = solve_ivp(slow_down, (0, 0.1), [8.0], args=(i,), rtol=1e-9, atol=1e-9)
         # a first-order step of 0.5 ms errs by up to half a step of the deceleration, some 100 rad/s^2
         assert speeds[199][i] == pytest.approx(solution.y[0, -1], abs=0.03)
-    for _ in range(600):
-        driveline.prepare_step()
-        engine.step()
-    assert np.abs(driveline.speeds).max() < 1e-6
+    assert np.abs(speeds[-1]).max() < 1e-6
 
 
 def test_wheel_breaks_away_at_the_static_torque() -> None:
     scenario = replace(Scenario.nominal(ALTEN), backlash=0.0)
     for torque, moves in ((0.95, False), (1.05, True)):
         engine, driveline = wheels_in_the_air(scenario)
-        driveline.command(torque * np.array([0.16, 0.13, 0.18]))  # c + s
-        for _ in range(1000):
-            driveline.prepare_step()
-            engine.step()
-        if moves:
-            assert (driveline.speeds > 0.1).all()
-        else:
-            assert np.abs(driveline.speeds).max() < 1e-3  # half a second at this would be 0.03 degrees
+        speeds = np.array(turn(engine, driveline, torque * np.array([0.16, 0.13, 0.18]), 1000)[-1])  # c + s
+        # half a second at a thousandth would be 0.03 degrees
+        assert (speeds > 0.1).all() if moves else np.abs(speeds).max() < 1e-3
 
 
 def test_wheel_follows_rotor_after_the_play() -> None:
@@ -129,9 +108,7 @@ def test_wheel_follows_rotor_after_the_play() -> None:
     play = engine.positions("play", 3)
     seen = []
     for k in range(4000):
-        driveline.command(np.full(3, 0.4 * np.sin(2 * np.pi * 2.0 * k * scenario.timestep)))
-        driveline.prepare_step()
-        engine.step()
+        turn(engine, driveline, np.full(3, 0.4 * np.sin(2 * np.pi * 2.0 * k * scenario.timestep)), 1)
         seen.append(engine.qpos[play].copy())
     half = np.radians(0.5)
     for wheel in np.array(seen).T:

@@ -43,18 +43,8 @@ def test_cameras_can_be_brought_back_to_the_world() -> None:
 
 def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one = tmp_path / "one"
-    command = [
-        "record",
-        "nominal",
-        "--reference",
-        "square",
-        "--duration",
-        "1",
-        "--seed",
-        "3",
-        "--out",
-        str(one),
-    ]
+    words = "record nominal --reference square --duration 1 --seed 3 --out"
+    command = [*words.split(), str(one)]
     assert main([*command, "--estimator", "kalman", "--compensation", "partial"]) == 0
     names = {"report.html", "log.csv", "truth.csv", "motion_capture.csv", "results.json"}
     names |= {"robot.toml", "scenario.toml", "controller.toml", "record.toml"}

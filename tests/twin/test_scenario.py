@@ -8,9 +8,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.twin.faults import (
-    Compliance,
-)
+from ballbot.twin.faults import Compliance
 from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text
 from tests.support.paths import ROOT
 

@@ -32,11 +32,7 @@ from ballbot.validation.statistics import (
     spectrum,
     whiteness,
 )
-from tests.support.validation_examples import (
-    noisy_log,
-    true_robot,
-    wheel_log,
-)
+from tests.support.validation_examples import noisy_log, true_robot, wheel_log
 
 LABELS = tuple(f"c{i}" for i in range(13))
 

@@ -56,9 +56,7 @@ def test_logs_that_show_nothing_are_left_out_of_those_joined():
 def test_an_error_below_the_floor_counts_as_the_floor():
     runs = [np.full((10, 10), value) for value in np.linspace(0.9, 1.1, 9)]
     exact = ErrorPair.of_runs(
-        [np.zeros((10, 10))] * 9,
-        [1e-16 * run for run in runs],
-        [1e-13 * run for run in runs],
+        [np.zeros((10, 10))] * 9, [1e-16 * run for run in runs], [1e-13 * run for run in runs]
     )
     assert np.all(exact.unresolved)
     np.testing.assert_allclose(exact.ratio, 1.0)

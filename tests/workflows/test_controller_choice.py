@@ -70,11 +70,7 @@ def test_a_candidate_that_falls_once_is_excluded():
 
 def choice_of(trials: dict[str, Trial]) -> ControllerChoice:
     return ControllerChoice(
-        plants=(),
-        course=SQUARE,
-        trials=trials,
-        equals=equal_best(trials),
-        chosen=smoothest_of_best(trials),
+        plants=(), course=SQUARE, trials=trials, equals=equal_best(trials), chosen=smoothest_of_best(trials)
     )
 
 

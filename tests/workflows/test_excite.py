@@ -144,10 +144,7 @@ def test_only_parameters_of_the_law_are_designed_for():
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        (
-            Extent(lean=0.14, floor=1e-4, torque=3.0),
-            "the robot hardly moves, and no reference makes b1",
-        ),
+        (Extent(lean=0.14, floor=1e-4, torque=3.0), "the robot hardly moves, and no reference makes b1"),
         (Extent(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
     ],
 )

@@ -10,7 +10,6 @@ from scipy import stats
 from ballbot import Robot
 from ballbot.report.comparison import league_report
 from ballbot.report.page import page_of
-from ballbot.robot.file import write_robot
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, overall, run_league, standing
@@ -41,7 +40,7 @@ settle = 2.0
 def folder(tmp_path_factory) -> Path:
     """Return a folder with a robot, courses and controllers of a user's own."""
     folder = tmp_path_factory.mktemp("league")
-    write_robot(alten(FRICTION), folder / "robot.toml")
+    alten(FRICTION).write(folder / "robot.toml")
     (folder / "courses.toml").write_text(COURSES)
     (folder / "own.py").write_text(OWN)
     return folder

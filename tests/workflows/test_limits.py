@@ -95,9 +95,7 @@ def test_sensors_leave_the_limit_and_delay_takes_from_it():
     assert delayed < 0.9 * without
     # the soft gain's loop is unstable from 0.1 s of delay on: nothing that looks settled counts
     hopeless = replace(
-        clean,
-        controller=nominal_controller(robot),
-        scenario=replace(scenario, timing=Timing(delay=60)),
+        clean, controller=nominal_controller(robot), scenario=replace(scenario, timing=Timing(delay=60))
     )
     assert not hopeless.recovers(limits.leaning_state(DIRECTIONS, 0.02)).any()
 

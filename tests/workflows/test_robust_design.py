@@ -8,7 +8,6 @@ import pytest
 from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, nominal_controller
-from ballbot.robot.file import write_robot
 from ballbot.twin import Scenario
 from ballbot.workflows.robust_design import (
     CostUnits,
@@ -28,7 +27,7 @@ OPTIONS = ["--robots", "12", "--generations", "3", "--population", "6", "--fresh
 @pytest.fixture(scope="module")
 def robot_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("robust") / "robot.toml"
-    write_robot(alten(FRICTION), path)
+    alten(FRICTION).write(path)
     return path
 
 
@@ -79,9 +78,7 @@ def test_perturbed_robots_follow_the_given_ranges():
 
 def test_cost_equals_hand_calculation():
     marks = RunMeasures(
-        error=np.array([[0.02, np.nan]]),
-        roughness=np.array([[0.1, 0.5]]),
-        ended=np.array([[np.inf, 2.0]]),
+        error=np.array([[0.02, np.nan]]), roughness=np.array([[0.1, 0.5]]), ended=np.array([[np.inf, 2.0]])
     )
     # 2 + 0.5 of the first; the second fell a quarter of the way: 10 (2 - 1/4)
     np.testing.assert_allclose(CostUnits(error=0.01, roughness=0.2).costs(marks), [[2.5, 17.5]])

@@ -16,12 +16,7 @@ from ballbot.twin.scenario import Scenario
 from ballbot.workflows import stiffness
 from ballbot.workflows.controller_choice import SQUARE, ControllerChoice, PlantDraw, Trial
 from ballbot.workflows.metrics import Score
-from ballbot.workflows.stiffness import (
-    VARIANTS,
-    FrictionByStiffness,
-    Stiffness,
-    measure_stiffness,
-)
+from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, measure_stiffness
 from tests.support.control_examples import FRICTION, alten
 from tests.support.scores import score_of
 
@@ -100,11 +95,7 @@ def measured(monkeypatch: pytest.MonkeyPatch, scenario: Scenario) -> FrictionByS
     plants = tuple(PlantDraw(robot=ROBOT, known=ROBOT, scenario=scenario, seed=seed) for seed in (0, 1))
     base = Trial(controller=controller(), scores=())
     choice = ControllerChoice(
-        plants=plants,
-        course=replace(SQUARE, duration=8.0),
-        trials={"precise": base},
-        equals=(),
-        chosen=None,
+        plants=plants, course=replace(SQUARE, duration=8.0), trials={"precise": base}, equals=(), chosen=None
     )
     return measure_stiffness(choice)
 

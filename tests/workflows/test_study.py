@@ -29,15 +29,9 @@ from ballbot.report.blocks import Provenance, provenance
 from ballbot.report.page import page_of
 from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import (
-    NamedCourse,
-    compensated_robot,
-    confirm,
-    draw_plants,
-)
+from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm, draw_plants
 from ballbot.workflows.controller_prediction import (
     DISCREPANCY,
     Prediction,
@@ -130,7 +124,7 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 
 
 def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
-    write_robot(small.found.robot, tmp_path / "robot.toml")
+    small.found.robot.write(tmp_path / "robot.toml")
     designed = certain_friction(Robot.load(tmp_path / "robot.toml"))
     studied = compensated_robot(small.found).friction
     for name in ("viscous", "coulomb", "stribeck", "rolling"):

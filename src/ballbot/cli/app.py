@@ -34,16 +34,17 @@ START = """Ballbot models, identifies, validates and controls ball-balancing rob
 
 @dataclass(frozen=True)
 class Command:
-    """One command of `ballbot`: the function of its name in the module of its name, with _ for -."""
+    """One command of `ballbot`: the function of its name, with _ for -, in the module of that name or in `home`."""
 
     name: str
     group: str  #: its heading in `ballbot --help`
     summary: str  #: its line in `ballbot --help`
+    home: str = ""  #: its module, if others stand in it too
 
     @property
     def module(self) -> str:
         """Its module, which is imported only if the command is named."""
-        return f"ballbot.cli.{self.function}"
+        return f"ballbot.cli.{self.home or self.function}"
 
     @property
     def function(self) -> str:
@@ -51,7 +52,8 @@ class Command:
         return self.name.replace("-", "_")
 
 
-#: in the order of `ballbot --help`; a command is a module of its name and a line here
+_PARTS = "identify_parts"
+#: in the order of `ballbot --help`; a command is a function of its name and a line here
 COMMANDS = (
     Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
     Command("demo", "Main job", "Two recorded runs in the browser, and the friction in their log."),
@@ -65,10 +67,17 @@ COMMANDS = (
     Command("align", "Logs", "Compare a log's sensors with motion capture."),
     Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
     Command("identify", "Identification", "Identify a robot's friction from its logs."),
-    Command("identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep."),
-    Command("identify-upside-down", "Identification", "Identify friction of the robot clamped upside down."),
-    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs."),
-    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis."),
+    Command(
+        "identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep.", _PARTS
+    ),
+    Command(
+        "identify-upside-down",
+        "Identification",
+        "Identify friction of the robot clamped upside down.",
+        _PARTS,
+    ),
+    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs.", _PARTS),
+    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis.", _PARTS),
     Command("validate", "Validation", "Validate a model or a controller against logs."),
     Command("design", "Control", "Design a controller for a robot."),
     Command("export", "Control", "Write a controller as C firmware for its robot."),

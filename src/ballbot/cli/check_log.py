@@ -122,28 +122,26 @@ def _check(
     """Show a log and its problems; raise InputError if one is an error."""
     checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
     page = log_check_report(checked, robot)
-    printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
     errors = [finding for finding in checked.findings if finding.severity == "error"]
-    step = "" if errors else _command_for(checked, source=source, mapping=mapping)
+    command = next((_COMMANDS[use] for use in checked.uses if use in _COMMANDS), "")
+    tail = ["--mapping", str(mapping)] if mapping else []
+    step = "" if errors else _next_step(command if source else "check-log", source, file, tail)
+    printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
     result.write(page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-def _command_for(checked: CheckedLog, *, source: str | None, mapping: Path | None) -> str:
-    """Return the command that a log without errors is next used with; none if it can be used for nothing."""
-    tail = ["--mapping", str(mapping)] if mapping else []
-    if source is None:
-        return f"`{shell_line(['ballbot', 'check-log', str(checked.file), '--robot', 'ROBOT', *tail])}`"
-    command = next((_COMMANDS[use] for use in checked.uses if use in _COMMANDS), None)
-    if command is None:
-        return ""
-    return f"`{shell_line(['ballbot', command, source, str(checked.file), *tail, '--out', 'found'])}`"
-
-
 #: the command of a use
 _COMMANDS = {BALANCING: "study", DRIVELINES: "identify-driveline"}
+
+
+def _next_step(command: str, robot: str | None, log: Path, tail: Sequence[str]) -> str:
+    """Return the command that a log is next used with; none if it can be used for nothing."""
+    words = [command, str(log), "--robot", "ROBOT"] if robot is None else [command, robot, str(log)]
+    folder = [] if robot is None else ["--out", "found"]
+    return f"`{shell_line(['ballbot', *words, *tail, *folder])}`" if command else ""
 
 
 def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
@@ -152,9 +150,9 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     InputError if something cannot be determined, or a log contradicts the others or the robot; everything that was
     determined is shown and written first.
     """
-    console, evaluated = result.console, list[Evaluation]()
+    evaluated = list[Evaluation]()
     for file in paths:
-        with progress_bar(console, f"comparing {file.name} with the robot"):
+        with progress_bar(result.console, f"comparing {file.name} with the robot"):
             evaluated.append(evaluate(propose(file, robot, stated), robot))
     found = surest(evaluated)
     if len(paths) > 1:
@@ -163,29 +161,27 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     printed = [Text(line) for one in evaluated for line in answer_lines(one)]
     texts: dict[str, Content] = {"mapping.toml": found.text}
     files = texts if found.log is None else texts | {"log.csv": found.log.write}
+    problem, step = _problem(evaluated, found.proposal), ""
     if result.folder is None:
         printed.append(Text("\n" + found.text))
+    elif not problem and found.proposal.roles.commands:
+        command = "identify" if found.proposal.roles.attitude else "identify-driveline"
+        tail = ["--mapping", str(result.folder.path / "mapping.toml")]
+        step = _next_step(command, source, found.proposal.file, tail)
     page = proposal_report(found, evaluated, robot, kept=result.folder is not None)
-    result.write(page, files=files, printed=printed, named=[*files])
-    for other, words in contradictions([one.proposal for one in evaluated], found.proposal):
-        raise InputError(
-            f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
-        )
+    result.write(page, files=files, printed=printed, named=[*files], next_step=step)
+    if problem:
+        raise InputError(problem)
+
+
+def _problem(evaluated: Sequence[Evaluation], surest: Proposal) -> str:
+    """Return why no mapping can be used for these logs; empty if one can."""
+    for other, words in contradictions([one.proposal for one in evaluated], surest):
+        return f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
     for one in evaluated:
-        if one.proposal.base.layout.names != found.proposal.base.layout.names:
-            raise InputError(
-                f"{one.proposal.file} has other columns than {found.proposal.file}: the logs agree, but each needs "
+        if one.proposal.base.layout.names != surest.base.layout.names:
+            return (
+                f"{one.proposal.file} has other columns than {surest.file}: the logs agree, but each needs "
                 "a mapping of its own, by a check of its own."
             )
-    refused = next((one for one in evaluated if one.refusal), None)
-    if refused is not None:
-        raise InputError(f"{refused.proposal.file}: {refused.refusal}")
-    if result.folder is not None and found.proposal.roles.commands:
-        written = result.folder.path / "mapping.toml"
-        console.print(_next_step(found.proposal, source=source, mapping=written), soft_wrap=True)
-
-
-def _next_step(proposal: Proposal, *, source: str, mapping: Path) -> str:
-    command = "identify" if proposal.roles.attitude else "identify-driveline"
-    tokens = ["ballbot", command, source, str(proposal.file), "--mapping", str(mapping), "--out", "found"]
-    return f"Next: {shell_line(tokens)}"
+    return next((f"{one.proposal.file}: {one.refusal}" for one in evaluated if one.refusal), "")

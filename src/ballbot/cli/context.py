@@ -33,10 +33,12 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
 from ballbot.robot import Robot
+from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
     from ballbot.fitting.cluster import Cluster
     from ballbot.fitting.sweep import Workers
+    from ballbot.identification.verdict import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 
@@ -134,6 +136,13 @@ class CommandResult:
             print_parts(map(self.path, (*named, PAGE)), self.console)
         if next_step:
             print_parts([f"Next: {next_step}"], self.console)
+
+    def write_robot(self, result: Result, robot: Robot, verdict: Verdict, *, next_step: str) -> None:
+        """Write and print an identification, and its robot as robot.toml if it is usable; InputError if it is not."""
+        files = {"robot.toml": robot_text(robot)} if verdict.usable else {}
+        self.write(result, files=files, named=[*files], next_step=next_step if files else "")
+        if not files:
+            raise InputError(f"{verdict.sentence} No robot.toml was written.")
 
 
 def _write(path: Path, content: Content) -> None:

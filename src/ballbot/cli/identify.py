@@ -25,7 +25,6 @@ from ballbot.log.collection import named_files
 from ballbot.log.pose import causal_states
 from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
-from ballbot.robot.file import robot_text
 
 
 @Parameter(name="*")
@@ -140,11 +139,8 @@ def identify(
         page = identification_report(
             found, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
         )
-        files = {"robot.toml": robot_text(found.robot)} if found.verdict.usable else {}
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
-        result.write(page, files=files, named=[*files], next_step=step if files else "")
-    if not found.verdict.usable:
-        raise InputError(f"{found.verdict.sentence} No robot.toml was written.")
+        result.write_robot(page, found.robot, found.verdict, next_step=step)
 
 
 def _states_at(path: Path, mapping: Path | None, robot: Robot) -> InitialStates | None:

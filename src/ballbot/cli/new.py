@@ -12,7 +12,6 @@ from ballbot.errors import InputError
 from ballbot.files import check_new_file
 from ballbot.printable import printable_line, shell_line
 from ballbot.robot import Robot
-from ballbot.robot.file import write_robot
 from ballbot.robot.robot import is_model_file
 
 
@@ -67,7 +66,7 @@ def new(
         console.print("\n".join([read, assumed, *model.notes]), soft_wrap=True, markup=False)
     else:
         robot = Robot.load(from_).replace(name=name)
-    write_robot(robot, path)
+    robot.write(path)
     hint = f"Wrote {path}. Change its values.\nNext: `{shell_line(['ballbot', 'check', path])}`"
     console.print(hint, soft_wrap=True, markup=False)
     emit({"files": [path]})

@@ -25,7 +25,7 @@ from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
-from ballbot.report.live import alternation_report
+from ballbot.report.comparison import alternation_report
 from ballbot.report.run import live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot

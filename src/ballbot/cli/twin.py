@@ -14,7 +14,7 @@ from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
 from ballbot.twin.mjcf import Mounting
 from ballbot.twin.model_files import robot_urdf
-from ballbot.twin.scenario_file import load_scenario, write_scenario
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 
 ABOUT = """The twin's MuJoCo model and its scenarios.
 
@@ -85,5 +85,5 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     """
     described = Robot.load(robot)
     check_new_file(out, force=force)
-    write_scenario(load_scenario(source, described), out)
+    write_text(out, scenario_text(load_scenario(source, described)))
     show_written(out, next_step=f"change its values, then `ballbot record {out} --robot {robot} --out run`")

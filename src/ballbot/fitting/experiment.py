@@ -10,17 +10,15 @@ and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, 
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
 
-`ballbot.fitting.fit` takes any experiment. `Residuals` makes one of a function, with derivatives by differences, and
-`ByDifferences` of a class whose blocks have states.
+`ballbot.fitting.fit` takes any experiment. `Residuals` makes one of a function that gives the errors.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, Self, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,55 +153,44 @@ class BlockErrors:
     cost: float  #: half the logarithm of the mean square, states' included
 
 
+#: from parameters (p,) in SI units, states (w, n) and the numbers of these blocks (w,) to the blocks' rows (m, ...)
+RowsOfBlocks = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]], NDArray[np.float64]]
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ByDifferences(ABC):
-    """An experiment that a subclass describes by its `errors` alone: the derivatives are differences.
+class Residuals:
+    """An experiment by a function that gives its errors; their derivatives are differences, unless they are known.
 
     Errors all weigh the same, and their noise is their root mean square. A block may have n states, each with its
     expected value: one standard deviation from it counts as an error of `state_weight`.
     """
 
-    parameters: tuple[Parameter, ...]
+    coordinates: ParameterSpace  #: the parameters, with their bounds
+    errors_of: RowsOfBlocks  #: errors (m,)
     block: NDArray[np.int64]  #: (m,) the block of each error, from 0, rising
     block_log: NDArray[np.int64]  #: (w,) the log of each block
+    derivatives_of: RowsOfBlocks | None = None  #: of the errors by the parameters (m, p)
+    numbers: NDArray[np.int64] | None = None  #: (w,) of the blocks, if these are some of an experiment's
     #: of finite differences by a block's states (n,), in their standard deviations
     state_steps: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     state_weight: NDArray[np.float64] | float = 0.0  #: of each block (w,)
     dependences: tuple[Dependence, ...] = ()  #: which parameters act through others
-
-    @abstractmethod
-    def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the errors (m,) with parameters (p,) in SI units and blocks' states (w, n)."""
-
-    @abstractmethod
-    def part(self, blocks: NDArray[np.int64]) -> Self:
-        """Return the experiment of some of the blocks, rising."""
-
-    @property
-    def coordinates(self) -> ParameterSpace:
-        """The parameters, with their bounds."""
-        return self._coordinates
-
-    @cached_property
-    def _coordinates(self) -> ParameterSpace:
-        return ParameterSpace(parameters=self.parameters)
 
     @property
     def residual_count(self) -> int:
         """How many errors the cost counts."""
         return len(self.block)
 
-    def derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of the errors by the parameters (m, p), zero for those that are held."""
-        space, J = self.coordinates, np.zeros((len(self.block), len(values)))
-        halves = _DIFFERENCE * np.maximum(np.abs(values), _OF_RANGE * (space.upper - space.lower))
-        for place in np.flatnonzero(space.free).tolist():
-            ahead, behind = values.copy(), values.copy()
-            ahead[place] = min(values[place] + halves[place], space.upper[place])
-            behind[place] = max(values[place] - halves[place], space.lower[place])
-            change = self.errors(ahead, states) - self.errors(behind, states)
-            J[:, place] = change / (ahead[place] - behind[place])
-        return J
+    def part(self, blocks: NDArray[np.int64]) -> Residuals:
+        """Return the experiment of some of the blocks, rising."""
+        kept = np.isin(self.block, blocks)
+        return replace(
+            self,
+            block=np.searchsorted(blocks, self.block[kept]),
+            block_log=self.block_log[blocks],
+            numbers=self._numbers[blocks],
+            state_weight=np.broadcast_to(self.state_weight, len(self.block_log))[blocks],
+        )
 
     def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the costs (sets,) at points (sets, p), states as expected."""
@@ -223,9 +210,8 @@ class ByDifferences(ABC):
 
     def linearize(self, at: BlockErrors) -> Linearized:
         """Return the equations about an iterate."""
-        space = self.coordinates
-        J = self.derivatives(space.physical(at.point), at.states) * space.slopes(at.point)
-        return self._linearized(at, J)
+        values, slopes = self.coordinates.physical(at.point), self.coordinates.slopes(at.point)
+        return self._linearized(at, slopes * self._derivatives(values, at.states))
 
     def equations(self, at: BlockErrors) -> WindowEquations:
         """Return each block's equations, its states eliminated."""
@@ -234,6 +220,29 @@ class ByDifferences(ABC):
     def mean_squares(self, at: BlockErrors) -> NDArray[np.float64]:
         """Return the mean square error of each block (w,)."""
         return np.nan_to_num(np.bincount(self.block, at.errors**2) / np.bincount(self.block), nan=np.inf)
+
+    @property
+    def _numbers(self) -> NDArray[np.int64]:
+        return np.arange(len(self.block_log)) if self.numbers is None else self.numbers
+
+    # the error of a simulation that diverges is infinite; such a step is refused
+    @np.errstate(over="ignore", invalid="ignore")
+    def _errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.errors_of(values, states, self._numbers)
+
+    def _derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the derivatives of the errors by the parameters (m, p), zero for those that are held."""
+        if self.derivatives_of is not None:
+            return self.derivatives_of(values, states, self._numbers)
+        space, J = self.coordinates, np.zeros((len(self.block), len(values)))
+        halves = _DIFFERENCE * np.maximum(np.abs(values), _OF_RANGE * (space.upper - space.lower))
+        for place in np.flatnonzero(space.free).tolist():
+            ahead, behind = values.copy(), values.copy()
+            ahead[place] = min(values[place] + halves[place], space.upper[place])
+            behind[place] = max(values[place] - halves[place], space.lower[place])
+            change = self._errors(ahead, states) - self._errors(behind, states)
+            J[:, place] = change / (ahead[place] - behind[place])
+        return J
 
     @property
     def _expected(self) -> NDArray[np.float64]:
@@ -245,7 +254,7 @@ class ByDifferences(ABC):
         return np.broadcast_to(np.square(self.state_weight), len(self.block_log))
 
     def _at(self, point: NDArray[np.float64], states: NDArray[np.float64]) -> BlockErrors:
-        return self._with(point, states, self.errors(self.coordinates.physical(point), states))
+        return self._with(point, states, self._errors(self.coordinates.physical(point), states))
 
     # the error of a simulation that diverges is infinite; such a step is refused
     @np.errstate(over="ignore", invalid="ignore")
@@ -275,7 +284,7 @@ class ByDifferences(ABC):
         values, weight = self.coordinates.physical(at.point), np.exp(-2.0 * at.cost)
         S, begins = np.zeros((len(at.errors), 0)), np.flatnonzero(np.diff(self.block, prepend=-1))
         for step in np.diag(self.state_steps):
-            change = (self.errors(values, at.states + step) - at.errors) / step.sum()
+            change = (self._errors(values, at.states + step) - at.errors) / step.sum()
             S = np.column_stack([S, change])
 
         def sums(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -291,31 +300,29 @@ class ByDifferences(ABC):
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Residuals(ByDifferences):
-    """A plain least-squares experiment: a function of the parameters, its values in blocks that go together."""
+def residuals_without_states(
+    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    *,
+    parameters: Sequence[Parameter],
+    block: NDArray[np.int64],
+    block_log: NDArray[np.int64] | None = None,
+    derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+    dependences: tuple[Dependence, ...] = (),
+) -> Residuals:
+    """Return the plain least-squares experiment of a function from parameters (p,), SI units, to m residuals.
 
-    #: from parameters (p,) in SI units to m residuals, in any shape; `block` is in the order of `numpy.ravel`
-    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    #: from parameters (p,) to derivatives (m, p), where they are known; differences else
-    derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
-    rows: NDArray[np.int64] | None = None  #: which of the residuals these are; all if None
+    The residuals may have any shape; `block` (m,) is in the order of `numpy.ravel`. Blocks are of one log unless
+    `block_log` (w,) says otherwise, and derivatives (m, p) are differences unless they are known.
+    """
 
-    def errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ARG002
-        """Return the residuals (m,) with parameters (p,); blocks have no states."""
-        residuals = self.residuals_of(values).ravel()
-        return residuals if self.rows is None else residuals[self.rows]
+    def of_blocks(function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> RowsOfBlocks:
+        return lambda values, _, blocks: function(values)[np.isin(block, blocks)]
 
-    def derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the derivatives of the residuals by the parameters (m, p)."""
-        if self.derivatives_of is None:
-            return super().derivatives(values, states)
-        J = self.derivatives_of(values)
-        return J if self.rows is None else J[self.rows]
-
-    def part(self, blocks: NDArray[np.int64]) -> Residuals:
-        """Return the experiment of some of the blocks, rising."""
-        kept = np.isin(self.block, blocks)
-        rows = np.flatnonzero(kept) if self.rows is None else self.rows[kept]
-        number = np.searchsorted(blocks, self.block[kept])
-        return replace(self, rows=rows, block=number, block_log=self.block_log[blocks])
+    return Residuals(
+        coordinates=ParameterSpace(parameters=tuple(parameters)),
+        errors_of=of_blocks(lambda values: residuals_of(values).ravel()),
+        derivatives_of=derivatives_of and of_blocks(derivatives_of),
+        block=block,
+        block_log=np.zeros(int(block[-1]) + 1, dtype=np.int64) if block_log is None else block_log,
+        dependences=dependences,
+    )

@@ -37,7 +37,7 @@ from scipy import special
 from scipy.optimize import lsq_linear
 
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
-from ballbot.fitting.experiment import At, BlockErrors, ByDifferences, Experiment
+from ballbot.fitting.experiment import At, BlockErrors, Experiment, Residuals
 from ballbot.fitting.intervals import (
     CONFIDENCE,
     MOST_PROFILES,
@@ -640,7 +640,7 @@ _HELD_OUT_STEPS = 8
 
 
 def held_out_squares(
-    experiment: ByDifferences, end: BlockErrors, groups: Sequence[NDArray[np.int64]], *, folds: int
+    experiment: Residuals, end: BlockErrors, groups: Sequence[NDArray[np.int64]], *, folds: int
 ) -> NDArray[np.float64]:
     """Fit again without each of so many parts of the groups of blocks; return the mean square errors there (w,).
 

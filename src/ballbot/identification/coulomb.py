@@ -73,21 +73,25 @@ def coulomb_equivalent(
     """
     n = layout.wheel_count
     speeds = np.quantile(np.abs(wheel_speeds.reshape(-1, n)), SHARE, axis=0)
+    x = (np.arange(_POINTS) + 0.5) / _POINTS
+    driven = speeds[:, None] * x
 
     def at(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return c_e (n,): the integral of (4 - 6 x) times the dry friction, by the midpoint rule."""
         if law:
-            x = (np.arange(_POINTS) + 0.5) / _POINTS
             parts = {name: layout.part(name, parameters) for name in law.takes}
             numbers = {name: part[:, None] for name, part in parts.items() if part is not None}
-            return (law.size(speeds[:, None] * x, 0.0 * x, **numbers) * (4.0 - 6.0 * x)).mean(axis=1)
-        c, s = parameters[n : 2 * n], parameters[2 * n : 3 * n]
-        return c + s * _weight_of_s(speeds, parameters[3 * n], parameters[3 * n + 1])
+            dry = law.size(driven, 0.0 * x, **numbers)
+        else:
+            (c, s), (v_s, delta) = parameters[n : 3 * n].reshape(2, n, 1), parameters[3 * n : 3 * n + 2]
+            dry = c + s * stribeck_decay(driven / v_s, delta)
+        return (dry * (4.0 - 6.0 * x)).mean(axis=1)
 
     C = np.nan_to_num(covariance)
     moved = np.flatnonzero(C.diagonal() > 0.0)
     steps = _STEP * np.maximum(np.abs(values), 1e-6)
     G = np.zeros((n, len(values)))
-    for i in moved if law else moved[moved < 3 * n + 2]:
+    for i in moved:
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
     variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
@@ -99,13 +103,6 @@ def coulomb_equivalent(
         coulomb=values[n : 2 * n],
         coulomb_errors=own,
     )
-
-
-def _weight_of_s(speeds: NDArray[np.float64], v_s: float, delta: float) -> NDArray[np.float64]:
-    """Return 4 A - 6 B (n,) for each W (n,), by the midpoint rule."""
-    x = (np.arange(_POINTS) + 0.5) / _POINTS
-    E = stribeck_decay(speeds[:, None] * x / v_s, delta)
-    return (E * (4.0 - 6.0 * x)).mean(axis=1)
 
 
 def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:

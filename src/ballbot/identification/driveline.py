@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.uncertainty import correlation
 from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, record_of_rows
 from ballbot.identification.axis.model import Axis
@@ -224,7 +225,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         values=values,
         standard_errors=errors,
         intervals=np.column_stack([np.maximum(values - halves, 0.0), values + halves]),
-        correlation=np.nan_to_num(best.correlation[np.ix_(places, places)]),
+        correlation=np.nan_to_num(correlation(best.found.covariance)[np.ix_(places, places)]),
         predicted=predicted,
         without=without,
         rmse=float(np.sqrt(np.nanmean((predicted - sweep.speed) ** 2))),

@@ -39,7 +39,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
-from ballbot.fitting.experiment import BlockErrors, Residuals
+from ballbot.fitting.experiment import BlockErrors, residuals_without_states
 from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import Parameter
@@ -208,9 +208,9 @@ def _fitted(
             "log for longer."
         )
     width = residuals(start).shape[1]
-    experiment = Residuals(
-        parameters=tuple(parameters),
-        residuals_of=residuals,
+    experiment = residuals_without_states(
+        residuals,
+        parameters=parameters,
         block=np.repeat(block, width).astype(np.int64),
         block_log=(names // _CLUSTERS_OF_LOG).astype(np.int64),
     )

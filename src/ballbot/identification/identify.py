@@ -65,7 +65,7 @@ from ballbot.identification.result_findings import (
     prediction_findings,
 )
 from ballbot.identification.stated_uncertainty import ends_without_error
-from ballbot.identification.sweep import SweepFriction, with_sweep
+from ballbot.identification.sweep import with_sweep
 from ballbot.identification.variation import (
     Variation,
     discrepancy_finding,
@@ -114,7 +114,8 @@ class IdentificationOptions:
     back_emf: float = 0.0
     #: Gauss-Newton begins from its numbers where they predict better
     warm_start: Identification | None = None
-    sweep: SweepFriction | None = None  #: friction from a sweep of the free wheels, to combine with the logs'
+    #: friction from a sweep of the free wheels, to combine with the logs'; b and c of each wheel are taken
+    sweep: StageEstimate | None = None
     search: Search = "multistart"
     generations: int = 150  #: of the genetic search, at most
     population: int = 24  #: sets of parameters in each generation

@@ -33,7 +33,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from ballbot.errors import InputError, suggest
 from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, select_model
@@ -41,75 +40,42 @@ from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bou
 from ballbot.identification.result import Identification
 from ballbot.identification.verdict import window_blocks
 from ballbot.robot import Robot
-from ballbot.robot.friction_law import CLASSICAL, SHARED, friction_law, registered_laws
-
-#: the laws that are nested, and compared as "best"
-LawName = Literal["viscous", "coulomb", "stribeck", "asymmetric", "directed", "load"]
-
-_NO_STRIBECK: dict[str, Limits] = {
-    "stribeck": (0.0, 0.0),
-    "stribeck_speed": (1.0, 1.0),
-    "stribeck_exponent": (1.0, 1.0),
-}
+from ballbot.robot.friction_law import CLASSICAL, friction_law, registered_laws
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Law:
     """A friction law to select from."""
 
     name: str
     formula: str
-    within: LawName | None  #: the law that it contains and is compared with; None: no friction
+    within: str | None  #: the law that it contains and is compared with; None: no friction
     free: tuple[str, ...]  #: quantities
-    fixed: Mapping[str, Limits]  #: quantities of `FRICTION` that it does not have, at values without effect
-    #: bounds if none are given: without dry friction, b has to take its part
+    #: bounds if none are given
     wide_bounds: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
 
+    @property
+    def fixed(self) -> dict[str, Limits]:
+        """The quantities of `FRICTION` that it does not have, at values without effect."""
+        absent = [name for name in FRICTION if name not in self.free]
+        return {name: (1.0, 1.0) if BY_NAME[name].scale == "ratio" else (0.0, 0.0) for name in absent}
 
+
+_COULOMB = ("viscous", "coulomb", "rolling")
+_ASYMMETRIC = (*FRICTION, "torque_offset")
 LAWS: tuple[Law, ...] = (
+    # without dry friction, b has to take its part
+    Law("viscous", "b w", None, ("viscous",), {"viscous": (0.0, 1.0)}),
+    Law("coulomb", "b w + c sgn w, rolling C_rr", "viscous", _COULOMB),
+    Law("stribeck", "b w + (c + s exp(-|w/v_s|^delta)) sgn w, C_rr", "coulomb", FRICTION),
+    Law("asymmetric", "stribeck, c of either direction", "stribeck", _ASYMMETRIC),
     Law(
-        name="viscous",
-        formula="b w",
-        within=None,
-        free=("viscous",),
-        fixed={**_NO_STRIBECK, "coulomb": (0.0, 0.0), "rolling": (0.0, 0.0)},
-        wide_bounds={"viscous": (0.0, 1.0)},
+        "directed",
+        "stribeck, c and s of either direction",
+        "asymmetric",
+        (*_ASYMMETRIC, "stribeck_asymmetry"),
     ),
-    Law(
-        name="coulomb",
-        formula="b w + c sgn w, rolling C_rr",
-        within="viscous",
-        free=("viscous", "coulomb", "rolling"),
-        fixed=_NO_STRIBECK,
-    ),
-    Law(
-        name="stribeck",
-        formula="b w + (c + s exp(-|w/v_s|^delta)) sgn w, C_rr",
-        within="coulomb",
-        free=FRICTION,
-        fixed={},
-    ),
-    Law(
-        name="asymmetric",
-        formula="stribeck, c of either direction",
-        within="stribeck",
-        free=(*FRICTION, "torque_offset"),
-        fixed={},
-    ),
-    Law(
-        name="directed",
-        formula="stribeck, c and s of either direction",
-        within="asymmetric",
-        free=(*FRICTION, "torque_offset", "stribeck_asymmetry"),
-        fixed={},
-    ),
-    Law(
-        name="load",
-        formula="stribeck, c + mu |u|",
-        within="stribeck",
-        free=(*FRICTION, "load"),
-        fixed={},
-    ),
+    Law("load", "stribeck, c + mu |u|", "stribeck", (*FRICTION, "load")),
 )
 
 
@@ -130,14 +96,8 @@ def law_named(name: str) -> Law:
                     f"The friction law {law.name} has a parameter {one.name}, the name of a quantity that is "
                     "identified; give it another name."
                 )
-        absent = [one for one in SHARED if one not in law.takes]
-        return Law(
-            name=law.name,
-            formula=f"b w + ({law.formula}) sgn w, C_rr",
-            within=None,
-            free=("viscous", *law.takes, "rolling"),
-            fixed={one: (1.0, 1.0) if BY_NAME[one].scale == "ratio" else (0.0, 0.0) for one in absent},
-        )
+        free = ("viscous", *law.takes, "rolling")
+        return Law(law.name, f"b w + ({law.formula}) sgn w, C_rr", None, free)
     names += registered_laws()
     hint = suggest(name, names, otherwise="there are")
     raise InputError(f"{name!r} is not a friction law; {hint}")

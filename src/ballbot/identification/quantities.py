@@ -139,6 +139,18 @@ class Quantity:
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
+    def parameter(self, label: str, bounds: Limits, default: float) -> Parameter:
+        """Return the one of its numbers with that label as a parameter of a fit."""
+        return Parameter(
+            name=self.name,
+            symbol=label,
+            unit=self.unit,
+            scale=self.scale,
+            bounds=bounds,
+            default=default,
+            meaning=self.meaning,
+        )
+
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return its numbers as the robot has them, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
@@ -148,10 +160,6 @@ class Quantity:
         """Return the least and greatest value of each of its numbers (k, 2)."""
         unit = np.ones(len(self.labels(robot.wheel_count))) if self.of is None else np.array(self.of(robot))
         return unit[:, None] * np.array(self.bounds)
-
-
-def _ones(robot: Robot) -> Sequence[float]:
-    return (1.0,) * robot.wheel_count
 
 
 def _of_robot(
@@ -195,10 +203,9 @@ QUANTITIES: tuple[Quantity, ...] = (
         "friction.coulomb",
         stands_for="dry friction less what slip of the rollers and play move to other parameters",
     ),
-    _of_robot("friction.stribeck", stands_for="play of the gears and the change from roller to roller"),
-    _of_robot("friction.stribeck_speed", stands_for="play of the gears and the change from roller to roller"),
-    _of_robot(
-        "friction.stribeck_exponent", stands_for="play of the gears and the change from roller to roller"
+    *(
+        _of_robot(f"friction.{name}", stands_for="play of the gears and the change from roller to roller")
+        for name in ("stribeck", "stribeck_speed", "stribeck_exponent")
     ),
     _of_robot("friction.rolling", stands_for="losses of the rollers on the ball, and play of the gears"),
     _of_robot("friction.stribeck_asymmetry"),
@@ -247,7 +254,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         each="wheels",
         scale="ratio",
         bounds=(0.5, 2.0),
-        nominal_of=_ones,
+        nominal_of=lambda robot: (1.0,) * robot.wheel_count,
     ),
     Quantity(
         name="torque_offset",
@@ -407,9 +414,7 @@ class Layout:
 
     def number(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a quantity of one number (...) out of rows of parameters (..., p) that have it."""
-        part = self.part(name, values)
-        assert part is not None, name
-        return part[..., 0]
+        return values[..., self._columns[name]][..., 0]
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return the parameters (p,) before identification."""
@@ -468,13 +473,8 @@ class Layout:
 
     def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
         """Return parameters (p,) as {"b": [..], "c": [..], "s": [..], "v_s": .., "delta": .., "C_rr": .., ..}."""
-        result: dict[str, list[float] | float] = {}
-        for name in self.names:
-            numbers = self.part(name, values)
-            assert numbers is not None
-            quantity = BY_NAME[name]
-            result[quantity.symbol] = numbers.tolist() if quantity.each else float(numbers[0])
-        return result
+        numbers = {BY_NAME[name]: values[columns].tolist() for name, columns in self._columns.items()}
+        return {one.symbol: own if one.each else own[0] for one, own in numbers.items()}
 
 
 def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
@@ -592,14 +592,7 @@ def scale_between(
         limits = _limits(quantity, robot, estimated, bounds)
         values = zip(quantity.labels(robot.wheel_count), limits, quantity.nominal(robot), strict=True)
         parameters += [
-            Parameter(
-                name=name,
-                symbol=label,
-                unit=quantity.unit,
-                scale=quantity.scale,
-                bounds=(float(low), float(high)),
-                default=float(value),
-            )
+            quantity.parameter(label, (float(low), float(high)), float(value))
             for label, (low, high), value in values
         ]
     return Coordinates(layout=layout, parameters=tuple(parameters))

@@ -19,7 +19,7 @@ at once (`ballbot.identification.agreement`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -40,15 +40,20 @@ _SYMBOLS = ("b", "c")
 _QUANTITIES = ("viscous", "coulomb")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SweepFriction:
-    """Free wheels' friction, by the torque that the sweep's log has."""
+def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> StageEstimate:
+    """Return free wheels' b [N m s/rad] and c [N m] (n, 2), by the torque that the sweep's log has.
 
-    values: NDArray[np.float64]  #: (n, 2), b [N m s/rad] and c [N m] of each wheel
-    covariances: NDArray[np.float64]  #: (n, 2, 2); NaN if a number has no standard error
+    Their covariances (n, 2, 2) are NaN if a number has no standard error.
+    """
+    n = len(values)
+    C = np.zeros((2 * n, 2 * n))
+    for i, own in enumerate(covariances):
+        C[np.ix_([i, n + i], [i, n + i])] = own
+    labels = tuple(f"{symbol}{i}" for symbol in _SYMBOLS for i in range(1, n + 1))
+    return StageEstimate(source="the sweep", labels=labels, values=values.T.ravel(), covariance=C)
 
 
-def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
+def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
     """Return the friction in a results.json of `ballbot identify-driveline`.
 
     InputError if the file cannot be read, is not such a file, or is of a robot with another number of wheels.
@@ -70,11 +75,11 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> SweepFriction:
         covariances = correlations * errors[:, :, None] * errors[:, None, :]
     if not np.isfinite(values).all() or np.isinf(covariances).any():
         raise InputError(f"{path} has a number that is not finite; run `ballbot identify-driveline` again.")
-    return SweepFriction(values=values, covariances=covariances)
+    return sweep_of(values, covariances)
 
 
 def with_sweep(
-    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty, sweep: SweepFriction
+    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty, sweep: StageEstimate
 ) -> tuple[NDArray[np.float64], Uncertainty, tuple[Finding, ...]]:
     """Return values (p,) from logs and a sweep together, within bounds, their uncertainty, and findings.
 
@@ -106,7 +111,7 @@ def with_sweep(
 
 
 def combine(
-    layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: SweepFriction
+    layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: StageEstimate
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Finding, ...]]:
     """Return the estimate from logs and sweep together, its covariance, and findings; `values` itself if none is used.
 
@@ -116,16 +121,15 @@ def combine(
     known, n = np.isfinite(covariance.diagonal()), layout.wheel_count
     C, places = np.where(np.outer(known, known), covariance, 0.0), np.arange(len(values))
     at = np.concatenate([places[layout.columns(name)] for name in _QUANTITIES])
-    # b of all wheels, then c: the sweep's numbers, the torque that acts for each N m of its log, and their covariance
-    numbers, scale, H = sweep.values.T.ravel(), np.ones(2 * n), np.zeros((2 * n, len(values)))
+    # b of all wheels, then c: the sweep's numbers, and the torque that acts for each N m of its log
+    sweep = sweep.among([layout.labels[place] for place in at])
+    numbers, scale, H = sweep.values, np.ones(2 * n), np.zeros((2 * n, len(values)))
     H[np.arange(2 * n), at] = 1.0
     if (gains := layout.columns("torque_gain")) is not None:
         gain_of = np.tile(places[gains], 2)
         scale = values[gain_of]
         H[np.arange(2 * n), gain_of] = np.where(known[gain_of], -numbers, 0.0)
-    S = np.zeros((2 * n, 2 * n))
-    for i, own in enumerate(sweep.covariances):
-        S[np.ix_([i, n + i], [i, n + i])] = own
+    S = sweep.covariance
     used = np.flatnonzero(known[at] & np.isfinite(S.diagonal()))
     labels, theirs = [layout.labels[place] for place in at[used]], (scale * numbers)[used]
     H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs

@@ -34,7 +34,7 @@ from scipy.special import ellipk, stdtrit
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.findings import Finding, error, finding, finding_results, note, warning
-from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.parameter import Parameter
@@ -208,31 +208,17 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     # viscous or dry friction that leaves a body its least count of swings, from the largest to the smallest
     viscous = omega * math.log(1.0 / _SMALLEST) / (math.pi * _LEAST_SWINGS)
     dry = omega**2 * amplitude / (4.0 * _LEAST_SWINGS)
-    sizes = (
-        ("viscous", "beta", "1/s", viscous),
-        ("dry", "kappa", "1/s^2", dry),
-        ("angle", "first angle", "rad", 4.0),
-        ("rate", "first rate", "rad/s", 4.0 * omega),
-        ("zero", "zero", "rad" if angular else "rad/s", abs(zero) + 4.0 * size),
-    )
-    frequency = Parameter(
-        name="frequency",
-        symbol="omega_n^2",
-        unit="1/s^2",
-        scale="ratio",
-        bounds=(omega**2 / 4.0, 4.0 * omega**2),
-        default=omega**2,
-    )
-    others = (
-        Parameter(name=name, symbol=symbol, unit=unit, scale="signed", bounds=(-most, most), default=0.0)
-        for name, symbol, unit, most in sizes
+    parameters = (
+        Parameter.about("omega_n^2", omega**2, "1/s^2", factor=4.0),
+        Parameter.about("beta", 0.0, "1/s", within=viscous),
+        Parameter.about("kappa", 0.0, "1/s^2", within=dry),
+        Parameter.about("first angle", 0.0, "rad", within=4.0),
+        Parameter.about("first rate", 0.0, "rad/s", within=4.0 * omega),
+        Parameter.about("zero", 0.0, "rad" if angular else "rad/s", within=abs(zero) + 4.0 * size),
     )
     block = np.minimum((swing.t - swing.t[0]) // swing.period, swing.swings // 1.0 - 1.0).astype(np.int64)
-    experiment = Residuals(
-        parameters=(frequency, *others),
-        residuals_of=lambda p: _sensed(p, swing)[1] - swing.values,
-        block=block,
-        block_log=np.zeros(block[-1] + 1, dtype=np.int64),
+    experiment = residuals_without_states(
+        lambda p: _sensed(p, swing)[1] - swing.values, parameters=parameters, block=block
     )
     return experiment, np.array([omega**2, 0.0, 0.0, angle, rate, zero])
 

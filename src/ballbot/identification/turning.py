@@ -25,7 +25,7 @@ from scipy import fft
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.fitting.experiment import Residuals
+from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import Parameter
@@ -376,12 +376,11 @@ class _Pairs:
         """Return the experiment with these weights (n,) of squares."""
         blocks, _ = _blocks(self.start)
         root = np.sqrt(weights)[:, None]
-        return Residuals(
+        return residuals_without_states(
+            lambda x: self.errors(x) * root,
             parameters=_PARAMETERS,
-            residuals_of=lambda x: self.errors(x) * root,
             derivatives_of=lambda x: (self.slopes(x) * root[:, None]).reshape(-1, 8),
             block=np.repeat(blocks, 3),
-            block_log=np.zeros(int(blocks[-1]) + 1, dtype=np.int64),
         )
 
 

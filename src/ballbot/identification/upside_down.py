@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
-from ballbot.fitting.experiment import Dependence, Residuals
+from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
-from ballbot.fitting.parameter import Parameter
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import correlation, discrepancy
 from ballbot.identification.agreement import StageEstimate, file_findings
@@ -259,24 +258,16 @@ def momentum_balance(pieces: Pieces) -> Residuals:
     usual = float(np.sqrt(np.mean(pieces.speeds**2))) if pieces.speeds.size else 1.0
     torque = (0.0, pieces.torque)
     bounds = {"viscous": (0.0, pieces.torque / usual), "coulomb": torque, "stribeck": torque}
-    return Residuals(
+    return residuals_without_states(
+        pieces.residuals,
         parameters=tuple(
-            Parameter(
-                name=one.name,
-                symbol=label,
-                unit=one.unit,
-                scale=one.scale,
-                bounds=bounds.get(one.name, SHAPES),
-                default=0.0 if one.name in bounds else 1.0,
-                meaning=one.meaning,
-            )
+            one.parameter(label, bounds.get(one.name, SHAPES), 0.0 if one.name in bounds else 1.0)
             for one in QUANTITIES
             for label in one.labels(len(pieces.A))
         ),
         dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
         block=np.repeat(pieces.window, 3),
         block_log=pieces.log,
-        residuals_of=pieces.residuals,
         derivatives_of=pieces.derivatives,
     )
 
@@ -443,9 +434,9 @@ def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list
         findings.append(note("no-breakaway", text))
         held = [
             replace(one, bounds=(one.default, one.default)) if one.name.startswith("stribeck") else one
-            for one in experiment.parameters
+            for one in space.parameters
         ]
-        experiment = replace(experiment, parameters=tuple(held))
+        experiment = replace(experiment, coordinates=replace(space, parameters=tuple(held)))
         found = fit(experiment, experiment.coordinates.scaled(values))
         values = np.append(found.values[:-1], np.nan)
     apart = discrepancy(found.finished.equations, experiment.block_log, found.estimated, seed=seed)
@@ -462,9 +453,10 @@ def _check(windows: BallWindows, experiment: Residuals) -> None:
     """Refuse torques of zero, and too few windows in which the ball turns."""
     if not np.any(windows.torques):
         raise InputError("The torques u are zero in every window; friction shows only while motors work.")
-    fitted, least = len(experiment.block_log), WINDOWS_PER_PARAMETER * len(experiment.parameters)
+    fitted, count = len(experiment.block_log), len(experiment.coordinates.parameters)
+    least = WINDOWS_PER_PARAMETER * count
     if fitted < least:
         raise InputError(
-            f"In {fitted} windows a wheel turns faster than {SLOW:g} rad/s; to fit {len(experiment.parameters)} "
+            f"In {fitted} windows a wheel turns faster than {SLOW:g} rad/s; to fit {count} "
             f"parameters needs {least}. Use larger torques, log for longer, or choose a shorter window."
         )

@@ -58,26 +58,12 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.mapping import DutyTable, read_mapping
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
-from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-
-
-def measured_wheel_speeds(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
-    names = wheel_speed_names(robot.wheel_count)
-    encoders = all(name in log for name in names)
-    speeds = np.column_stack([log[name] if encoders else np.full(len(log), np.nan) for name in names])
-    lacking = ~np.isfinite(speeds).all(axis=1)
-    if not lacking.any():
-        return speeds
-    states = _state_columns(log)
-    lacking &= np.isfinite(states).all(axis=1)
-    speeds[lacking] = Model(robot).wheel_speed(states[lacking, :5], states[lacking, 5:])
-    return speeds
 
 
 def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:

@@ -117,9 +117,7 @@ def log_columns(wheel_count: int) -> tuple[str, ...]:
         *wheel_angle_names(wheel_count),
         *wheel_speed_names(wheel_count),
         *(f"gyro_{axis}" for axis in "xyz"),
-        "ref_x",
-        "ref_y",
-        "ref_psi",
+        *(f"ref_{name}" for name in ("x", "y", "psi")),
     )
 
 
@@ -197,11 +195,6 @@ class Ending:
     kind: Literal["time", "driver", "interrupt", "stop", "link"]
     text: str  #: one sentence
     t: float  #: of the last sample, since arming [s]
-
-    @property
-    def early(self) -> bool:
-        """Whether the robot or the link ended it."""
-        return self.kind in ("stop", "link")
 
 
 class Samples:
@@ -398,11 +391,7 @@ class LiveRobot:
                 if not state.armed or state.stop:
                     return Ending(kind="stop", text=_why_disarmed(state, t), t=t)
                 if samples is None:
-                    samples = Samples(
-                        state,
-                        wheel_count=self.wheel_count,
-                        encoder_step=self.encoder_step,
-                    )
+                    samples = Samples(state, wheel_count=self.wheel_count, encoder_step=self.encoder_step)
                 sample = samples.sample(state)
                 t = sample.t
                 if t > duration - 0.5 * self.sample_time:
@@ -487,10 +476,6 @@ def recorded_run(
                 recording.unlink(missing_ok=True)
             robot.disarm()
     log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
-    if log is not None and ending.early:
+    if log is not None and ending.kind in ("stop", "link"):
         log = Log(log.columns, ended=ending.text.removesuffix("."))
-    return LiveRun(
-        ending=ending,
-        log=log,
-        trouble=recorder.failure if recorder else None,
-    )
+    return LiveRun(ending=ending, log=log, trouble=recorder.failure if recorder else None)

@@ -22,6 +22,8 @@ Bools = NDArray[np.bool_]
 Columns = dict[str, Floats]
 
 TRUE_PREFIX = "true_"
+#: the body's angles about the world's axes
+ATTITUDE_NAMES = POSITION_NAMES[2:]
 #: largest number of wheels whose columns have a name
 MAX_WHEELS = 4
 
@@ -99,29 +101,57 @@ def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
     return ""
 
 
-#: by Ballbot's unit, the factors that turn others of the same kind into it
-FACTORS = {
-    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
-    "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
-    "m/s^2": {"m/s^2": 1.0, "g": 9.80665},
-    # cdeg is a hundredth of a degree, as autopilots log angles
+#: by Ballbot's unit, the units of the same kind: the factor that turns each into it, and how names write it, in lower
+#: case without separators
+_KINDS: dict[str, dict[str, tuple[float, str]]] = {
+    "s": {
+        "s": (1.0, "s sec secs second seconds sek sekunden"),
+        "ms": (1e-3, "ms msec millis milliseconds millisec"),
+        "us": (1e-6, "us usec micros microseconds µs μs"),
+        "ns": (1e-9, "ns nsec nanos nanoseconds nanosec"),
+    },
+    "m": {"m": (1.0, "m meter meters metre metres"), "cm": (1e-2, ""), "mm": (1e-3, "mm")},
+    "m/s": {"m/s": (1.0, "m/s mps"), "cm/s": (1e-2, ""), "mm/s": (1e-3, "")},
+    "m/s^2": {"m/s^2": (1.0, "m/s^2 m/s2 m/s²"), "g": (9.80665, "")},
     "rad": {
-        "rad": 1.0,
-        "deg": math.pi / 180.0,
-        "turn": 2.0 * math.pi,
-        "mrad": 1e-3,
-        "cdeg": math.pi / 18000.0,
+        "rad": (1.0, "rad rads radian radians"),
+        "deg": (math.pi / 180.0, "deg degs degree degrees ° grad"),
+        "turn": (2.0 * math.pi, "turn turns rev revs revolutions umdrehungen"),
+        "mrad": (1e-3, "mrad mrads milliradians"),
+        "cdeg": (math.pi / 18000.0, "cdeg cdegs centideg centidegrees"),  # as autopilots log angles
     },
     "rad/s": {
-        "rad/s": 1.0,
-        "deg/s": math.pi / 180.0,
-        "rpm": 2.0 * math.pi / 60.0,
-        "mdeg/s": math.pi / 180000.0,
-        "mrad/s": 1e-3,
+        "rad/s": (1.0, "rad/s radps radpers radpersec radpersecond"),
+        "deg/s": (math.pi / 180.0, "deg/s dps degps degpers degpersec degreespersecond °/s"),
+        "rpm": (2.0 * math.pi / 60.0, "rpm revpermin u/min"),
+        "mdeg/s": (math.pi / 180000.0, "mdeg/s mdps mdegps"),
+        "mrad/s": (1e-3, "mrad/s mradps"),
     },
-    "N m": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
+    "N m": {
+        "N m": (1.0, "nm newtonmeter newtonmeters newtonmetre"),
+        "mN m": (1e-3, "mnm"),
+        "N cm": (1e-2, "ncm"),
+    },
 }
+#: units that other numbers turn into Ballbot's: an encoder's counts, a motor's constants
+_OTHERS = {
+    "counts": "count counts cnt cnts tick ticks pulses inkremente",
+    "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
+    "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
+    "rps": "rps",  # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
+    "A": "a amp amps ampere amperes",
+    "mA": "ma milliamp milliamps",
+    "V": "v volt volts",
+    "mV": "mv millivolt millivolts",
+    "%": "% pct percent perc",
+}
+#: by Ballbot's unit, the factors that turn others of the same kind into it
+FACTORS = {unit: {name: factor for name, (factor, _) in kind.items()} for unit, kind in _KINDS.items()}
+#: by unit, how names write it
+UNITS = {name: words for kind in _KINDS.values() for name, (_, words) in kind.items() if words} | _OTHERS
+UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
+#: a unit in brackets behind a name, as in theta [deg]
+_BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
 
 def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) -> float:
@@ -142,45 +172,6 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
     if not counts_per_turn:
         raise InputError(f"the unit {given!r} needs counts_per_turn, the encoder counts in one turn")
     return 2.0 * math.pi / counts_per_turn
-
-
-#: by unit, how names write it: lower case, without separators
-UNITS = {
-    "s": "s sec secs second seconds sek sekunden",
-    "ms": "ms msec millis milliseconds millisec",
-    "us": "us usec micros microseconds µs μs",
-    "ns": "ns nsec nanos nanoseconds nanosec",
-    "rad": "rad rads radian radians",
-    "deg": "deg degs degree degrees ° grad",
-    "mrad": "mrad mrads milliradians",
-    "cdeg": "cdeg cdegs centideg centidegrees",
-    "turn": "turn turns rev revs revolutions umdrehungen",
-    "counts": "count counts cnt cnts tick ticks pulses inkremente",
-    "rad/s": "rad/s radps radpers radpersec radpersecond",
-    "deg/s": "deg/s dps degps degpers degpersec degreespersecond °/s",
-    "mdeg/s": "mdeg/s mdps mdegps",
-    "mrad/s": "mrad/s mradps",
-    "rpm": "rpm revpermin u/min",
-    "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
-    # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
-    "rps": "rps",
-    "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
-    "A": "a amp amps ampere amperes",
-    "mA": "ma milliamp milliamps",
-    "V": "v volt volts",
-    "mV": "mv millivolt millivolts",
-    "N m": "nm newtonmeter newtonmeters newtonmetre",
-    "mN m": "mnm",
-    "N cm": "ncm",
-    "%": "% pct percent perc",
-    "m": "m meter meters metre metres",
-    "mm": "mm",
-    "m/s": "m/s mps",
-    "m/s^2": "m/s^2 m/s2 m/s²",
-}
-UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
-#: a unit in brackets behind a name, as in theta [deg]
-_BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
 
 def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:

@@ -7,21 +7,21 @@ A frame's index is the time t [s], uneven as it was logged, and `frame.attrs["un
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ballbot.errors import InputError, missing_package
+from ballbot.errors import InputError
 from ballbot.log.columns import Columns, Floats, unit_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame, Index, Series  # pyright: ignore[reportMissingImports]
+    from pandas import DataFrame, Index, Series
 
 
 def frame_of(columns: Mapping[str, Floats]) -> DataFrame:
     """Return a log's columns, t among them, as a DataFrame; see `Log.to_pandas`."""
-    pandas = _pandas()
+    import pandas
+
     rest = {name: values for name, values in columns.items() if name != "t"}
     frame = pandas.DataFrame(rest, index=pandas.Index(columns["t"], name="t"), copy=True)
     frame.attrs["units"] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
@@ -41,7 +41,9 @@ def columns_of(frame: DataFrame) -> Columns:
 
 def foreign_columns_of(frame: DataFrame) -> Columns:
     """Return a frame's columns as float64, its index among them if it is named or counts time."""
-    if not isinstance(frame, _pandas().DataFrame):
+    import pandas
+
+    if not isinstance(frame, pandas.DataFrame):
         raise InputError(
             f"A log is made of a pandas DataFrame; an object of type {type(frame).__name__} is given."
         )
@@ -59,19 +61,14 @@ def _numbers(name: str, values: Series | Index) -> Floats:
     """Return values as numbers, dates and durations as seconds; dates count from the first row."""
     kind = values.dtype.kind
     if kind in "mM":
-        moments = _pandas().Index(values)
-        return (moments if kind == "m" else moments - moments[0]).total_seconds().to_numpy(dtype=np.float64)
+        import pandas
+
+        moments = pandas.Index(values)
+        durations = pandas.TimedeltaIndex(moments if kind == "m" else moments - moments[0])
+        return durations.total_seconds().to_numpy(dtype=np.float64)
     if kind not in "fiub":
         raise InputError(
             f"The frame's column {name!r} does not contain numbers (its type is {values.dtype}). Convert it, or leave "
             f"it out: frame.drop(columns={name!r})."
         )
     return values.to_numpy(dtype=np.float64, na_value=np.nan)
-
-
-def _pandas() -> ModuleType:
-    try:
-        import pandas  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise missing_package("A data frame", "pandas", extra="interop") from None
-    return pandas

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from ballbot.log.columns import Columns, Floats
@@ -72,9 +73,7 @@ def yaw_ahead(angles: Floats, turn: float) -> Floats:
 
 def integral_of(rows: Floats, rate: Floats) -> Floats:
     """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
-    known = np.nan_to_num(rate)
-    steps = 0.5 * (known[1:] + known[:-1]) * np.diff(rows)
-    return np.concatenate(([0.0], np.cumsum(steps)))
+    return np.asarray(cumulative_trapezoid(np.nan_to_num(rate), rows, initial=0.0), np.float64)
 
 
 def about_body_axes(rates: Floats, turn: float) -> Floats:

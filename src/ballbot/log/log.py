@@ -30,15 +30,16 @@ from ballbot.log.columns import (
     similar_column,
     unit_of,
 )
+from ballbot.log.formats import read_columns, write_columns
+from ballbot.log.frames import columns_of, foreign_columns_of, frame_of
+from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame  # pyright: ignore[reportMissingImports]
-
-    from ballbot.log.mapping import LogMapping
+    from pandas import DataFrame
 
 _REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
 
@@ -93,16 +94,13 @@ class Log:
         A mapping is a TOML file (see `ballbot.log.mapping`) or its content. InputError if file or mapping cannot be
         read or do not make a log. Cells without a value become NaN.
         """
-        from ballbot.log import formats
-        from ballbot.log.mapping import apply_mapping
-
-        mapping = _read_mapping(mapping)
         notes: list[str] = []
-        layout, used = (mapping.layout, mapping.used_columns) if mapping else (None, None)
-        columns = formats.read_columns(path, layout, used=used, notes=notes)
+        by = None if mapping is None else read_mapping(mapping)
+        layout, used = (None, None) if by is None else (by.file, by.used_columns)
+        columns = read_columns(path, layout, used=used, notes=notes)
         changes = [note("file", sentence) for sentence in notes]
         try:
-            columns = apply_mapping(mapping, columns, changes=changes) if mapping else columns
+            columns = columns if by is None else apply_mapping(by, columns, changes=changes)
             return Log(columns, changes=tuple(changes))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
@@ -112,17 +110,13 @@ class Log:
 
         InputError if no format with that suffix is written, or the file cannot be written.
         """
-        from ballbot.log import formats
-
-        formats.write_columns(path, self.columns)
+        write_columns(path, self.columns)
 
     def to_pandas(self) -> DataFrame:
         """Return the log as a pandas DataFrame, whose index is t [s], as uneven as it was logged.
 
-        `frame.attrs["units"]` has the units of the columns, t among them. InputError if pandas is not installed.
+        `frame.attrs["units"]` has the units of the columns, t among them.
         """
-        from ballbot.log.frames import frame_of
-
         return frame_of(self.columns)
 
     @staticmethod
@@ -130,16 +124,13 @@ class Log:
         """Return the log in a pandas DataFrame with Ballbot's column names, or, with a mapping, any names.
 
         The time is a column t, an index named t, or an index of dates or durations; dates count from the first row.
-        What is missing becomes NaN. InputError if pandas is not installed, there is no time or it does not increase, or
+        What is missing becomes NaN. InputError if there is no time or it does not increase, or
         a column does not contain numbers.
         """
-        from ballbot.log.frames import columns_of, foreign_columns_of
-        from ballbot.log.mapping import apply_mapping
-
-        described, changes = _read_mapping(mapping), list[Finding]()
-        if described is None:
+        if mapping is None:
             return Log(columns_of(frame))
-        columns = apply_mapping(described, foreign_columns_of(frame), changes=changes)
+        changes = list[Finding]()
+        columns = apply_mapping(read_mapping(mapping), foreign_columns_of(frame), changes=changes)
         return Log(columns, changes=tuple(changes))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -326,19 +317,6 @@ class Log:
         if not np.isfinite(table).all():
             self.require(*names)
         return table
-
-
-def _read_mapping(mapping: str | Path | LogMapping | None) -> LogMapping | None:
-    """Return the mapping itself, or the one in that file."""
-    if isinstance(mapping, str | Path):
-        from ballbot.log.mapping import read_mapping
-
-        return read_mapping(mapping)
-    if not (mapping is None or hasattr(mapping, "layout")):
-        raise InputError(
-            f"A mapping is given as an object of type {type(mapping).__name__}; give the path of a mapping file."
-        )
-    return mapping
 
 
 def _range_rows(log: Log) -> list[tuple[str, str]]:

@@ -80,7 +80,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
@@ -99,6 +100,7 @@ from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.findings import Finding, Place, note
 from ballbot.log.columns import (
+    ATTITUDE_NAMES,
     KNOWN_NAMES,
     MAX_WHEELS,
     Columns,
@@ -107,7 +109,9 @@ from ballbot.log.columns import (
     factor_to,
     mark_missing,
     numbered_names,
+    torque_names,
     unit_of,
+    wheel_angle_names,
 )
 from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
@@ -296,21 +300,6 @@ def _column_table(value: object) -> object:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MappingTable:
-    """A whole mapping file."""
-
-    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
-
-    complete: bool = True
-    file: TextLayout = OWN_LAYOUT
-    time: TimeTable = TimeTable()
-    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
-    attitude: AttitudeTable | None = None
-    wheels: WheelsTable = WheelsTable()
-    input: Annotated[InputTable, Field(discriminator="kind")] | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class Source:
     """A column of the file: value = factor * cell + offset, in Ballbot's unit."""
 
@@ -321,46 +310,78 @@ class Source:
     direction: str | None = None  #: of a motor's magnitude, the column with its direction
 
 
+#: in `LogMapping.sources`, an IMU's roll, pitch and yaw, and its angular velocity about its own axes
+IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
+
+
 @dataclass(frozen=True, kw_only=True)
 class LogMapping:
     """How a foreign file becomes a log: the tables of a mapping file, and each of its columns by what it becomes."""
 
-    #: by Ballbot's name, t among them; u1, u2, .. are the commands, and an IMU's columns have the names of `IMU_NAMES`
-    columns: Mapping[str, Source]
-    #: by Ballbot's name, which one to differentiate; by wheel angle, the speed to integrate
-    derivatives: Mapping[str, str] = field(default_factory=dict)
-    integrals: Mapping[str, str] = field(default_factory=dict)
-    layout: TextLayout = OWN_LAYOUT  #: how the file is read if it is a text
+    __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
+
+    complete: bool = True
+    file: TextLayout = OWN_LAYOUT  #: how the file is read if it is a text
     time: TimeTable = TimeTable()
+    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
     attitude: AttitudeTable | None = None
-    angle: WheelTable = WheelTable()
-    input: InputTable | None = None
+    wheels: WheelsTable = WheelsTable()
+    input: Annotated[InputTable, Field(discriminator="kind")] | None = None
+
+    @cached_property
+    def sources(self) -> dict[str, Source]:
+        """The file's columns by Ballbot's names, t, `IMU_NAMES`, and u1, u2, .. of the commands among them."""
+        angle, speed = self.wheels.angle, self.wheels.speed
+        found = {name: _source(name, one) for name, one in self.columns.items() if not one.derivative_of}
+        for suffix, entry in (("", angle), ("_dot", speed)):
+            found |= _wheel_sources(suffix, entry, self.wheels) if entry.sources else {}
+        if self.attitude is not None:
+            found |= _imu_sources(self.attitude)
+        return found if self.input is None else found | _motor_sources(self.input, self.wheels)
+
+    @cached_property
+    def derivatives(self) -> dict[str, str]:
+        """By Ballbot's name, which of its columns to differentiate."""
+        found = {name: one.derivative_of for name, one in self.columns.items() if one.derivative_of}
+        given = {*self.sources, *found}
+        return found | {f"{name}_dot": name for name in self._wheel_names if f"{name}_dot" not in given}
+
+    @cached_property
+    def integrals(self) -> dict[str, str]:
+        """By wheel angle, the speed to integrate."""
+        return {name: f"{name}_dot" for name in self._wheel_names if name not in self.sources}
+
+    @property
+    def _wheel_names(self) -> tuple[str, ...]:
+        return wheel_angle_names(len(self.wheels.angle.sources or self.wheels.speed.sources))
 
     @property
     def used_columns(self) -> set[str] | None:
         """The file's columns that it takes; None if rows with words in any column are left out."""
-        if self.layout.damaged_rows == "drop":
+        if self.file.damaged_rows == "drop":
             return None
-        named = {name for one in self.columns.values() for name in (one.column, one.direction) if name}
+        named = {name for one in self.sources.values() for name in (one.column, one.direction) if name}
         return named | set(self.attitude.quaternion if self.attitude else ())
 
     @property
     def commands(self) -> tuple[str, ...]:
         """u1, u2, .. of the commands that it takes."""
-        return tuple(f"u{i}" for i in range(1, len(self.input.sources) + 1)) if self.input else ()
+        return torque_names(len(self.input.sources)) if self.input else ()
 
     @property
     def sensor_delay(self) -> float:
         """The largest delay of the sensors [s]."""
-        return max(one.delay for name, one in self.columns.items() if name not in self.commands)
+        return max(one.delay for name, one in self.sources.items() if name not in self.commands)
 
 
-#: in `LogMapping.columns`, an IMU's roll, pitch and yaw, and its angular velocity about its own axes
-IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
-
-
-def read_mapping(path: str | Path) -> LogMapping:
-    """Read a mapping file; InputError names the key that is wrong and its allowed values."""
+def read_mapping(path: str | Path | LogMapping) -> LogMapping:
+    """Read a mapping file, or return a mapping itself; InputError names a key that is wrong and its allowed values."""
+    if isinstance(path, LogMapping):
+        return path
+    if not isinstance(path, str | Path):
+        raise InputError(
+            f"A mapping is given as an object of type {type(path).__name__}; give the path of a mapping file."
+        )
     return parse_mapping(read_text(path, largest=LARGEST_SETTINGS), source=str(path))
 
 
@@ -368,9 +389,11 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
     """Return the mapping that the text of a mapping file describes; errors, as of `read_mapping`, name its `source`."""
     tree = parse_toml(text, source=source)
     try:
-        return _mapping(validate_table(MappingTable, take_format(tree, "mapping"), of="a mapping file"))
+        mapping = validate_table(LogMapping, take_format(tree, "mapping"), of="a mapping file")
+        _check(mapping)
     except InputError as error:
         raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
+    return mapping
 
 
 def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
@@ -389,75 +412,44 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
     return tuple(found)
 
 
-def _mapping(table: MappingTable) -> LogMapping:
-    wheels = table.wheels
-    if not table.complete:
+def _check(mapping: LogMapping) -> None:
+    """Raise InputError if a mapping is not complete, or entries contradict each other."""
+    file, angle, speed = mapping.file, mapping.wheels.angle, mapping.wheels.speed
+    if not mapping.complete:
         raise InputError(
             'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
         )
-    _check_layout(table)
-    columns, derivatives, integrals = dict[str, Source](), dict[str, str](), dict[str, str]()
-    for name, entry in table.columns.items():
-        if name not in KNOWN_NAMES:
-            hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
-            raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
-        if not entry.derivative_of:
-            columns[name] = _source(name, entry)
-        elif entry != ColumnTable(derivative_of=entry.derivative_of):
-            raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
-        else:
-            derivatives[name] = entry.derivative_of
-    for suffix, entry in (("", wheels.angle), ("_dot", wheels.speed)):
-        columns |= _wheel_sources(suffix, entry, wheels) if entry.sources else {}
-    for i in range(1, len(wheels.angle.sources or wheels.speed.sources) + 1):
-        if f"wheel{i}_dot" not in {**columns, **derivatives}:
-            derivatives[f"wheel{i}_dot"] = f"wheel{i}"
-        if f"wheel{i}" not in columns:
-            integrals[f"wheel{i}"] = f"wheel{i}_dot"
-    if "t" not in columns:
-        raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
-    made = {*columns, *integrals}
-    if table.attitude is not None:
-        both = [name for name in _ATTITUDE_NAMES if name in columns]
-        if both:
-            raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
-        made |= {*_ATTITUDE_NAMES}
-        columns |= _imu_sources(table.attitude)
-    for name, origin in derivatives.items():
-        if origin not in made:
-            raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
-    if table.input is not None:
-        columns |= _motor_sources(table.input, wheels)
-    return LogMapping(
-        columns=columns,
-        derivatives=derivatives,
-        integrals=integrals,
-        layout=table.file,
-        time=table.time,
-        attitude=table.attitude,
-        angle=wheels.angle,
-        input=table.input,
-    )
-
-
-def _check_layout(table: MappingTable) -> None:
-    """Raise InputError if entries of [file], [time] or [wheels] contradict each other."""
-    file, angle, speed = table.file, table.wheels.angle, table.wheels.speed
     if file.header_lines == 0 and file.names is None:
         raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
     if file.names is not None and len(set(file.names)) < len(file.names):
         raise InputError("[file] names contains a name twice")
     check_column_names(file.names or (), source="[file] names")
-    for start, end in table.time.keep or ():
+    for start, end in mapping.time.keep or ():
         if not end > start:
             raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
-    for name, entry in (("angle", angle), ("speed", speed)):
-        if not entry.sources and replace(entry, derivative_of=None, integral_of=None) != WheelTable():
+    for name, entry, other in (("angle", angle, speed), ("speed", speed, angle)):
+        made = WheelTable(derivative_of=entry.derivative_of, integral_of=entry.integral_of)
+        if not entry.sources and entry != (made if other.sources else WheelTable()):
             raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
     if speed.wrap or speed.largest_speed:
         raise InputError("[wheels] speed cannot have wrap or largest_speed, which are of angles")
-    if not (angle.sources or speed.sources) and (angle, speed) != (WheelTable(), WheelTable()):
-        raise InputError("[wheels] lacks from = [..], the columns of the file, in angle or in speed")
+    for name, entry in mapping.columns.items():
+        if name not in KNOWN_NAMES:
+            hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
+            raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
+        if entry.derivative_of and entry != ColumnTable(derivative_of=entry.derivative_of):
+            raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
+    if "t" not in mapping.sources:
+        raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
+    made = {*mapping.sources, *mapping.integrals}
+    if mapping.attitude is not None:
+        both = [name for name in ATTITUDE_NAMES if name in made]
+        if both:
+            raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
+        made |= {*ATTITUDE_NAMES}
+    for name, origin in mapping.derivatives.items():
+        if origin not in made:
+            raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
 
 
 def _source(name: str, entry: ColumnTable) -> Source:
@@ -555,7 +547,6 @@ def _each(where: str, given: T | tuple[T, ...], columns: Sequence[str]) -> tuple
     return values
 
 
-_ATTITUDE_NAMES = ("theta", "phi", "psi")
 _GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
@@ -593,7 +584,7 @@ def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes
     shift = even is not None or mapping.time.repair
     columns: Columns = {"t": rows}
     for name, values in raw.items():
-        delay = mapping.columns[mapping.integrals.get(name, name)].delay
+        delay = mapping.sources[mapping.integrals.get(name, name)].delay
         if name not in mapping.commands:
             columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
         elif even is not None:
@@ -607,8 +598,6 @@ def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes
     for name, origin in mapping.derivatives.items():
         if origin == "psi" and mapping.attitude is not None and not mapping.attitude.has_heading:
             continue
-        if origin not in columns:
-            raise InputError(f"The mapping differentiates {origin}, which it does not provide.")
         if len(columns["t"]) < 2:
             raise InputError(f"The derivative of {origin} needs at least two rows.")
         columns[name] = np.gradient(columns[origin], columns["t"])
@@ -617,20 +606,20 @@ def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes
 
 def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Finding]) -> Columns:
     """Return the file's columns in Ballbot's units, with angles continued and duties as they reach the motors."""
-    attitude, angle = mapping.attitude, mapping.angle
+    attitude, angle = mapping.attitude, mapping.wheels.angle
     if attitude is not None and attitude.quaternion:
         parts = [
             _scaled(f"the quaternion's {part}", Source(column=column), table)
             for part, column in zip("wxyz", attitude.quaternion, strict=True)
         ]
         table = {**table, **quaternion_angles(np.column_stack(parts))}
-    raw = {name: _scaled(name, source, table) for name, source in mapping.columns.items() if name != "t"}
+    raw = {name: _scaled(name, source, table) for name, source in mapping.sources.items() if name != "t"}
     wheels = _wheel_angles(raw)
     if angle.wrap is not None:
         for name in wheels:
-            raw[name] = unwrapped(raw[name], period=abs(mapping.columns[name].factor) * angle.wrap)
+            raw[name] = unwrapped(raw[name], period=abs(mapping.sources[name].factor) * angle.wrap)
     # before its offset, from the file's own ends of a turn
-    offsets = {name: mapping.columns[name].offset for name in ("psi", "ref_psi") if name in raw}
+    offsets = {name: mapping.sources[name].offset for name in ("psi", "ref_psi") if name in raw}
     continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
     raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     changes += wraps
@@ -651,7 +640,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 def row_times(mapping: LogMapping, table: Table) -> Floats:
     """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
-    t = _scaled("t", mapping.columns["t"], table)
+    t = _scaled("t", mapping.sources["t"], table)
     check_time(t)
     return t
 
@@ -661,7 +650,7 @@ def taken_rows(mapping: LogMapping, table: Table, notes: list[str]) -> Columns:
 
     InputError if it would mix the rows of two runs.
     """
-    source, layout = mapping.columns["t"], mapping.layout
+    source, layout = mapping.sources["t"], mapping.file
     if source.column in table:  # `row_times` reports a time that is missing
         table = rows_with_times(table, source.column, notes)
     if layout.unordered_rows == "refuse":
@@ -726,7 +715,7 @@ def _body_angles(attitude: AttitudeTable, columns: Columns) -> Columns:
     else:
         angles[:, 2] = yaw_ahead(angles, math.radians(attitude.turn))
     turned = from_roll_pitch_yaw(angles, turn=math.radians(attitude.turn))
-    columns |= dict(zip(_ATTITUDE_NAMES, turned.T, strict=True))
+    columns |= dict(zip(ATTITUDE_NAMES, turned.T, strict=True))
     if not attitude.has_heading:
         del columns["psi"]
     if not gyro:
@@ -734,13 +723,13 @@ def _body_angles(attitude: AttitudeTable, columns: Columns) -> Columns:
     body = about_body_axes(np.column_stack(gyro), math.radians(attitude.turn))
     columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
     rates = angle_rates_of(turned, body)
-    return columns | {f"{name}_dot": rate for name, rate in zip(_ATTITUDE_NAMES, rates.T, strict=True)}
+    return columns | {f"{name}_dot": rate for name, rate in zip(ATTITUDE_NAMES, rates.T, strict=True)}
 
 
 def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
     rows, ahead = columns["t"], [0.0]
-    ahead += [-one.delay if name in mapping.commands else one.delay for name, one in mapping.columns.items()]
+    ahead += [-one.delay if name in mapping.commands else one.delay for name, one in mapping.sources.items()]
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")

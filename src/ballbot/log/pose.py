@@ -26,7 +26,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
-from ballbot.log.columns import STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import (
+    ATTITUDE_NAMES,
+    STATE_NAMES,
+    Bools,
+    Floats,
+    wheel_angle_names,
+    wheel_speed_names,
+)
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
@@ -80,9 +87,8 @@ def _with_heading(log: Log, robot: Robot) -> Log:
     roll, pitch = np.arctan2(vertical[:, 1], vertical[:, 2]), -np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))
     angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, integral_of(log.t, yaw_rate)]))
     turned = angle_rates_of(angles, w + yaw_rate[:, None] * vertical)
-    names = ("theta", "phi", "psi")
-    columns = dict(zip(names, angles.T, strict=True))
-    return log.with_columns(columns | {f"{n}_dot": rate for n, rate in zip(names, turned.T, strict=True)})
+    columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
+    return log.with_columns(columns | {f"{n}_dot": r for n, r in zip(ATTITUDE_NAMES, turned.T, strict=True)})
 
 
 def with_position(log: Log, robot: Robot) -> Log:
@@ -92,9 +98,9 @@ def with_position(log: Log, robot: Robot) -> Log:
 
 def with_rates(log: Log, robot: Robot) -> Log:
     """Return the log with the rates of its angles that it lacks, if it has every angle and rows to take them from."""
-    angles = ("theta", "phi", "psi", *wheel_angle_names(robot.wheel_count))
+    angles = (*ATTITUDE_NAMES, *wheel_angle_names(robot.wheel_count))
     lacking = [name for name in angles if f"{name}_dot" not in log]
-    if len(log) < 2 or any(name not in log for name in (*lacking, "theta", "phi", "psi")):
+    if len(log) < 2 or any(name not in log for name in (*lacking, *ATTITUDE_NAMES)):
         return log
     return log.with_columns({f"{name}_dot": np.gradient(log[name], log.t) for name in lacking})
 
@@ -116,8 +122,8 @@ def causal_states(
     file precedes one. If the log has no position, the ball's path by the wheels starts anew for each moment, so that
     only its rates have a meaning.
     """
-    mapping = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
-    table = taken_rows(mapping, read_columns(path, mapping.layout), [])
+    mapping = read_mapping(mapping)
+    table = taken_rows(mapping, read_columns(path, mapping.file), [])
     t, late = row_times(mapping, table), mapping.sensor_delay
     everything = replace(mapping, time=replace(mapping.time, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)

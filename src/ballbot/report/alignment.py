@@ -23,11 +23,11 @@ def alignment_report(
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
     sensors = alignment.sensors
-    bullets = Bullets(items=[with_symbols(text) for text in others]) if others else None
+    bullets = Bullets([with_symbols(text) for text in others]) if others else None
     estimates = Sheet(
-        headings=("", "estimate", "unit"),
-        rows=_estimate_rows(alignment),
-        caption="Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
+        ("", "estimate", "unit"),
+        _estimate_rows(alignment),
+        "Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
     )
     sections = [section("What was found", estimates, bullets)]
     undecided = [
@@ -42,7 +42,7 @@ def alignment_report(
             f"{_CLOCK_SIGNALS[alignment.clock_signal]}, by which the clocks were aligned."
         )
         sections += [
-            section("Errors", Sheet(headings=_ERROR_HEADINGS, rows=_error_rows(sensors), caption=caption)),
+            section("Errors", Sheet(_ERROR_HEADINGS, _error_rows(sensors), caption)),
             section(
                 "Orientation",
                 _seen_series(alignment.log, ANGLE_NAMES),
@@ -72,8 +72,8 @@ def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
         scale, unit = (1.0, "m") if name in POSITIONS else _UNITS[name]
         own, seen = scale * log[name], scale * log[PREFIX + name]
         lines = (Line("on board", own, "second"), Line("cameras", seen, "measured"))
-        panels.append(Panel(label=f"{state_mark(name)} [{unit}]", lines=lines))
-    return TimeSeries(t=log.t, panels=panels, caption="On board and by the cameras.", across=_ACROSS)
+        panels.append(Panel(f"{state_mark(name)} [{unit}]", lines))
+    return TimeSeries(log.t, panels, "On board and by the cameras.", across=_ACROSS)
 
 
 def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[str]) -> TimeSeries:
@@ -97,12 +97,12 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
             Line("mean over 1 s", _smoothed(error, samples), "measured"),
             Line(label, beside, "second"),
         )
-        panels.append(Panel(label=f"error of {state_mark(name)} [{unit}]", lines=lines))
+        panels.append(Panel(f"error of {state_mark(name)} [{unit}]", lines))
     caption = (
         "On board minus cameras. Drift: the straight line fitted to the error; from the heading's error: the path "
         "rotated by it, less the path."
     )
-    return TimeSeries(t=t, panels=panels, caption=caption, across=_ACROSS)
+    return TimeSeries(t, panels, caption, across=_ACROSS)
 
 
 def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -43,7 +42,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     speed = np.concatenate([-side[::-1], [np.nan], side])
     for estimate, color, dash, _ in _drawn_laws(found):
         curve = estimate.axis().friction(speed)
-        axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.law)
+        axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.model.law)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
     axes.set_ylim(-1.3 * middle, 1.3 * middle)
     axes.legend(loc="upper left", markerscale=5.0)
@@ -53,7 +52,7 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
 def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
     """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
     drawn: list[tuple[AxisEstimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
-    if found.best.law != "asymmetric" and "asymmetric" in found.by_law:
+    if found.law != "asymmetric" and "asymmetric" in found.by_law:
         drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
 
@@ -62,20 +61,20 @@ def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: s
     """Return the position, and the errors of its simulation from the recorded force alone."""
     errors = [
         Line(
-            name=f"{one.law}: {1e3 * one.errors[0].open_loop_rmse:.3g} m{found.unit} RMS",
-            values=1e3 * np.append(0.0, open_loop_error(one.axis(), record)),
-            look=look,
+            f"{one.model.law}: {1e3 * one.errors[record.name].open_loop_rmse:.3g} m{found.unit} RMS",
+            1e3 * np.append(0.0, open_loop_error(one.axis(), record)),
+            look,
         )
         for one, _, _, look in _drawn_laws(found)
     ]
-    position = (Line(name="recorded", values=record.position, look="measured"),)
+    position = (Line("recorded", record.position, "measured"),)
     return TimeSeries(
-        t=record.t,
-        panels=(
-            Panel(label=unit_heading("recorded position", found.unit), lines=position),
-            Panel(label=unit_heading("error of the position", f"m{found.unit}"), lines=errors),
+        record.t,
+        (
+            Panel(unit_heading("recorded position", found.unit), position),
+            Panel(unit_heading("error of the position", f"m{found.unit}"), errors),
         ),
-        caption=f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
+        f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
     )
 
 
@@ -112,9 +111,9 @@ def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequenc
     return Result(
         title=f"{', '.join(found.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
-        f"{found.best.law}, fitted over windows of {found.window:.3g} s.",
+        f"{found.law}, fitted over windows of {found.window:.3g} s.",
         verdict=[
-            ("Mass and friction", f"{mass}; by the law {found.best.law}: {', '.join(words.values())}."),
+            ("Mass and friction", f"{mass}; by the law {found.law}: {', '.join(words.values())}."),
             ("Prediction", expected_sentence(found)),
             *((_VERDICT_WORDS.get(one.code, ""), one.text) for one in shown),
         ],
@@ -140,22 +139,22 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
         for name, gain in found.forces.items()
     ]
     selected = Sheet(
-        headings=("force", "less error", "at least", "at most"),
-        rows=forces,
-        caption="Selected by the error on held-out blocks; with 95 % intervals.",
+        ("force", "less error", "at least", "at most"),
+        forces,
+        "Selected by the error on held-out blocks; with 95 % intervals.",
     )
     yield section(
         "Parameters",
-        Bullets(items=further) if further else None,
-        Sheet(headings=("symbol", "meaning", "unit", "value"), rows=parameter_rows(found)),
-        Paragraph(text=method),
+        Bullets(further) if further else None,
+        Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(found)),
+        Paragraph(method),
         selected if forces else None,
-        drawn_picture("friction", partial(axis_friction_figure, found, record), friction),
+        drawn_picture("friction", friction, axis_friction_figure, found, record),
     )
     errors = [
-        (name, one.record, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
+        (name, of, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
         for name, estimate in found.by_law.items()
-        for one in estimate.errors
+        for of, one in estimate.errors.items()
         for numbers in [(one.window_rmse, one.open_loop_rmse)]
     ]
     laws = (
@@ -165,13 +164,13 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     yield section(
         "Predictions and laws",
         Sheet(
-            headings=("law", "record", "position, windows", "position, whole"),
-            rows=errors,
-            caption="Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
+            ("law", "record", "position, windows", "position, whole"),
+            errors,
+            "Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
             "first row.",
         ),
         open_loop_series(found, record, of_record) if len(record.parts) == 1 else None,
-        drawn_picture("laws", partial(laws_figure, found), laws),
+        drawn_picture("laws", laws, laws_figure, found),
     )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -23,11 +22,7 @@ from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
 from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import (
-    drawn_picture,
-    one_panel,
-    thinned,
-)
+from ballbot.report.style import drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
@@ -44,12 +39,12 @@ def swing_series(fit: SwingFit, *, label: str = "measured") -> TimeSeries:
     lines = (Line(label, measured, "measured"), Line("pendulum fitted", fitted, "second"))
     difference = (Line("difference", measured - fitted, "first"),)
     return TimeSeries(
-        t=fit.swing.t - fit.swing.t[0],
-        panels=(
-            Panel(label=unit_heading(what, unit), lines=lines),
-            Panel(label=unit_heading("measured less fitted", unit), lines=difference),
+        fit.swing.t - fit.swing.t[0],
+        (
+            Panel(unit_heading(what, unit), lines),
+            Panel(unit_heading("measured less fitted", unit), difference),
         ),
-        caption="The swing as recorded, and the pendulum with friction that was fitted to it.",
+        "The swing as recorded, and the pendulum with friction that was fitted to it.",
     )
 
 
@@ -69,9 +64,9 @@ def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
         for label, number, before, unit in zip(found.estimate.labels, numbers, old, units, strict=True)
     ]
     return Sheet(
-        headings=("parameter", "upside down", "standard error", "robot file", "unit"),
-        rows=rows,
-        caption="Friction of drivelines and ball-wheel contacts. "
+        ("parameter", "upside down", "standard error", "robot file", "unit"),
+        rows,
+        "Friction of drivelines and ball-wheel contacts. "
         f"{driveline_symbols([one.name for one in QUANTITIES])} A dash: held at a bound, or the log does not show it.",
     )
 
@@ -79,11 +74,9 @@ def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
 def _error_table(found: UpsideDown) -> Sheet:
     columns = np.array([*found.held_out.values()]).T
     return Sheet(
-        headings=("axis", *(_MODELS[name] for name in found.held_out)),
-        rows=[
-            (f"Ω about {axis}", *map(digits, row)) for axis, row in zip("xyz", columns.tolist(), strict=True)
-        ],
-        caption=f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s.",
+        ("axis", *(_MODELS[name] for name in found.held_out)),
+        [(f"Ω about {axis}", *map(digits, row)) for axis, row in zip("xyz", columns.tolist(), strict=True)],
+        f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s.",
     )
 
 
@@ -103,15 +96,11 @@ def _geometry_table(found: Geometry) -> Sheet:
         difference = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."
         rows.append((name, value, error, in_file, unit, difference, one.kind))
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
-    return Sheet(headings=headings, rows=rows, caption=_GEOMETRY_CAPTION)
+    return Sheet(headings, rows, _GEOMETRY_CAPTION)
 
 
 def upside_down_report(
-    found: UpsideDown,
-    described: Robot,
-    logs: Mapping[str, Log],
-    *,
-    findings: Sequence[Finding],
+    found: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
 ) -> Result:
     """Return the page of friction identified upside down."""
     verdict = [("Verdict", found.verdict.sentence)]
@@ -130,15 +119,11 @@ def upside_down_report(
             section(
                 "Friction found",
                 _parameter_table(found, described),
-                Paragraph(text=_COMPARISON)
+                Paragraph(_COMPARISON)
                 if described.friction != Friction.none(described.wheel_count)
                 else None,
             ),
-            section(
-                "Predictions",
-                _error_table(found),
-                prediction_series(found, next(iter(logs.values()))),
-            ),
+            section("Predictions", _error_table(found), prediction_series(found, next(iter(logs.values())))),
         ],
         undecided=[
             *texts(found.findings),
@@ -172,16 +157,16 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
     for axis, name in enumerate("xyz"):
         measured = windows.measured[..., axis].ravel()
         lines = (
-            Line(name="measured", values=measured, look="measured"),
-            Line(name="without friction", values=predicted[1, ..., axis].ravel(), look="second"),
-            Line(name="with the friction found", values=predicted[0, ..., axis].ravel(), look="first"),
+            Line("measured", measured, "measured"),
+            Line("without friction", predicted[1, ..., axis].ravel(), "second"),
+            Line("with the friction found", predicted[0, ..., axis].ravel(), "first"),
         )
         largest = 1.3 * float(np.abs(measured).max())  # without friction it leaves the panel
-        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines, ends=(-largest, largest)))
+        panels.append(Panel(f"Ω about {name} [rad/s]", lines, ends=(-largest, largest)))
     return TimeSeries(
-        t=np.concatenate([span.start + samples for span in windows.spans]),
-        panels=panels,
-        caption=f"{counted(len(windows.spans), 'window')} from the middle of the first log. Predictions start again "
+        np.concatenate([span.start + samples for span in windows.spans]),
+        panels,
+        f"{counted(len(windows.spans), 'window')} from the middle of the first log. Predictions start again "
         f"from the measured velocity every {found.window:g} s. The axes are those of the measured velocity: a "
         "prediction may leave them.",
         across="time of the log [s]",
@@ -191,11 +176,7 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
 
 
 def geometry_report(
-    found: Geometry,
-    findings: Sequence[Finding],
-    *,
-    robot: Robot,
-    log_findings: Sequence[Finding],
+    found: Geometry, findings: Sequence[Finding], *, robot: Robot, log_findings: Sequence[Finding]
 ) -> Result:
     """Return the page of a geometry identified from logs."""
     (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
@@ -203,13 +184,7 @@ def geometry_report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
-        sections=[
-            section(
-                "Geometry",
-                _geometry_table(found),
-                Bullets(items=others) if others else None,
-            )
-        ],
+        sections=[section("Geometry", _geometry_table(found), Bullets(others) if others else None)],
         undecided=[
             "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
             "The shape of single rollers, and a ball that is not round.",
@@ -227,6 +202,7 @@ _GEOMETRY_CAPTION = (
 )
 
 
+#: color and dash of each wheel
 _WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
 
 
@@ -243,18 +219,18 @@ def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
 def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
     """Return a wheel's speed over time: measured, with friction, and without."""
     lines = (
-        Line(name="measured", values=sweep.speed, look="reference"),
-        Line(name="without friction", values=fit.without, look="second"),
-        Line(name="with friction", values=fit.predicted, look="first"),
+        Line("measured", sweep.speed, "reference"),
+        Line("without friction", fit.without, "second"),
+        Line("with friction", fit.predicted, "first"),
     )
-    error = (Line(name="with friction less measured", values=fit.predicted - sweep.speed, look="first"),)
+    error = (Line("with friction less measured", fit.predicted - sweep.speed, "first"),)
     return TimeSeries(
-        t=sweep.t,
-        panels=(
-            Panel(label=f"speed of wheel {sweep.wheel} [rad/s]", lines=lines),
-            Panel(label="with friction less measured [rad/s]", lines=error),
+        sweep.t,
+        (
+            Panel(f"speed of wheel {sweep.wheel} [rad/s]", lines),
+            Panel("with friction less measured [rad/s]", error),
         ),
-        caption=(
+        (
             f"Wheel {sweep.wheel} over time, and the error of the model with friction. "
             "Where the supply limits the speed, the torque recorded is not the one that acts, and the model starts "
             "anew from the measured speed."
@@ -280,14 +256,14 @@ def curve_figure(
 
 
 def driveline_report(
-    robot: str,
-    sweeps: Sequence[Sweep],
-    fits: Sequence[DrivelineFit],
-    findings: Sequence[Finding] = (),
+    robot: str, sweeps: Sequence[Sweep], fits: Sequence[DrivelineFit], findings: Sequence[Finding] = ()
 ) -> Result:
     """Return the page."""
     seconds = sweeps[0].t[-1] - sweeps[0].t[0]
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
+    curves = "Friction over speed, up to the speed limit and at low speeds."
+    measured = "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
+    laws = [fit.law.steady_friction for fit in fits]
     words = (
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
         "inertia (docs/axis.md)."
@@ -299,38 +275,28 @@ def driveline_report(
         sections=[
             section(
                 "Friction found",
-                Paragraph(text=words),
+                Paragraph(words),
                 Sheet(
-                    headings=("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
-                    rows=parameter_rows(fits),
-                    caption="With 95 % intervals.",
+                    ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
+                    parameter_rows(fits),
+                    "With 95 % intervals.",
                 ),
                 Paragraph(
-                    text="`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
+                    "`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
                     "standard errors and correlation, and finds s, v_s and δ from its logs alone. `robot.toml` has b, "
                     "c and s of each wheel and the mean of v_s."
                 ),
-                drawn_picture(
-                    "curve",
-                    partial(curve_figure, [fit.law.steady_friction for fit in fits], sweeps[0].limit),
-                    "Friction over speed, up to the speed limit and at low speeds.",
-                ),
+                drawn_picture("curve", curves, curve_figure, laws, sweeps[0].limit),
             ),
             section(
-                "Torque and speed, measured",
-                drawn_picture(
-                    "measured",
-                    partial(measured_figure, sweeps),
-                    "Torque over the speed of each wheel, free of the ball. The "
-                    "vertical ends are the supply's speed limit.",
-                ),
+                "Torque and speed, measured", drawn_picture("measured", measured, measured_figure, sweeps)
             ),
             section(
                 "Measured and modelled",
                 Sheet(
-                    headings=("", "RMS [rad/s]", "without friction"),
-                    rows=[(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
-                    caption="Errors of the simulated speed.",
+                    ("", "RMS [rad/s]", "without friction"),
+                    [(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
+                    "Errors of the simulated speed.",
                 ),
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),

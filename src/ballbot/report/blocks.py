@@ -28,7 +28,7 @@ from __future__ import annotations
 import platform
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, ClassVar, Generic, TypeVar
@@ -60,7 +60,7 @@ PAGE, RESULTS = "report.html", "results.json"
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( to .*)?|falls|no|none")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Cell:
     """A cell of a table that is more than a text."""
 
@@ -73,7 +73,7 @@ def _written(value: object) -> str:
     return digits(value) if isinstance(value, float) else str(value)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Sheet:
     """A table with its caption, on a page and on a terminal.
 
@@ -84,6 +84,7 @@ class Sheet:
     headings: Sequence[str]
     rows: Sequence[Sequence[Cell | str | float]]  #: a number is shown with three digits
     caption: str = ""
+    _: KW_ONLY
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
 
@@ -104,8 +105,7 @@ class Sheet:
     def cells(self) -> list[list[Cell]]:
         """Every cell as one."""
         return [
-            [cell if isinstance(cell, Cell) else Cell(text=_written(cell)) for cell in row]
-            for row in self.rows
+            [cell if isinstance(cell, Cell) else Cell(_written(cell)) for cell in row] for row in self.rows
         ]
 
     @property
@@ -142,9 +142,9 @@ def sheet_of(
     """Return the table of rows, with those columns that have a heading."""
     listed, there = list(rows), [column for column in columns if column.heading is not None]
     return Sheet(
-        headings=[str(column.heading) for column in there],
-        rows=[[column.shown(column.value(row)) for column in there] for row in listed],
-        caption=caption,
+        [str(column.heading) for column in there],
+        [[column.shown(column.value(row)) for column in there] for row in listed],
+        caption,
         groups=groups,
         shaded=frozenset(index for index, row in enumerate(listed) if shaded(row)),
     )
@@ -155,7 +155,7 @@ def entries_of(row: T, columns: Sequence[Column[T]]) -> dict[str, object]:
     return {column.key: column.value(row) for column in columns if column.key}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Paragraph:
     """Sentences."""
 
@@ -163,7 +163,7 @@ class Paragraph:
     text: str | Markup
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Bullets:
     """Sentences that belong together, each by itself."""
 
@@ -171,7 +171,7 @@ class Bullets:
     items: Sequence[str]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Verbatim:
     """Lines that keep their spaces, as a matrix or a file."""
 
@@ -180,7 +180,7 @@ class Verbatim:
     caption: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Picture:
     """A figure that does not change, drawn when a page is made of it."""
 
@@ -190,7 +190,7 @@ class Picture:
     caption: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Film:
     """A replay in three dimensions, from `ballbot.viewer.replay_part`; one on a page."""
 
@@ -284,8 +284,11 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 
 
 def section(heading: str, *blocks: Block | None) -> Section:
-    """Return a section of those blocks that are not None."""
-    return Section(heading=heading, blocks=tuple(block for block in blocks if block is not None))
+    """Return a section of those blocks that are not None, and of no empty list."""
+    here = [
+        block for block in blocks if not (block is None or (isinstance(block, Bullets) and not block.items))
+    ]
+    return Section(heading=heading, blocks=here)
 
 
 def details(heading: str, *blocks: Block | None) -> Section:

@@ -1,4 +1,4 @@
-"""Comparisons of controllers: runs side by side, and the league.
+"""Comparisons of controllers: runs side by side, the league, and two in turn on a live robot.
 
 Of a league: tables, an overview with intervals, and each course as it was run with the first seed.
 """
@@ -6,9 +6,8 @@ Of a league: tables, an overview with intervals, and each course as it was run w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,23 +15,17 @@ from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.report.blocks import Cell, Paragraph, Result, Section, Sheet, section
+from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
 from ballbot.report.style import LOOKS, LineStyle, drawn_picture, label_of, one_panel, thinned
 from ballbot.report.words import capital
 from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
+from ballbot.workflows.alternation import Alternation
+from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.courses import Course
-from ballbot.workflows.league import (
-    METRIC_BY_KEY,
-    METRICS,
-    RATIOS,
-    League,
-    Standing,
-    overall,
-    standing,
-)
+from ballbot.workflows.league import METRIC_BY_KEY, METRICS, RATIOS, League, Standing, overall, standing
 from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
 from ballbot.workflows.statistics import Estimate
 
@@ -74,22 +67,20 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
-    t, errors = together([(log.t, 1e3 * position_error(log)) for log in runs.values()])
-    lines = [
-        Line(CANDIDATE_NAMES[name], values, RUN_LOOKS[name])
-        for name, values in zip(runs, errors, strict=True)
-    ]
+    t, lines = together(
+        [
+            (CANDIDATE_NAMES[name], RUN_LOOKS[name], log.t, 1e3 * position_error(log))
+            for name, log in runs.items()
+        ]
+    )
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
         Line("reference y", longest["ref_y"], "sixth"),
     )
     return TimeSeries(
-        t=t,
-        panels=(
-            Panel(label="distance from the reference [mm]", lines=lines, from_zero=True),
-            Panel(label="reference [m]", lines=reference),
-        ),
-        caption=caption,
+        t,
+        (Panel("distance from the reference [mm]", lines, from_zero=True), Panel("reference [m]", reference)),
+        caption,
         shaded=true_spans(longest.t, settled(longest, SETTLE)),
         shade="errors count",
     )
@@ -111,7 +102,7 @@ def _overall_sheet(league: League) -> Sheet:
         "courses, with 95 % intervals over the seeds."
     )
     headings = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return Sheet(headings, rows, caption)
 
 
 def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
@@ -130,9 +121,9 @@ def _cell(found: Standing, metric: Metric) -> Cell:
     text = f"{'≥ ' if late else ''}{digits(metric.scale * found.means[metric.key].mean)}"
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
-        return Cell(text=text)
+        return Cell(text)
     star = " *" if difference.sign else ""
-    return Cell(text=text, below=f"{_estimate(difference, metric.scale, plus='+')}{star}")
+    return Cell(text, f"{_estimate(difference, metric.scale, plus='+')}{star}")
 
 
 def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
@@ -146,7 +137,7 @@ def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
 
 
 #: of controllers in turn; of the first three as in the study's report
-_TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
+TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
 
 
 def course_figure(league: League, course: Course) -> Figure:
@@ -157,7 +148,7 @@ def course_figure(league: League, course: Course) -> Figure:
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
-        floor.plot(track.x, track.y, label=label, **line_of(index))
+        floor.plot(track["x"], track["y"], label=label, **line_of(index))
     floor.set_aspect("equal", adjustable="datalim")
     figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
@@ -165,34 +156,27 @@ def course_figure(league: League, course: Course) -> Figure:
 
 def course_series(league: League, course: Course) -> TimeSeries:
     """Return each controller's distance from the reference over time, of the same runs."""
-    runs, names = [], []
-    for name in league.controllers:
+    runs = []
+    for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
-        wanted = _asked(course, track.t)
-        runs.append((track.t, 1e3 * np.hypot(track.x - wanted[:, 0], track.y - wanted[:, 1])))
-        names.append(name + (" (fell)" if track.ended else ""))
-    t, distances = together(runs)
-    lines = [
-        Line(name, values, _TRACK_LOOKS[place % len(_TRACK_LOOKS)])
-        for place, (name, values) in enumerate(zip(names, distances, strict=True))
-    ]
+        wanted = _asked(course, track["t"])
+        distance = 1e3 * np.hypot(track["x"] - wanted[:, 0], track["y"] - wanted[:, 1])
+        look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
+        runs.append((name + (" (fell)" if track.ended else ""), look, track["t"], distance))
+    t, lines = together(runs)
     pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
     return TimeSeries(
-        t=t,
-        panels=(
-            Panel(
-                label="distance from the reference [mm]", lines=lines, levels=(1e3 * BAND,), from_zero=True
-            ),
-        ),
-        caption=f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
+        t,
+        (Panel("distance from the reference [mm]", lines, levels=(1e3 * BAND,), from_zero=True),),
+        f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
         level=f"{1e3 * BAND:g} mm: has arrived",
     )
 
 
 def line_of(index: int) -> LineStyle:
     """Return how the controller of that place is drawn; beyond the looks again, broader."""
-    again, place = divmod(index, len(_TRACK_LOOKS))
-    look = LOOKS[_TRACK_LOOKS[place]]
+    again, place = divmod(index, len(TRACK_LOOKS))
+    look = LOOKS[TRACK_LOOKS[place]]
     return {**look, "linewidth": look["linewidth"] + 0.7 * again}
 
 
@@ -231,9 +215,9 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
     made = section(
         course.name.replace("_", " ").capitalize(),
-        Paragraph(text=f"{course.about} A run lasts {course.duration:g} s."),
-        Sheet(headings=("", *league.controllers), rows=metric_rows(league, course.name), caption=caption),
-        drawn_picture(f"course-{place}", partial(course_figure, league, course), floor),
+        Paragraph(f"{course.about} A run lasts {course.duration:g} s."),
+        Sheet(("", *league.controllers), metric_rows(league, course.name), caption),
+        drawn_picture(f"course-{place}", floor, course_figure, league, course),
         course_series(league, course),
     )
     return replace(made, folded=place > 0)
@@ -258,3 +242,96 @@ def _verdict(league: League) -> str:
         equal.append(first)
     others = f" Not significantly less accurate: {every(equal)}." if equal else ""
     return f"{capital(best)} is the most accurate: peak error {_estimate(peaks[best])} times {first}'s.{others} {fell}"
+
+
+def alternation_report(
+    found: Alternation,
+    logs: Sequence[Log],
+    *,
+    controllers: tuple[str, str],  # the files of the one before and the one after
+    about: str,
+    origin: Mapping[str, object],  # the provenance with the robot's
+) -> Result:
+    """Return the page of two controllers in turn."""
+    runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
+    verdicts = [
+        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
+        for k, one in enumerate(found.verdicts, start=1)
+    ]
+    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
+    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
+    if open_ones:
+        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+        undecided.insert(0, text)
+    return Result(
+        title="Two controllers in turn on a live robot",
+        lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
+        verdict=[("", _conclusion(found))],
+        sections=[
+            section("Compared", *_gains_and_runs(found, runs), Bullets(verdicts)),
+            section("Over time", _errors_in_turn(runs, logs)),
+        ],
+        undecided=undecided,
+        data={
+            "recommendation": found.recommendation,
+            "conclusion": _conclusion(found),
+            "runs": found.performances,
+            "gains": found.gains,
+            "verdicts": [
+                {
+                    "recommendation": one.recommendation,
+                    "reason": one.reason,
+                    "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
+                }
+                for one in found.verdicts
+            ],
+            "controllers": dict(zip(("before", "after"), controllers, strict=True)),
+            "provenance": origin,
+        },
+    )
+
+
+def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, Sheet]:
+    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+    gains = sheet_of(
+        found.gains.items(),
+        [
+            Column("quantity", lambda one: names[one[0]]),
+            Column("factor", lambda one: f"{one[1].factor:.2f}"),
+            Column("95 % interval", lambda one: f"{one[1].low:.2f} to {one[1].high:.2f}"),
+            Column("", lambda one: one[1].verdict),
+            Column("drift from run to run", lambda one: f"{round(100.0 * (one[1].drift - 1.0)):+d} %"),
+        ],
+        caption="After over before, the drift removed.",
+    )
+    performances = [
+        (
+            unit_heading(shown.words, shown.unit),
+            *(shown.shown(getattr(one, name)) for one in found.performances),
+        )
+        for name, shown in SHOWN.items()
+    ]
+    return gains, Sheet(("quantity", *runs), performances, "Runs in turn.")
+
+
+def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
+    t, lines = together(
+        [
+            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log.t - log.t[0], 1e3 * position_error(log))
+            for k, (name, log) in enumerate(zip(runs, logs, strict=True))
+        ]
+    )
+    panel = Panel("distance from the reference [mm]", lines, from_zero=True)
+    return TimeSeries(t, (panel,), "The runs one over another, from their starts.")
+
+
+def _conclusion(found: Alternation) -> str:
+    """Return the result of runs in turn in one or two sentences."""
+    advice = f"{found.recommendation.capitalize()} the controller by the study's prediction."
+    gain = found.gains.get("peak_error")
+    if gain is None:
+        return f"{advice} A run ended before it settled, so that the errors are not compared."
+    size = f"The peak error is {gain.factor:.2f} times as large ({gain.low:.2f} to {gain.high:.2f})"
+    if gain.verdict == "undecided":
+        return f"{advice} {size}, which decides nothing; repeat the comparison with more --rounds."
+    return f"{advice} {size}."

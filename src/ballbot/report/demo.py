@@ -108,9 +108,9 @@ def friction_report(log: Log, run: Run) -> Result:
         ends = interval(value - 1.96 * error, value + 1.96 * error, lambda end: digits(end, 2))
         rows.append((f"wheel {wheel + 1}", digits(value, 2), ends, digits(float(true), 2)))
     sheet = Sheet(
-        headings=("friction [N m] at 1 rad/s", "identified", "95 % interval", "true"),
-        rows=rows,
-        caption=f"Identified on this computer from “{SOFT}”; the true values were not used.",
+        ("friction [N m] at 1 rad/s", "identified", "95 % interval", "true"),
+        rows,
+        f"Identified on this computer from “{SOFT}”; the true values were not used.",
     )
     return replace(
         report,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -37,11 +36,10 @@ from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
 from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
-from ballbot.results import to_results
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robot_check import linearization_results, state_order
+from ballbot.workflows.robot_check import state_order
 from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
@@ -114,7 +112,7 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
 
 def _gain_blocks(design: ControllerDesign) -> Iterator[Block]:
     yield gain_sheet(design.gain.gain)
-    yield Paragraph(text=f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s.")
+    yield Paragraph(f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s.")
     if largest := design.uncertainty.largest():
         causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
         caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
@@ -124,7 +122,7 @@ def _gain_blocks(design: ControllerDesign) -> Iterator[Block]:
 def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:
     none = design.controller.compensation == "none"
     if nothing := "No friction is compensated." if none else _nothing_compensated(design):
-        yield Bullets(items=[nothing])
+        yield Bullets([nothing])
         return
     margin, stated, certain = design.margin, design.stated, design.certain
     of_wheels = zip(margin.wheel_fractions, margin.at_speeds, strict=True)
@@ -133,14 +131,14 @@ def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:
     ]
     rows.append(("rolling", percent(margin.rolling_fraction), ""))
     caption = "Largest compensated fraction of the friction that is certain; beyond 100 % it injects energy."
-    yield Sheet(headings=("friction", "compensated", "at"), rows=rows, caption=caption)
+    yield Sheet(("friction", "compensated", "at"), rows, caption)
     if certain is not stated:
         dry, viscous = (
             ", ".join(percent(part / all_) if all_ else "none" for part, all_ in zip(*each, strict=True))
             for each in ((certain.coulomb, stated.coulomb), (certain.viscous, stated.viscous))
         )
         text = f"each wheel's dry friction: {dry}; of its viscous friction: {viscous}."
-        yield Bullets(items=[f"Only the friction that is certain is compensated, as a fraction of {text}"])
+        yield Bullets([f"Only the friction that is certain is compensated, as a fraction of {text}"])
 
 
 def gain_sheet(
@@ -155,7 +153,7 @@ def gain_sheet(
         for name, column in zip(names, (np.round(gain, 4) + 0.0).T, strict=True)
     ]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
-    return Sheet(headings=("state", *wheels), rows=rows, caption=caption)
+    return Sheet(("state", *wheels), rows, caption)
 
 
 _DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
@@ -186,7 +184,7 @@ def robust_design_report(design: RobustDesign, findings: Sequence[Finding]) -> R
             section(
                 "Compared with other weights", sheet_of(design.compared.items(), _DESIGNS, caption=caption)
             ),
-            section("Gain", gain_sheet(controller.gain), Bullets(items=[_weights(design)])),
+            section("Gain", gain_sheet(controller.gain), Bullets([_weights(design)])),
             loop_section(design.loop_margins),
         ],
         undecided=[
@@ -194,16 +192,7 @@ def robust_design_report(design: RobustDesign, findings: Sequence[Finding]) -> R
             f"The cost's tail beyond {design.fresh} robots: rarer ones may fall.",
         ],
         findings=findings,
-        data={
-            "robot": controller.robot.name,
-            "sample_time": controller.sample_time,
-            "compensation": controller.compensation,
-            "gain": controller.gain,
-            "poles": design.design.poles,
-            "loop_margins": design.loop_margins.to_dict(),
-            "linearization": linearization_results(frictionless_model(controller.robot)),
-            **to_results(design),
-        },
+        data=design.to_dict(),
     )
 
 
@@ -244,9 +233,7 @@ def linear_section(linear: LinearModel, *, caption: str) -> Section:
     """Return the section on a linear model about upright."""
     order = state_order(linear.B.shape[1])
     text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
-    return details(
-        "Linear model", Verbatim(text=text, caption=f"x_dot = A x + B u about upright, {caption}.")
-    )
+    return details("Linear model", Verbatim(text, f"x_dot = A x + B u about upright, {caption}."))
 
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
@@ -258,8 +245,8 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
     )
     return section(
         f"Stability margins{f' with {of}' if of else ''}",
-        Sheet(headings=HEADINGS, rows=margins.rows(), caption=MEANING),
-        drawn_picture("bode", partial(bode_figure, margins), bode),
+        Sheet(HEADINGS, margins.rows(), MEANING),
+        drawn_picture("bode", bode, bode_figure, margins),
         *(step_series(loop, name) for name in STEPS),
     )
 
@@ -276,13 +263,13 @@ def step_series(loop: RobotLoop, name: str) -> TimeSeries:
         what, shown = f"{1e3 * size:g} mm in x", {"x [mm]": 1e3 * step.states[:, 0], "lean φ [deg]": lean}
     levels = {"heading [deg]": (math.degrees(size),), "x [mm]": (1e3 * size,)}
     panels = [
-        Panel(label=label, lines=(Line("response", values, "measured"),), levels=levels.get(label, ()))
+        Panel(label, (Line("response", values, "measured"),), levels=levels.get(label, ()))
         for label, values in shown.items()
     ]
     return TimeSeries(
-        t=step.t,
-        panels=[*panels, Panel(label="torques [N m]", lines=wheel_lines(list(step.torques.T)))],
-        caption=(
+        step.t,
+        [*panels, Panel("torques [N m]", wheel_lines(list(step.torques.T)))],
+        (
             f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
             f"feed-forward, limits and friction.{late}"
         ),

@@ -45,18 +45,11 @@ def excitation_report(result: Excitation) -> Result:
         sections=[
             section(
                 "The run",
-                Sheet(
-                    headings=("quantity", "limit", *runs),
-                    rows=peaks,
-                    caption="Limits, and the largest values of each run",
-                ),
+                Sheet(("quantity", "limit", *runs), peaks, "Limits, and the largest values of each run"),
                 _followed_series(result),
             ),
             details(
-                "Expected errors",
-                Sheet(
-                    headings=("parameter", "unit", "assumed", *result.errors), rows=errors, caption=caption
-                ),
+                "Expected errors", Sheet(("parameter", "unit", "assumed", *result.errors), errors, caption)
             ),
         ],
         undecided=[
@@ -100,12 +93,12 @@ def _followed_series(result: Excitation) -> TimeSeries:
     lean, most = Line("lean", np.degrees(leans(log)), "measured"), float(np.degrees(limits.lean))
     torques, torque = wheel_lines(list(log.torques.T)), limits.torque
     return TimeSeries(
-        t=log.t,
-        panels=(
-            Panel(label="reference [m, rad]", lines=asked),
-            Panel(label="lean [deg]", lines=(lean,), levels=(most,), from_zero=True),
-            Panel(label="torques [N m]", lines=torques, levels=(-torque, torque)),
+        log.t,
+        (
+            Panel("reference [m, rad]", asked),
+            Panel("lean [deg]", (lean,), levels=(most,), from_zero=True),
+            Panel("torques [N m]", torques, levels=(-torque, torque)),
         ),
-        caption="Reference, lean and torques on the loop.",
+        "Reference, lean and torques on the loop.",
         level="limit",
     )

@@ -47,7 +47,7 @@ def export_report(
         lead="In C99; README.md says how to build it.",
         verdict=[("Firmware", about), *([("Processor", _worst(load))] if load else [])],
         sections=[
-            section("The controller", Sheet(headings=_HEADINGS, rows=rows)),
+            section("The controller", Sheet(_HEADINGS, rows)),
             _processor_section(load) if load else None,
         ],
         undecided=[
@@ -96,4 +96,4 @@ def _processor_section(load: ProcessorLoad) -> Section:
         f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
         "in flash with two wait states."
     )
-    return section("On the processor", Sheet(headings=_HEADINGS, rows=rows, caption=caption))
+    return section("On the processor", Sheet(_HEADINGS, rows, caption))

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,8 +26,8 @@ from ballbot.identification.holdout import FrictionAtHorizon
 from ballbot.identification.laws import law_named, law_results
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
-from ballbot.identification.windows import measured_wheel_speeds
 from ballbot.log import Log
+from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED
@@ -78,12 +77,12 @@ def parameter_blocks(found: Identification, logs: Iterable[Log]) -> Iterator[Blo
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
     yield _parameter_sheet(found)
     sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
-    yield Bullets(items=[one for one in sentences if one])
+    yield Bullets([one for one in sentences if one])
     caption = (
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."
     )
-    yield drawn_picture("friction", partial(friction_figure, found, tuple(logs)), caption)
+    yield drawn_picture("friction", caption, friction_figure, found, tuple(logs))
     if np.isfinite(found.correlation).any():
         caption = (
             "Correlation of the parameters' errors. A strong colour marks two parameters of which the data determine "
@@ -91,7 +90,7 @@ def parameter_blocks(found: Identification, logs: Iterable[Log]) -> Iterator[Blo
         )
         special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
         labels = [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in found.labels]
-        yield drawn_picture("parameters", partial(correlation_figure, labels, found.correlation), caption)
+        yield drawn_picture("parameters", caption, correlation_figure, labels, found.correlation)
 
 
 def _parameter_sheet(found: Identification) -> Sheet:
@@ -129,7 +128,7 @@ def _parameter_sheet(found: Identification) -> Sheet:
         *(["other optimum"] if other else []),
         "allowed",
     )
-    return Sheet(headings=headings, rows=rows, caption=caption)
+    return Sheet(headings, rows, caption)
 
 
 def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
@@ -147,9 +146,9 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
     ]
     others = "; with / without friction on other logs" if holdouts else ""
     return Sheet(
-        headings=("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
-        rows=rows,
-        caption=f"Open-loop RMSE on {ours.windows} held-out windows{others}",
+        ("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
+        rows,
+        f"Open-loop RMSE on {ours.windows} held-out windows{others}",
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -156,9 +155,9 @@ def limits_report(
             section("On the twin", sheet_of(twins, _TWIN)) if twins else None,
             section(
                 "Over all directions",
-                drawn_picture("directions", partial(directions_figure, limits, on_twin), directions),
+                drawn_picture("directions", directions, directions_figure, limits, on_twin),
             ),
-            section("Tilt and tilt rate", drawn_picture("planes", partial(planes_figure, limits), planes)),
+            section("Tilt and tilt rate", drawn_picture("planes", planes, planes_figure, limits)),
         ],
         undecided=[
             "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends "

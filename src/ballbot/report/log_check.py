@@ -8,50 +8,51 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
-from ballbot.log.checks import check, check_uses, uses_of
+from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
-from ballbot.report.blocks import Column, Result, Sheet, Verbatim, section, sheet_of
+from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.report.words import capital
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
-
-@dataclass(frozen=True, kw_only=True)
-class ColumnSummary:
-    """One column of a log."""
-
-    name: str
-    unit: str | None  #: None for a name that is not Ballbot's
-    least: float | None  #: of the finite values; None if no value is finite
-    greatest: float | None
-    missing: int  #: cells that are NaN or infinite
-    change_rate: float  #: changes of the value per second; for a slow sensor its own rate
+#: a column's name, its finite values, its number of rows, and the log's duration [s]
+_Summed = tuple[str, NDArray[np.float64], int, float]
 
 
-def summarize(log: Log) -> tuple[ColumnSummary, ...]:
-    """Return a summary of each of the log's columns, in their order."""
+def summed_columns(log: Log) -> list[_Summed]:
+    """Return what a log's columns are summed up from."""
     duration = float(log.t[-1] - log.t[0])
-    finite = {name: log[name][np.isfinite(log[name])] for name in log.names}
-    return tuple(
-        ColumnSummary(
-            name=name,
-            unit=unit_of(name),
-            least=float(values.min()) if values.size else None,
-            greatest=float(values.max()) if values.size else None,
-            missing=len(log) - values.size,
-            change_rate=int(np.count_nonzero(np.diff(values))) / duration if duration > 0.0 else 0.0,
-        )
-        for name, values in finite.items()
-    )
+    return [(name, log[name][np.isfinite(log[name])], len(log), duration) for name in log.names]
+
+
+def _limit(value: float | None) -> str:
+    return "-" if value is None else f"{value + 0.0:.4g}"
+
+
+#: changes per second are, of a slow sensor, its own rate
+COLUMNS: tuple[Column[_Summed], ...] = (
+    Column("column", lambda one: one[0], key="name"),
+    Column("unit", lambda one: unit_of(one[0]), lambda unit: unit or "?", key="unit"),
+    Column("from", lambda one: float(one[1].min()) if one[1].size else None, _limit, key="least"),
+    Column("to", lambda one: float(one[1].max()) if one[1].size else None, _limit, key="greatest"),
+    Column(
+        "changes per second",
+        lambda one: int(np.count_nonzero(np.diff(one[1]))) / one[3] if one[3] > 0.0 else 0.0,
+        _limit,
+        key="change_rate",
+    ),
+    Column("missing", lambda one: one[2] - one[1].size, key="missing"),
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,9 +61,8 @@ class CheckedLog:
 
     file: Path
     log: Log
-    columns: tuple[ColumnSummary, ...]
     findings: tuple[Finding, ...]
-    wheels: WheelAgreement | None  #: compared with the robot's kinematics, if the robot is given
+    wheels: WheelAgreement | None = None  #: compared with the robot's kinematics, if the robot is given
     uses: Sequence[str] = ()  #: that the log has the columns for, if the robot is given
 
     @staticmethod
@@ -73,7 +73,7 @@ class CheckedLog:
         one that lacks rates are checked with the rates of its angles.
         """
         if robot is None:
-            return CheckedLog(file=file, log=log, columns=summarize(log), findings=check(log), wheels=None)
+            return CheckedLog(file=file, log=log, findings=check(log))
         placed = _placed(log, robot)
         completed = _placed(with_rates(placed, robot), robot)
         computed = [name for name in completed.names if name not in log]
@@ -82,13 +82,13 @@ class CheckedLog:
         if computed:
             text = f"By angles and wheels: {', '.join(computed)}, which the file does not have."
             findings.append(note("use", text, *computed))
+        missing = missing_columns(placed, wheel_count=robot.wheel_count)
         return CheckedLog(
             file=file,
             log=completed,
-            columns=summarize(completed),
             findings=tuple(findings),
             wheels=wheel_agreement(completed, robot),
-            uses=uses_of(placed, wheel_count=robot.wheel_count),
+            uses=[use for use, columns in missing.items() if not columns],
         )
 
     def to_dict(self) -> dict[str, object]:
@@ -100,7 +100,7 @@ class CheckedLog:
             "start": float(log.t[0]),
             "end": float(log.t[-1]),
             "sample_time": log.sample_time if len(log) > 1 else None,
-            "columns": self.columns,
+            "columns": [entries_of(one, COLUMNS) for one in summed_columns(log)],
             "findings": self.findings,
             "wheels": self.wheels,
         }
@@ -114,20 +114,6 @@ def _placed(log: Log, robot: Robot) -> Log:
         return log  # the findings name what it lacks
 
 
-def _limit(value: float | None) -> str:
-    return "-" if value is None else f"{value + 0.0:.4g}"
-
-
-_COLUMNS: tuple[Column[ColumnSummary], ...] = (
-    Column("column", lambda one: one.name),
-    Column("unit", lambda one: one.unit or "?"),
-    Column("from", lambda one: one.least, _limit),
-    Column("to", lambda one: one.greatest, _limit),
-    Column("changes per second", lambda one: one.change_rate, _limit),
-    Column("missing", lambda one: one.missing),
-)
-
-
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
     found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
     rows = [
@@ -135,7 +121,7 @@ def _wheel_table(wheels: WheelAgreement) -> Sheet:
         for wheel, (own, sign, gain, correlation) in enumerate(found, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
-    return Sheet(headings=headings, rows=rows, caption="Wheels, compared with the robot's kinematics.")
+    return Sheet(headings, rows, "Wheels, compared with the robot's kinematics.")
 
 
 def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
@@ -149,7 +135,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
         verdict=[("", _log_verdict(findings, checked.uses))],
         sections=[
-            section("Columns", sheet_of(checked.columns, _COLUMNS), wheels),
+            section("Columns", sheet_of(summed_columns(log), COLUMNS), wheels),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
@@ -184,14 +170,14 @@ def proposal_report(
     verdict = (
         evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    said = Verbatim(text="\n".join(answer_lines(evaluation)))
+    said = Verbatim("\n".join(answer_lines(evaluation)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
             section("What was found", said, _placement_table(proposal) if proposal.tested else None),
-            section("The mapping file", Verbatim(text=evaluation.text)),
+            section("The mapping file", Verbatim(evaluation.text)),
             section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
         ],
         undecided=[f"{capital(one.text)}." for one in proposal.questions],

@@ -54,8 +54,13 @@ def page_of(report: Result) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals |= {"symbols": with_symbols, "themed": _themed, "words": _typeset}
+    environment.globals |= {
+        "symbols": with_symbols,
+        "themed": lambda svg: Markup(themed(svg)),
+        "words": _typeset,
+    }
     scripts = [_script(charts), *(film.script for film in films)]
+    styles = [_web("uPlot.min.css") if charts else "", _web("report.css"), *(film.style for film in films)]
     policy = (
         f"default-src 'none'; script-src {' '.join(map(hash_source, scripts))}; style-src 'unsafe-inline'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
@@ -76,7 +81,7 @@ def page_of(report: Result) -> str:
         findings=report.findings,
         made=report.made,
         policy=policy,
-        style=Markup(_style(charts) + "".join(film.style for film in films)),
+        style=Markup("".join(styles)),
         scripts=[Markup(script) for script in scripts],
     )
 
@@ -99,17 +104,8 @@ def _typeset(text: str) -> Markup:
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", raised))
 
 
-def _themed(svg: str) -> Markup:
-    return Markup(themed(svg))
-
-
 def _web(name: str) -> str:
     return web_file(name, "ballbot.report")
-
-
-@cache
-def _style(charts: bool) -> str:
-    return (_web("uPlot.min.css") if charts else "") + _web("report.css")
 
 
 @cache

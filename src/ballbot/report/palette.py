@@ -44,8 +44,5 @@ _THEMED = {
 
 def themed(svg: str) -> str:
     """Return a figure whose colors are those of the page's theme, light or dark."""
-    return re.sub(r"(?<=: )#[0-9a-f]{6}\b", lambda found: _in_theme(found[0]), svg)
-
-
-def _in_theme(color: str) -> str:
-    return f"var(--{_THEMED[color]})" if color in _THEMED else color
+    colors = "|".join(_THEMED)
+    return re.sub(rf"(?<=: )({colors})\b", lambda match: f"var(--{_THEMED[match[1]]})", svg)

@@ -59,9 +59,7 @@ def prediction_report(
         verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
         sections=[
             section("Predicted and measured", table),
-            section("What differs from the study's logs", Bullets(items=differences))
-            if differences
-            else None,
+            section("What differs from the study's logs", Bullets(differences)) if differences else None,
             section("The run", *series),
         ],
         undecided=[

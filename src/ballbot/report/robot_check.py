@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 
@@ -90,34 +89,35 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         "Derived quantities",
         drawn_picture(
             "robot",
-            partial(robot_figure, robot),
             "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
+            robot_figure,
+            robot,
         ),
         Sheet(
-            headings=("quantity", "value", "unit"),
-            rows=[(one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1")) for one in checked.derived],
+            ("quantity", "value", "unit"),
+            [(one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1")) for one in checked.derived],
         ),
-        Verbatim(text=f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
+        Verbatim(f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
     of = f"the {checked.controller} controller" if checked.controller in KINDS else checked.controller
     if checked.margins is None:
-        yield section(f"Stability margins with {of}", Paragraph(text=checked.refusal))
+        yield section(f"Stability margins with {of}", Paragraph(checked.refusal))
     else:
         yield loop_section(checked.margins, of=of)
     if swing := checked.swing:
         yield section(
             "The swing",
             Sheet(
-                headings=("quantity", "value, 95 %", "unit"),
-                rows=swing.found.rows(),
-                caption=f"From {swing.found.fit.swing.source}.",
+                ("quantity", "value, 95 %", "unit"),
+                swing.found.rows(),
+                f"From {swing.found.fit.swing.source}.",
             ),
-            Bullets(items=[one.text for one in (*swing.findings, *swing.found.notes())]),
+            Bullets([one.text for one in (*swing.findings, *swing.found.notes())]),
             swing_series(swing.found.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."
-        limits = Sheet(headings=MARGIN_HEADINGS, rows=margin_rows(following), caption=caption)
+        limits = Sheet(MARGIN_HEADINGS, margin_rows(following), caption)
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(checked.linear, caption=caption)
@@ -125,8 +125,8 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         "Transformation matrices",
         *(
             Verbatim(
-                text=matrix_text(name, checked.matrices[name]),
-                caption=f"{capital(words)} {MATRIX_EQUATIONS.get(name, '')}".rstrip() + ".",
+                matrix_text(name, checked.matrices[name]),
+                f"{capital(words)} {MATRIX_EQUATIONS.get(name, '')}".rstrip() + ".",
             )
             for name, words in MATRICES.items()
         ),

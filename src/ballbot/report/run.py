@@ -89,7 +89,7 @@ _NOT_A_ROBOT = (
 
 def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
     """Return the page of a recorded run of the twin."""
-    held, log = job.experiment != "balance", recording.with_truth()
+    held, log = job.experiment != "balance", recording.run
     compensation = job.controller.compensation
     lead = (
         f"The robot held, {_HELD[job.experiment]}"
@@ -101,10 +101,7 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
         job.robot,
         title=f"{job.robot.name}: a run of the twin",
         lead=f"{lead}; scenario {job.scenario.name}, seed {job.seed}.",
-        undecided=[
-            _NOT_A_ROBOT,
-            "How much runs differ: this is one seed (--seeds records more).",
-        ],
+        undecided=[_NOT_A_ROBOT, "How much runs differ: this is one seed (--seeds records more)."],
         held=held,
         ending=f"{float(log.t[-1] - log.t[0]):.1f} s were recorded." if held else "",
         findings=findings,
@@ -201,7 +198,7 @@ def recordings_report(
         title=f"{job.robot.name}: {len(runs)} runs of the twin",
         lead=f"Scenario {job.scenario.name}, experiment {job.experiment}, reference {job.reference}.",
         verdict=verdict,
-        sections=[section("Each run", Sheet(headings=headings, rows=rows, caption=caption))],
+        sections=[section("Each run", Sheet(headings, rows, caption))],
         undecided=[_NOT_A_ROBOT],
         findings=findings,
         data={"runs": runs},
@@ -268,26 +265,24 @@ def over_time(log: Log, robot: Robot | None) -> list[Block]:
     panels = pose_panels(log)
     if _has_reference(log):
         distance = Line("distance", 1e3 * position_error(log), "measured")
-        panels.append(Panel(label="distance from the reference [mm]", lines=[distance], from_zero=True))
+        panels.append(Panel("distance from the reference [mm]", [distance], from_zero=True))
     if _has_lean(log):
         lean = Line("lean", _DEGREES * leans(log), "measured")
-        panels.append(Panel(label="lean [deg]", lines=[lean], from_zero=True))
+        panels.append(Panel("lean [deg]", [lean], from_zero=True))
     if torques:
         reached = robot is not None and _largest(torques) > 0.5 * robot.drive.torque_limit
-        panels.append(
-            Panel(label="torques [N m]", lines=wheel_lines(torques), levels=limit if reached else ())
-        )
+        panels.append(Panel("torques [N m]", wheel_lines(torques), levels=limit if reached else ()))
     if speeds:
-        panels.append(Panel(label="wheel speeds [rad/s]", lines=wheel_lines(speeds)))
+        panels.append(Panel("wheel speeds [rad/s]", wheel_lines(speeds)))
     if not panels:
-        return [Paragraph(text="The log has no column to draw.")]
+        return [Paragraph("The log has no column to draw.")]
     caption = "Drag across a plot to zoom in on a time, double-click to see all of it; point at a plot to read values."
     if any(panel.levels for panel in panels):
         caption += " Dashed across: the torque limit."
     names = {line.name for panel in panels for line in panel.lines}
     if {_TRUE, _ON_BOARD} <= names:
         caption += " The true values are the simulation's own; the controller has the on-board ones."
-    return [TimeSeries(t=log.t, panels=panels, caption=caption)]
+    return [TimeSeries(log.t, panels, caption)]
 
 
 def pose_panels(log: Log) -> list[Panel]:
@@ -301,7 +296,7 @@ def pose_panels(log: Log) -> list[Panel]:
         if name in log and not (true in log and np.array_equal(log[name], log[true])):  # perfect sensors
             lines.append(Line(_ON_BOARD, unit * log[name], "fifth" if true in log else "measured"))
         if lines:
-            panels.append(Panel(label=label, lines=lines))
+            panels.append(Panel(label, lines))
     return panels
 
 
@@ -341,7 +336,7 @@ def _numbers(log: Log, robot: Robot | None) -> Sheet:
         f"Errors are of the {'true' if has_truth else 'logged'} position. “Once settled” leaves out the "
         f"{SETTLE:g} s after the start and after each jump of the reference, however far off the robot then is."
     )
-    return Sheet(headings=("quantity", "value", ""), rows=rows, caption=caption)
+    return Sheet(("quantity", "value", ""), rows, caption)
 
 
 def _replay(log: Log, robot: Robot | None) -> Film | None:
@@ -352,7 +347,7 @@ def _replay(log: Log, robot: Robot | None) -> Film | None:
         part = replay_part({"run": log}, robot)
     except InputError:  # a robot that is held, a log without angles, or one too long for a page
         return None
-    return Film(part=part, caption="The run. Drag to orbit; the plots' time cursor can be dragged, too.")
+    return Film(part, "The run. Drag to orbit; the plots' time cursor can be dragged, too.")
 
 
 def _has_lean(log: Log) -> bool:

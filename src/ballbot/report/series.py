@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -37,18 +37,19 @@ class Line:
     look: Look
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Panel:
     """Lines over the same axis."""
 
     label: str  #: quantity and unit, as "lean [deg]"
     lines: Sequence[Line]
+    _: KW_ONLY
     levels: Sequence[float] = ()  #: limits, as lines across
     from_zero: bool = False  #: whether the axis begins at zero
     ends: tuple[float, float] | None = None  #: of the axis, if lines may leave it
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class TimeSeries:
     """Panels over one time."""
 
@@ -56,8 +57,9 @@ class TimeSeries:
     t: NDArray[np.float64]  #: (n,) [s], increasing
     panels: Sequence[Panel]
     caption: str
+    _: KW_ONLY
     across: str = "time [s]"
-    shaded: Sequence[tuple[float, float]] = field(default=())  #: intervals of time
+    shaded: Sequence[tuple[float, float]] = ()  #: intervals of time
     shade: str = ""  #: what the shade means, for the legend
     level: str = ""  #: what the levels are, for the legend
 
@@ -127,14 +129,17 @@ def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
 
 
 def together(
-    runs: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-) -> tuple[NDArray[np.float64], list[NDArray[np.float64]]]:
-    """Return one time and the values of each run (t, values) at it, NaN where a run has none.
+    runs: Sequence[tuple[str, Look, NDArray[np.float64], NDArray[np.float64]]],
+) -> tuple[NDArray[np.float64], list[Line]]:
+    """Return one time and a line for each run (name, look, t, values) at it, NaN where a run has none.
 
     The longest run's times are kept, and others are interpolated between their rows.
     """
-    t = max((one for one, _ in runs), key=len)
-    return t, [np.interp(t, own, values, left=np.nan, right=np.nan) for own, values in runs]
+    t = max((own for *_, own, _ in runs), key=len)
+    return t, [
+        Line(name, np.interp(t, own, values, left=np.nan, right=np.nan), look)
+        for name, look, own, values in runs
+    ]
 
 
 def true_spans(t: NDArray[np.float64], flags: NDArray[np.bool_]) -> list[tuple[float, float]]:

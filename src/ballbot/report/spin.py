@@ -54,9 +54,9 @@ def spin_report(
         sections=[
             section(
                 "What was seen",
-                Bullets(items=others) if others else None,
-                Picture(markup=partial(picture_data, picture), caption=overlay),
-                Sheet(headings=_HEADINGS, rows=seen, caption="The camera's view. ±: standard errors."),
+                Bullets(others) if others else None,
+                Picture(partial(picture_data, picture), overlay),
+                Sheet(_HEADINGS, seen, "The camera's view. ±: standard errors."),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
             section("Video and wheels", _comparison_sheet(comparison)) if comparison else None,
@@ -77,7 +77,7 @@ def _comparison_sheet(comparison: WheelComparison) -> Sheet:
         ),
         ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),
     ]
-    return Sheet(headings=_HEADINGS, rows=rows, caption="±: half widths of 95 %.")
+    return Sheet(_HEADINGS, rows, "±: half widths of 95 %.")
 
 
 def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeries:
@@ -93,13 +93,13 @@ def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeri
                 Line("± 2 standard errors of the video", error, "third"),
                 Line("± 2 standard errors of the video", -error, "third"),
             )
-            differences.append(Panel(label=f"difference about {name} [rad/s]", lines=less))
-        panels.append(Panel(label=f"Ω about {name} [rad/s]", lines=lines))
+            differences.append(Panel(f"difference about {name} [rad/s]", less))
+        panels.append(Panel(f"Ω about {name} [rad/s]", lines))
     beside = " and by the wheels, and their difference beside twice the video's standard error"
     return TimeSeries(
-        t=spin.t,
-        panels=[*panels, *differences],
-        caption=f"The ball's angular velocity by the video{beside if comparison else ''}.",
+        spin.t,
+        [*panels, *differences],
+        f"The ball's angular velocity by the video{beside if comparison else ''}.",
         across="time of the video [s]",
         shaded=true_spans(spin.t, ~spin.known),
         shade="lost",

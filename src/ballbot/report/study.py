@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +36,7 @@ from ballbot.report.prediction import predicted_sheet
 from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
 from ballbot.report.validation import undecided_by, validation_results, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres, with_symbols
+from ballbot.results import to_results
 from ballbot.robot.file import robot_text
 from ballbot.rounding import digits, interval
 from ballbot.summary import counted
@@ -188,8 +188,8 @@ def study_report(study: Study) -> Result:
     """Return the page of a study."""
     found, choice, stiffness = study.found, study.choice, study.stiffness
     controller = choice.controller or choice.trials["none"].controller
-    limit = Paragraph(text=f"Torque limit of each wheel: {torque_limit_words(controller)}.")
-    findings = Bullets(items=[with_symbols(text) for text in texts(model_findings(study.validation))])
+    limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
+    findings = Bullets([with_symbols(text) for text in texts(model_findings(study.validation))])
     first, *others = validation_sections(study.validation)
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
@@ -197,9 +197,7 @@ def study_report(study: Study) -> Result:
         verdict=summary(study),
         sections=[
             section("The controllers", *_comparison_blocks(study)),
-            details(
-                "Why this controller", Bullets(items=_reasons(study)), gain_sheet(controller.gain), limit
-            ),
+            details("Why this controller", Bullets(_reasons(study)), gain_sheet(controller.gain), limit),
             stiffness and _stiffness_section(stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
             details("Friction found", *parameter_blocks(found, [one.log for one in study.logs])),
@@ -220,7 +218,7 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     """Yield the candidates' paths and errors, and the replay of the soft gain beside the chosen controller."""
     choice = study.choice
     path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
-    yield drawn_picture("paths", partial(paths_figure, choice.runs), path)
+    yield drawn_picture("paths", path, paths_figure, choice.runs)
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
@@ -236,43 +234,20 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
         )
     except InputError:  # a run that fell at once, or a course that is too long for a page
         return
-    yield Film(
-        part=part, caption="The first robot with the soft gain and with the chosen controller. Drag to orbit."
-    )
+    yield Film(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")
 
 
 def _prediction_blocks(study: Study) -> Iterator[Block]:
     course, prediction = study.choice.course, study.prediction
     if prediction is None:
-        yield Paragraph(text=f"A prediction needs a controller, and {MIN_RUNS} simulated robots or more.")
+        yield Paragraph(f"A prediction needs a controller, and {MIN_RUNS} simulated robots or more.")
         return
     yield Paragraph(
-        text=f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
+        f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
         "--prediction results.json LOG`: it says whether the prediction is confirmed, what else differs from the "
         "logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
     )
     yield predicted_sheet(prediction)
-
-
-_STIFFNESS: tuple[Column[tuple[Stiffness, Variant, Trial]], ...] = (
-    Column(
-        "gain [N m/m]", lambda row: row[0].position_gain, lambda gain: digits(gain, 2), key="position_gain"
-    ),
-    Column(
-        "compensation",
-        lambda row: row[1].compensation,
-        lambda has: "full" if has else "none",
-        key="compensation",
-    ),
-    Column("observer", lambda row: row[1].observer, lambda has: "yes" if has else "no", key="observer"),
-    Column(None, lambda row: row[0].sensitivity, key="sensitivity"),
-    Column("peak [mm]", lambda row: row[2].peak.median, millimetres),
-    Column("falls", lambda row: row[2].falls),
-)
-
-
-def _of_every_gain(stiffness: FrictionByStiffness) -> list[tuple[Stiffness, Variant, Trial]]:
-    return [(one, variant, trial) for one in stiffness.gains for variant, trial in one.trials.items()]
 
 
 def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
@@ -286,8 +261,8 @@ def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
     )
     return details(
         "Where friction matters for this robot",
-        Paragraph(text=stiffness_sentences(stiffness)),
-        drawn_picture("stiffness", partial(_stiffness_figure, stiffness), caption),
+        Paragraph(stiffness_sentences(stiffness)),
+        drawn_picture("stiffness", caption, _stiffness_figure, stiffness),
     )
 
 
@@ -440,21 +415,25 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
 
 def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    stiffest = {plain.observer: stiffness.stiffest(plain) for plain in VARIANTS if not plain.compensation}
-    return {
-        "course": stiffness.course,
-        "gains": [entries_of(row, _STIFFNESS) | _trial(row[2]) for row in _of_every_gain(stiffness)],
-        "verdicts": [
+    gains = [
+        {"position_gain": one.position_gain, "sensitivity": one.sensitivity}
+        | to_results(variant)
+        | _trial(trial)
+        for one in stiffness.gains
+        for variant, trial in one.trials.items()
+    ]
+    verdicts = []
+    for observer in (False, True):
+        stiffest = stiffness.stiffest(Variant(compensation=False, observer=observer))
+        pays = [one.position_gain for one in stiffness.pays_over(observer=observer)]
+        verdicts.append(
             {
                 "observer": observer,
-                "stiffest": one and one.position_gain,
-                "compensation_pays_over": [
-                    gain.position_gain for gain in stiffness.pays_over(observer=observer)
-                ],
+                "stiffest": stiffest and stiffest.position_gain,
+                "compensation_pays_over": pays,
             }
-            for observer, one in stiffest.items()
-        ],
-    }
+        )
+    return {"course": stiffness.course, "gains": gains, "verdicts": verdicts}
 
 
 #: the files of a study besides results.json and its page

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypedDict, TypeVar
+from typing import TYPE_CHECKING, TypedDict, TypeVar, TypeVarTuple
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -63,6 +63,7 @@ LOOKS: Mapping[Look, LineStyle] = MappingProxyType(
 MARKS = ("o", "s", "^", "D", "v", "P")
 
 T = TypeVar("T")
+Given = TypeVarTuple("Given")
 
 _LETTERS = {"x": "x", "y": "y", "theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
 #: the symbols of the states as the thesis prints them, and their units
@@ -167,17 +168,17 @@ def plotted(draw: Callable[[T], Figure], value: T) -> Figure:
     return figure
 
 
-def drawn_picture(name: str, draw: Callable[[], Figure], caption: str) -> Picture:
-    """Return a figure for a page, with a link that saves its data; see `drawn`."""
-    return Picture(markup=partial(_with_data, draw, name), caption=caption)
+def drawn_picture(name: str, caption: str, draw: Callable[[*Given], Figure], *given: *Given) -> Picture:
+    """Return for a page the figure that `draw` makes of what is given, with a link that saves its data."""
 
+    def markup() -> str:
+        svg, figure = _drawn(lambda: draw(*given), name)
+        if not (rows := _data_rows(figure)):
+            return svg
+        table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
+        return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{table}">CSV</a>'
 
-def _with_data(draw: Callable[[], Figure], name: str) -> str:
-    svg, figure = _drawn(draw, name)
-    if not (rows := _data_rows(figure)):
-        return svg
-    table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
-    return f'{svg}<a class="data" download="{name}.csv" href="data:text/csv,{table}">CSV</a>'
+    return Picture(markup, caption)
 
 
 def one_panel(across: str, up: str, *, height: float = 3.4, width: float = 7.4) -> tuple[Figure, Axes]:
@@ -239,8 +240,8 @@ def state_panels(names: Sequence[str], lines: Sequence[Line]) -> list[Panel]:
     """Return a panel for each of the states `names`, of lines that have all ten, (n, 10)."""
     return [
         Panel(
-            label=unit_heading(state_mark(name), STATE_UNITS[name]),
-            lines=[replace(one, values=one.values[:, STATE_NAMES.index(name)]) for one in lines],
+            unit_heading(state_mark(name), STATE_UNITS[name]),
+            [replace(one, values=one.values[:, STATE_NAMES.index(name)]) for one in lines],
         )
         for name in names
     ]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -162,7 +161,7 @@ def validation_report(
     """Return a validation's own page."""
     verdict, *others = (finding.text for finding in model_findings(validation))
     first, *rest = validation_sections(validation)
-    further = details("What else was found", Bullets(items=[with_symbols(one) for one in others]))
+    further = details("What else was found", Bullets([with_symbols(one) for one in others]))
     return Result(
         title=title,
         lead=lead,
@@ -194,18 +193,20 @@ def undecided_by(validation: Validation) -> list[str]:
 def validation_sections(validation: Validation) -> list[Section]:
     """Return the sections on a validation."""
     if validation.no_evidence is not None:
-        return [section("Which model is better", Paragraph(text=validation.no_evidence))]
+        return [section("Which model is better", Paragraph(validation.no_evidence))]
     names = validation.models.names
     horizon = (
         "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of the "
         "measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly above one, "
         f"the model {names[0]} is better."
     )
-    draw = partial(horizon_figure, validation.horizon, names)
     return [
         section("Open loop", *_open_loop_blocks(validation)),
         details("Closed loop", *_closed_loop_blocks(validation)),
-        details("Error against horizon", drawn_picture("horizon", draw, horizon)),
+        details(
+            "Error against horizon",
+            drawn_picture("horizon", horizon, horizon_figure, validation.horizon, names),
+        ),
         details("Residuals of the next sample", *_residual_blocks(validation)),
     ]
 
@@ -213,7 +214,7 @@ def validation_sections(validation: Validation) -> list[Section]:
 def _open_loop_blocks(validation: Validation) -> Iterator[Block]:
     loop = validation.open_loop
     if loop is None:
-        yield Paragraph(text=f"Not possible. {validation.no_open_loop}")
+        yield Paragraph(f"Not possible. {validation.no_open_loop}")
         return
     caption = (
         f"Open-loop errors over {counted(loop.errors.runs, 'run')}, each from the measured state under the measured "
@@ -227,7 +228,7 @@ def _open_loop_blocks(validation: Validation) -> Iterator[Block]:
 def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
     closed, recovered = validation.closed_loop, validation.recovered
     if closed is None:
-        yield Paragraph(text=f"Not possible. {validation.no_closed_loop}")
+        yield Paragraph(f"Not possible. {validation.no_closed_loop}")
         return
     controller = "the controller that drove the robot"
     if recovered is not None:
@@ -239,7 +240,7 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
     )
     yield error_sheet(validation, closed.restarted, caption)
     for whole in closed.whole:
-        yield Paragraph(text=whole_log_verdict(whole, validation.models))
+        yield Paragraph(whole_log_verdict(whole, validation.models))
     for whole in closed.whole[:1]:
         yield _trajectories(whole.example, validation, "The first seconds without a restart.")
 
@@ -247,17 +248,18 @@ def _closed_loop_blocks(validation: Validation) -> Iterator[Block]:
 def _residual_blocks(validation: Validation) -> Iterator[Block]:
     residuals, first = validation.residuals, validation.models.first.name
     matrix = residuals.correlations
-    yield Paragraph(text=f"ε: the measured next state less the one that the model {first} predicts.")
-    yield Bullets(items=[with_symbols(finding.text) for finding in residual_findings(residuals)])
-    draw = partial(correlation_figure, symbols(matrix.labels), matrix.matrix, marked=matrix.significant)
+    yield Paragraph(f"ε: the measured next state less the one that the model {first} predicts.")
+    yield Bullets([with_symbols(finding.text) for finding in residual_findings(residuals)])
     caption = (
         "Correlation of residuals and torques. Framed cells are significant: the memory of both series counted, and "
         "the chance of any false frame 5 %."
     )
-    yield drawn_picture("residuals", draw, caption)
+    yield drawn_picture(
+        "residuals", caption, correlation_figure, symbols(matrix.labels), matrix.matrix, matrix.significant
+    )
     if residuals.by_speed:
         caption = "The residuals as torques that each wheel would have had to push more, against its speed; bars: 95 %."
-        yield drawn_picture("wheels", partial(wheels_figure, residuals.by_speed), caption)
+        yield drawn_picture("wheels", caption, wheels_figure, residuals.by_speed)
 
 
 def error_sheet(validation: Validation, pair: ErrorPair, caption: str) -> Sheet:
@@ -302,7 +304,7 @@ def _trajectories(shown: Trajectories, validation: Validation, caption: str) -> 
         Line(f"model {second}", shown.second, "second"),
     )
     panels = state_panels(("x", "y", "theta", "phi", "psi", "psi_dot"), lines)
-    return TimeSeries(t=shown.t, panels=panels, caption=caption, across="time of the log [s]")
+    return TimeSeries(shown.t, panels, caption, across="time of the log [s]")
 
 
 def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure:
@@ -340,7 +342,7 @@ def horizon_figure(horizon: HorizonComparison, names: tuple[str, str]) -> Figure
 
 
 def correlation_figure(
-    labels: Sequence[str], correlation: NDArray[np.float64], *, marked: NDArray[np.bool_] | None = None
+    labels: Sequence[str], correlation: NDArray[np.float64], marked: NDArray[np.bool_] | None = None
 ) -> Figure:
     """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
 

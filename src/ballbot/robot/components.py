@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict
 
 from ballbot.arrays import LONGEST_SAMPLE, SHORTEST_SAMPLE
 from ballbot.errors import InputError
@@ -284,6 +285,8 @@ class Friction:
 @dataclass(frozen=True, kw_only=True)
 class Correlation:
     """Correlations of the errors of numbers that were identified together; all others count as independent."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # of a robot file's table
 
     of: tuple[str, ...] = ()  #: the numbers: "friction.rolling", or "friction.viscous[0]" of a list
     lower: tuple[tuple[float, ...], ...] = ()  #: rows of the lower triangle, each to the diagonal's 1

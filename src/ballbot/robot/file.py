@@ -5,7 +5,7 @@
 
 A number without a unit and a source is refused. A standard deviation may stand beside the value, in the same unit:
 `standard_deviation = 0.001`, or a list with one for each wheel. Units other than SI are converted on reading
-(`ballbot.robot.parameters`). A file written by `write_robot` reads back as the same floats.
+(`ballbot.robot.parameters`). A file written by `Robot.write` reads back as the same floats.
 
 Numbers identified together have correlated errors. The table `[correlation]` at a file's end lists them:
 
@@ -33,10 +33,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import format_line, take_format
-from ballbot.files import read_toml, write_text
+from ballbot.files import read_toml
 from ballbot.printable import toml_string
 from ballbot.robot.checks import check_source
-from ballbot.robot.components import BY_NAME, PARAMETERS, RobotValues, parameters_of_robot
+from ballbot.robot.components import BY_NAME, PARAMETERS, Correlation, RobotValues, parameters_of_robot
 from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, friction_law
 from ballbot.robot.parameters import (
     ASSUMED,
@@ -66,23 +66,14 @@ class Entry(BaseModel):
     standard_deviation: int | float | list[float] | None = None
 
 
-class CorrelationTable(BaseModel):
-    """The table of correlations as a file states it."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    of: list[str] = []
-    lower: list[list[int | float]] = []
-
-
 class IdentificationTables(BaseModel):
     """The tables that an identification leaves in a file: how well numbers are known, and by which logs."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
-    correlation: CorrelationTable = CorrelationTable()
-    intervals: dict[str, Annotated[list[int | float], Field(min_length=2, max_length=2)]] = {}
-    identified_from: dict[Literal["rows"], list[str]] = {}
+    correlation: Correlation = Correlation()
+    intervals: dict[str, Annotated[tuple[float, ...], Field(min_length=2, max_length=2)]] = {}
+    identified_from: dict[Literal["rows"], tuple[str, ...]] = {}
 
 
 def parse_entry(parameter: Parameter, raw: object) -> tuple[Value, str, Value | None]:
@@ -172,18 +163,8 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
         raise InputError(f"{path}: {error}") from None
 
 
-def write_robot(robot: RobotValues, path: str | Path) -> None:
-    """Write a robot as a commented TOML file that reads back as the same floats.
-
-    A parameter without an entry in `robot.sources` is written as "assumed".
-
-    InputError if the file cannot be written.
-    """
-    write_text(path, robot_text(robot))
-
-
 def robot_text(robot: RobotValues) -> str:
-    """Return the text that `write_robot` writes."""
+    """Return a robot as a commented TOML file, which reads back as the same floats; see `Robot.write`."""
     blocks = [f"{_HEADER}\n{format_line('robot')}\nname = {toml_string(robot.name)}", *_lines(robot, "")]
     for table, heading in headings_of(RobotValues).items():
         blocks += ["", f"# {heading}", f"[{table}]"]
@@ -284,7 +265,6 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: 
             sources[key] = ASSUMED
         else:
             raise InputError(f"{key} is missing; add {example(parameter)} {_place(key)}.")
-    together = stated.correlation
     return {
         **values,
         _LAW: law.text if law else CLASSICAL,
@@ -293,10 +273,10 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: 
         "body.inertia_about": about,
         "sources": sources,
         "standard_deviations": deviations,
-        "correlation.of": tuple(together.of),
-        "correlation.lower": tuple(tuple(map(float, row)) for row in together.lower),
-        "identified_from": tuple(stated.identified_from.get("rows", ())),
-        "intervals": {label: (float(low), float(high)) for label, (low, high) in stated.intervals.items()},
+        "correlation.of": stated.correlation.of,
+        "correlation.lower": stated.correlation.lower,
+        "identified_from": stated.identified_from.get("rows", ()),
+        "intervals": stated.intervals,
     }
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballbot.errors import InputError, nearest, suggest
-from ballbot.files import nearest_file
+from ballbot.files import nearest_file, write_text
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
 from ballbot.robot.components import (
     BY_NAME,
@@ -30,7 +30,7 @@ from ballbot.robot.components import (
     deviation_labels,
     parameters_of_robot,
 )
-from ballbot.robot.file import read_robot, write_robot
+from ballbot.robot.file import read_robot, robot_text
 from ballbot.robot.parameters import Value, build, to_si, value_of
 from ballbot.summary import Summary, listed, plotted, summarized
 
@@ -192,7 +192,7 @@ class Robot(RobotValues):
         InputError
             If the file cannot be written.
         """
-        write_robot(self, path)
+        write_text(path, robot_text(self))
 
     @staticmethod
     def presets() -> list[str]:

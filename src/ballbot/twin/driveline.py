@@ -94,6 +94,7 @@ class Driveline:
         self._friction = friction = scenario.friction
         self._directed = not friction.is_plain
         self.speeds = engine.qvel[wheels]  #: (n,) motor speeds at the wheel [rad/s], a view
+        self._engine = engine
         self._dry_friction = engine.dry_friction[wheels]
         self._curve = (
             np.array(friction.coulomb),
@@ -142,6 +143,15 @@ class Driveline:
             self._dry_friction[:] = dry_friction_size(towards, self._friction, torque=self._torques)
         if self._load:
             self._load(self._dry_friction)
+
+    def advance(self, steps: int, shafts: Shafts) -> None:
+        """Advance the engine by so many physics steps."""
+        prepare, step = self.prepare_step, self._engine.step
+        for _ in range(steps):
+            if shafts.returning:
+                shafts.turn_back()
+            prepare()
+            step()
 
 
 class Load:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, missing_package
-from ballbot.mechanics.geometry import body_rates_matrix, rotation
+from ballbot.mechanics.geometry import body_rates_matrix
 
 
 class Engine:
@@ -40,8 +40,6 @@ class Engine:
         self.dry_friction: NDArray[np.float64] = self.model.dof_frictionloss
         #: torques of the motors [N m]
         self.torques: NDArray[np.float64] = self.data.ctrl
-        #: generalised forces in addition to all others
-        self.applied: NDArray[np.float64] = self.data.qfrc_applied
 
     def reset(self) -> None:
         """Set the state of the document, at rest, without the solver's last solution."""
@@ -81,21 +79,21 @@ class Engine:
         """Return a view (3,) of the position of a body's centre of mass at the last step's start [m]."""
         return self.data.xipos[self.model.body(body).id]
 
-    def first_position(self, joint: str) -> int:
-        """Return the index of a joint's first coordinate in `qpos`."""
-        return int(self.model.joint(joint).qposadr[0])
+    def position(self, joint: str) -> NDArray[np.float64]:
+        """Return a view of a joint's coordinates in `qpos`; of a free joint (7,): place, then quaternion wxyz."""
+        return self.data.joint(joint).qpos
 
-    def first_velocity(self, joint: str) -> int:
-        """Return the index of a joint's first coordinate in `qvel`."""
-        return int(self.model.joint(joint).dofadr[0])
+    def velocity(self, joint: str) -> NDArray[np.float64]:
+        """Return a view of a joint's coordinates in `qvel`; of a free joint (6,): velocity, then angular velocity."""
+        return self.data.joint(joint).qvel
 
     def positions(self, kind: str, count: int) -> slice:
         """Return the indices of the hinges "kind 1" to "kind count" in `qpos`, one for each wheel."""
-        return _evenly_spaced(self.first_position(f"{kind} 1"), self.first_position(f"{kind} 2"), count)
+        return _evenly_spaced([int(self.model.joint(f"{kind} {i}").qposadr[0]) for i in (1, 2)], count)
 
     def velocities(self, kind: str, count: int) -> slice:
         """Return the indices of the hinges "kind 1" to "kind count" in `qvel`, one for each wheel."""
-        return _evenly_spaced(self.first_velocity(f"{kind} 1"), self.first_velocity(f"{kind} 2"), count)
+        return _evenly_spaced([int(self.model.joint(f"{kind} {i}").dofadr[0]) for i in (1, 2)], count)
 
 
 def _mujoco():  # the module has no types
@@ -148,9 +146,10 @@ def _leave_out_files(spec) -> None:  # MjSpec
         spec.delete(part)
 
 
-def _evenly_spaced(first: int, second: int, count: int) -> slice:
+def _evenly_spaced(places: list[int], count: int) -> slice:
     # wheels are built alike, one after the other; a slice gives views where a list of indices would copy
-    return slice(first, first + count * (second - first), second - first)
+    first, step = places[0], places[1] - places[0]
+    return slice(first, first + count * step, step)
 
 
 def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDArray[np.float64]:
@@ -165,19 +164,6 @@ def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDA
 def body_rate(state: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return w = B(Phi) Phi_dot (3,) [rad/s], body frame, of a state (10,)."""
     return body_rates_matrix(*state[2:5]) @ state[7:10]
-
-
-def ball_rate(state: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-    """Return Omega (3,) [rad/s], world frame, of a ball that rolls without slip and does not pivot."""
-    return np.array([-state[6], state[5], 0.0]) / radius
-
-
-def encoder_speeds(
-    state: NDArray[np.float64], wheels_from_ball: NDArray[np.float64], radius: float
-) -> NDArray[np.float64]:
-    """Return A (z - w) (n,) [rad/s]: the wheel speeds of a state (10,) without slip or play."""
-    z = rotation(*state[2:5]).T @ ball_rate(state, radius)
-    return wheels_from_ball @ (z - body_rate(state))
 
 
 def rotated(quaternion_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:

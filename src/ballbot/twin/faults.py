@@ -10,6 +10,8 @@ import math
 from ballbot.robot.parameters import parameter, parameter_class
 from ballbot.simulation.imperfections import MAX_DELAY
 
+_ALUMINIUM = 2700.0  # [kg/m^3]
+
 
 @parameter_class
 class Softness:
@@ -52,6 +54,11 @@ class Payload:
     position: tuple[float, float, float] = parameter(
         "of its centre from the ball's centre: forward, left, up", "m", least=-math.inf
     )
+
+    @property
+    def radius(self) -> float:
+        """The radius [m] of that much aluminium."""
+        return (3 * self.mass / (4 * math.pi * _ALUMINIUM)) ** (1 / 3)
 
 
 @parameter_class

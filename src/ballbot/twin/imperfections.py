@@ -32,7 +32,6 @@ _BEYOND = {
     "compliance": "the drivelines' resonance",
     "roughness": "the floor's bumps",
 }
-_ALUMINIUM = 2700.0  # [kg/m^3], of a payload
 #: MuJoCo's contacts give way by so much for each newton, times the square of their time constant [1/kg], and creep by
 #: so much under a force along them, over it [kg]: of the BBR by the masses of ball and roller, measured on its twin
 _GIVE, _CREEP = 0.0855, 280.0
@@ -120,9 +119,8 @@ def loaded_body(body: Body, payload: Payload) -> Body:
     place = np.array(payload.position)
     mass = body.mass + payload.mass
     moment = payload.mass * place + [0.0, 0.0, body.mass * body.center_of_mass]
-    radius = (0.75 * payload.mass / (math.pi * _ALUMINIUM)) ** (1.0 / 3.0)
     inertia = body.inertia_about_ball_center() + payload.mass * (
-        (place @ place + 0.4 * radius**2) * np.eye(3) - np.outer(place, place)
+        (place @ place + 0.4 * payload.radius**2) * np.eye(3) - np.outer(place, place)
     )
     turn = rotation_to(moment)
     J = turn.T @ inertia @ turn

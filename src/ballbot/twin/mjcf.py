@@ -76,32 +76,31 @@ _LARGEST_STEP = 1.0  # k d h^2 and b h at most: beyond, the contact jumps from s
 
 
 def _add_roller_contacts(root: ET.Element, scenario: Scenario) -> None:
-    """Add the contacts of the rollers with the ball, each by itself: MuJoCo need not seek who touches.
+    """Add the contacts of the rollers with the ball, each by itself: MuJoCo need not look for pairs that touch.
 
     InputError if soft contacts are too stiff for the timestep, or MuJoCo is not installed.
     """
     softness, grip = scenario.softness, scenario.roller_grip
     # made without these contacts; it gives the inverse weights of the bodies
     engine = Engine(ET.tostring(root, encoding="unicode")) if softness else None
-    option, pairs = root.find("option"), root.find("contact")
-    if softness and option is not None:
-        option.set("impratio", number_text(_IMPEDANCE_RATIO))
+    pairs, friction = root.find("contact"), (grip, grip, 0.0, 0.0, 0.0)
     if pairs is None:
         pairs = add(root, "contact")
+    contact: dict[str, tuple[float, ...]] = {"solref": (scenario.contact_time, 1.0)}
     for name in (body.get("name", "") for body in root.iter("body")):
         if not name.startswith("roller "):
             continue
-        pair = add(pairs, "pair", geom1="ball", geom2=name, condim="3", friction=(grip, grip, 0.0, 0.0, 0.0))
-        if softness is None or engine is None:
-            pair.set("solref", number_text((scenario.contact_time, 1.0)))
-            continue
-        mobility = engine.mobility("ball") + engine.mobility(name)
-        pair.set("solref", _contact_reference(softness, mobility, scenario.timestep))
-        pair.set("solreffriction", number_text((-1.0, -0.5 * _IMPEDANCE / scenario.timestep)))
-        pair.set("solimp", number_text((_IMPEDANCE, _IMPEDANCE, 0.001)))
+        if softness and engine:
+            mobility = engine.mobility("ball") + engine.mobility(name)
+            contact = {
+                "solref": _contact_reference(softness, mobility, scenario.timestep),
+                "solreffriction": (-1.0, -0.5 * _IMPEDANCE / scenario.timestep),
+                "solimp": (_IMPEDANCE, _IMPEDANCE, 0.001),
+            }
+        add(pairs, "pair", geom1="ball", geom2=name, condim="3", friction=friction, **contact)
 
 
-def _contact_reference(softness: Softness, mobility: float, step: float) -> str:
+def _contact_reference(softness: Softness, mobility: float, step: float) -> tuple[float, float]:
     d = _IMPEDANCE
     R = (1 - d) / d * mobility
     k_d, b = softness.stiffness * R, softness.damping * R
@@ -112,7 +111,7 @@ def _contact_reference(softness: Softness, mobility: float, step: float) -> str:
             f"{softness.damping:g} N s/m; with a timestep of {step:g} s they must "
             f"be below {stiffest:.2g} and {most:.2g}. Reduce them or the timestep."
         )
-    return number_text((-k_d * d, -b * d))
+    return -k_d * d, -b * d
 
 
 def _mobility(robot: Robot) -> float:
@@ -139,17 +138,21 @@ def _add_wheel(
     element = add(
         body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
-    joint = add(element, "joint", name=name, axis="0 0 1", armature=robot.drive.reflected_inertia)
-    friction = scenario.friction
-    joint.set("damping", number_text(friction.viscous[index]))
+    friction, half = scenario.friction, scenario.backlash / 2
     at_rest = friction.breakaway if friction.own_law else np.add(friction.coulomb, friction.stribeck)
-    joint.set("frictionloss", number_text(float(at_rest[index])))
-    if scenario.backlash > 0 or scenario.compliance:
-        play = add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
-        if not scenario.compliance:
-            half = scenario.backlash / 2
-            play.set("limited", "true")
-            play.set("range", number_text((-half, half)))
+    add(
+        element,
+        "joint",
+        name=name,
+        axis="0 0 1",
+        armature=robot.drive.reflected_inertia,
+        damping=friction.viscous[index],
+        frictionloss=float(at_rest[index]),
+    )
+    if scenario.compliance:
+        add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
+    elif scenario.backlash > 0:
+        add(element, "joint", name=f"play {index + 1}", axis="0 0 1", limited="true", range=(-half, half))
     add(element, "inertial", pos="0 0 0", mass=parts.hub_mass, diaginertia=parts.hub_inertia)
     size = (robot.wheels.radius - 2 * scenario.rollers.radius, scenario.rollers.radius)
     add(element, "geom", type="cylinder", size=size, rgba="0.7 0.7 0.7 1")
@@ -197,8 +200,6 @@ Mounting = Literal["floor", "stand", "upside_down"]
 # MuJoCo's impedance d: dry friction gives way like a damper below a speed that grows with (1 - d)/d. Its
 # default of 0.9 to 0.95 lets a slowly rolling ball coast on as if in oil; with this it stops.
 _HARD = "0.999 0.999 0.001"
-
-_ALUMINIUM = 2700.0  # [kg/m^3]
 
 
 def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor") -> str:
@@ -262,7 +263,7 @@ def _options(root: ET.Element, robot: Robot, scenario: Scenario, mounting: Mount
         gravity=(0.0, 0.0, down * robot.gravity),
         integrator="implicitfast",
         cone="elliptic",
-        impratio="10",
+        impratio=_IMPEDANCE_RATIO if scenario.softness and mounting != "stand" else 10.0,
         # twice as fast as "dense" here; MuJoCo 4.0.0 factors some sparse Hessians wrongly (its issue 3767,
         # fixed in 4.0.1); tests/twin/test_physics.py shows that this robot is not affected
         jacobian="sparse",
@@ -329,8 +330,7 @@ def _body(world: ET.Element, robot: Robot, parts: BodyParts, mounting: Mounting)
 
 
 def _payload(body: ET.Element, payload: Payload) -> None:
-    radius = (3 * payload.mass / (4 * math.pi * _ALUMINIUM)) ** (1 / 3)
     element = add(body, "body", name="payload", pos=payload.position)
-    inertia = (0.4 * payload.mass * radius**2,) * 3
+    inertia = (0.4 * payload.mass * payload.radius**2,) * 3
     add(element, "inertial", pos="0 0 0", mass=payload.mass, diaginertia=inertia)
-    add(element, "geom", type="sphere", size=radius, rgba="0.8 0.5 0.2 1")
+    add(element, "geom", type="sphere", size=payload.radius, rgba="0.8 0.5 0.2 1")

@@ -32,12 +32,11 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import state_errors
 from ballbot.findings import Finding
 from ballbot.log import Log
-from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
-from ballbot.twin.bench import Bench, multisine_torques, run_bench, sweep_torques
+from ballbot.twin.bench import Bench, bench_torques, run_bench
 from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
@@ -117,17 +116,9 @@ DURATIONS: dict[Experiment, float] = {"balance": 40.0, "driveline_sweep": 125.66
 class Recording:
     """A run of the twin."""
 
+    run: Log  #: with the true states beside the measured ones if the robot balances
     logs: Mapping[str, Log]  #: by the names above
     results: Mapping[str, object]  #: the run in numbers, SI units
-    ended: str | None  #: why it stopped early
-
-    def with_truth(self) -> Log:
-        """Return the log with the true states beside the measured ones, if the run has them."""
-        log, truth = self.logs["log"], self.logs["truth"]
-        if not all(name in truth for name in STATE_NAMES):
-            return log
-        both = log.with_columns({f"{TRUE_PREFIX}{name}": truth[name] for name in STATE_NAMES})
-        return Log(both.columns, ended=self.ended)
 
 
 def record_balance(
@@ -147,7 +138,7 @@ def record_balance(
     run = simulate(twin, controller, reference, duration=duration, seed=seed, progress=progress)
     mocap = MotionCapture.drawn(seed).record(run.truth(), ball_radius=twin.robot.ball.radius)
     logs = {"log": run.without_truth(), "truth": run.truth(), "motion_capture": mocap}
-    return Recording(logs=logs, results=results(run), ended=run.ended)
+    return Recording(run=run, logs=logs, results=results(run))
 
 
 def record_bench(
@@ -160,14 +151,11 @@ def record_bench(
     progress: ProgressCallback = ignore_progress,
 ) -> Recording:
     """Drive the motors of the robot held on the bench; see `ballbot.twin.bench`."""
-    if experiment == "driveline_sweep":
-        torques = sweep_torques(robot, scenario, duration=duration)
-    else:
-        torques = multisine_torques(robot, scenario, duration=duration, seed=seed)
-    run = run_bench(robot, scenario, torques, bench=_BENCHES[experiment], seed=seed, progress=progress)
-    speeds = run.truth.wheel_speeds
-    found = {"ended": None, "peak_wheel_speed": float(np.abs(speeds).max())}
-    return Recording(logs={"log": run.log, "truth": run.truth}, results=found, ended=None)
+    bench = _BENCHES[experiment]
+    torques = bench_torques(robot, scenario, bench=bench, duration=duration, seed=seed)
+    log, truth = run_bench(robot, scenario, torques, bench=bench, seed=seed, progress=progress)
+    numbers = {"ended": None, "peak_wheel_speed": float(np.abs(truth.wheel_speeds).max())}
+    return Recording(run=log, logs={"log": log, "truth": truth}, results=numbers)
 
 
 def results(log: Log) -> dict[str, object]:

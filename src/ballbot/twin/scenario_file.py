@@ -9,7 +9,7 @@ A scenario file states the differences from a named scenario, "nominal" if it na
     frequency = 12.0
     damping_ratio = 0.05
 
-`compliance = false` switches off a fault of the base. A file that `write_scenario` writes has every fault that is on
+`compliance = false` switches off a fault of the base. The text of `scenario_text` has every fault that is on
 and, commented out, an example of every other one; it reads back as the same scenario.
 """
 
@@ -23,7 +23,7 @@ from typing import get_args, get_type_hints
 
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import format_line, take_format
-from ballbot.files import read_toml, write_text
+from ballbot.files import read_toml
 from ballbot.robot import RobotLike, as_robot
 from ballbot.robot.parameters import DIMENSIONLESS, parameters_of
 from ballbot.schema import toml_line, validate_table
@@ -94,13 +94,8 @@ def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[s
     return merged
 
 
-def write_scenario(scenario: Scenario, path: str | Path) -> None:
-    """Write a scenario as a TOML file that reads back as the same one; InputError if this fails."""
-    write_text(path, scenario_text(scenario))
-
-
 def scenario_text(scenario: Scenario) -> str:
-    """Return the text that `write_scenario` writes; InputError if the friction is by a registered law."""
+    """Return a scenario as a TOML file, which reads back as the same; InputError if its friction law is registered."""
     scenario.friction.check_classical("A scenario file")
     keys: list[str] = []
     tables: list[str] = []

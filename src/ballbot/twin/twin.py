@@ -18,12 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
-from ballbot.mechanics.geometry import angle_rates, quaternion_of, transforms
+from ballbot.mechanics.geometry import angle_rates, quaternion_of, rotation, transforms
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Driveline, Shafts
-from ballbot.twin.engine import Engine, attitude_of, ball_rate, body_rate, encoder_speeds
+from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
 from ballbot.twin.scenario import Scenario
@@ -75,8 +75,7 @@ class BodyForce:
     def __init__(self, engine: Engine) -> None:
         self._wrench = engine.external_force("body")
         self._center_of_mass = engine.center_of_mass("body")
-        body = engine.first_position("body")
-        self._pose = engine.qpos[body : body + 7]
+        self._pose = engine.position("body")
 
     def clear(self) -> None:
         """Remove every force."""
@@ -103,8 +102,7 @@ class Disturbances:
         carried = scenario.payload.mass if scenario.payload else 0.0
         self._weight = (robot.ball.mass + robot.body.mass + carried) * robot.gravity  # of all that rolls [N]
         self._on_ball = engine.external_force("ball")
-        ball = engine.first_position("ball")
-        self._place = engine.qpos[ball : ball + 2]
+        self._place = engine.position("ball")[:2]
 
     def prepare_sample(self, t: float) -> None:
         """Set the forces for the sample that begins at t [s], within half a microsecond of rounding."""
@@ -191,13 +189,8 @@ class Twin:
             fix=self.scenario.fix,
         )
         self._estimator = estimator or OnboardState(robot, sample_time=sensors.sample_time)
-        engine = self.engine  # the coordinates of ball and body among MuJoCo's
-        ball, body = engine.first_position("ball"), engine.first_position("body")
-        self._ball_position = engine.qpos[ball : ball + 3]
-        self._body_pose = engine.qpos[body : body + 7]
-        ball, body = engine.first_velocity("ball"), engine.first_velocity("body")
-        self._ball_velocity = engine.qvel[ball : ball + 6]
-        self._body_velocity = engine.qvel[body : body + 6]
+        self._ball_position, self._body_pose = self.engine.position("ball")[:3], self.engine.position("body")
+        self._ball_velocity, self._body_velocity = self.engine.velocity("ball"), self.engine.velocity("body")
         self._random = np.random.default_rng(0)
         self._t = 0.0
         self._samples = 0
@@ -257,10 +250,12 @@ class Twin:
         self._body_pose[:3] = (x, y, height)
         self._body_pose[3:] = quaternion_of(theta, phi, psi)
         self._ball_velocity[:3] = (state[5], state[6], 0.0)
-        self._ball_velocity[3:] = ball_rate(state, radius)  # the ball's own frame is the world's at the start
+        rolling = np.array([-state[6], state[5], 0.0]) / radius  # Omega without slip or pivoting, world frame
+        self._ball_velocity[3:] = rolling  # the ball's own frame is the world's at the start
         self._body_velocity[:3] = self._ball_velocity[:3]
         self._body_velocity[3:] = body_rate(state)
-        self._driveline.speeds[:] = encoder_speeds(state, transforms(self.robot).T_owb, radius)
+        z = rotation(theta, phi, psi).T @ rolling
+        self._driveline.speeds[:] = transforms(self.robot).T_owb @ (z - body_rate(state))
         self._shafts.reset(self._random)
 
     def _advance(self, torques: NDArray[np.float64]) -> None:
@@ -271,12 +266,7 @@ class Twin:
             torques, steps = self._timing.acting(torques), self._timing.next_steps()
         self._disturbances.prepare_sample(self._t)
         self._driveline.command(torques + noise)
-        prepare, step = self._driveline.prepare_step, self.engine.step
-        for _ in range(steps):
-            if self._shafts.returning:
-                self._shafts.turn_back()
-            prepare()
-            step()
+        self._driveline.advance(steps, self._shafts)
         self._samples += 1
         on_grid = self._samples * self.scenario.sensors.sample_time
         self._t = self._t + steps * self.scenario.timestep if self._timing else on_grid

@@ -29,7 +29,6 @@ from ballbot.validation.models import (
     ModelPair,
     check_wheels,
     in_heading_frame,
-    join_pairs,
     rows_after,
     window_starts,
 )
@@ -194,15 +193,6 @@ def closed_loop(
         restarted=ErrorPair.of_runs(list(measured), list(restarted[0]), list(restarted[1])),
         restart_every=samples * log.sample_time,
         whole=whole,
-    )
-
-
-def join_closed_loops(parts: Sequence[ClosedLoop]) -> ClosedLoop:
-    """Return the runs of all `parts` as one."""
-    return ClosedLoop(
-        restarted=join_pairs([part.restarted for part in parts]),
-        restart_every=max(part.restart_every for part in parts),
-        whole=tuple(one for part in parts for one in part.whole),
     )
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -393,21 +394,22 @@ class ErrorPair:
         return verdicts(self.ratio_interval())
 
 
-def join_arrays(parts: Sequence[Record]) -> Record:
-    """Return the first of some data classes with the rows of all in its arrays; None if one lacks an array."""
-    joined: dict[str, object] = {}
+def joined(parts: Sequence[Record]) -> Record:
+    """Return results of one kind as one: the rows of all arrays, all of tuples, the largest number, else the first's.
+
+    An array that one of them lacks is None.
+    """
+    found: dict[str, object] = {}
     for name in (one.name for one in fields(parts[0])):
         values = [getattr(part, name) for part in parts]
-        if any(isinstance(value, np.ndarray) for value in values):
-            joined[name] = None if any(value is None for value in values) else np.concatenate(values)
-    return replace(parts[0], **joined)
-
-
-def join_pairs(pairs: Sequence[ErrorPair]) -> ErrorPair:
-    """Return the errors over the runs of all `pairs`."""
-    return replace(
-        join_arrays(pairs),
-        first=join_arrays([pair.first for pair in pairs]),
-        second=join_arrays([pair.second for pair in pairs]),
-        overlap=max(pair.overlap for pair in pairs),
-    )
+        if any(value is None for value in values):
+            found[name] = None
+        elif isinstance(values[0], np.ndarray):
+            found[name] = np.concatenate(values)
+        elif isinstance(values[0], tuple):
+            found[name] = tuple(chain.from_iterable(values))
+        elif isinstance(values[0], int | float):
+            found[name] = max(values)
+        elif isinstance(values[0], StateErrors | ErrorPair):
+            found[name] = joined(values)
+    return replace(parts[0], **found)

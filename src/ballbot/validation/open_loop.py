@@ -15,7 +15,7 @@ import numpy as np
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.columns import Floats
+from ballbot.log.columns import Bools, Floats
 from ballbot.validation.models import (
     ErrorPair,
     ModelPair,
@@ -23,7 +23,6 @@ from ballbot.validation.models import (
     Trajectories,
     drawn_noise,
     forecast,
-    join_pairs,
     recoverable_lean,
     rows_after,
     window_starts,
@@ -40,11 +39,20 @@ class OpenLoop:
     """Errors of open-loop runs from many starts, and one of the runs to look at."""
 
     errors: ErrorPair
-    noise_floor: Floats  #: (10,) RMSE that the noise of the measured start alone would cause
-    longest: float  #: no run was longer than this [s]
-    past_recovery: float  #: share of the runs that ended by the lean
+    noise: StateErrors  #: what the noise of the measured start alone would cause
+    ended: Bools  #: (runs,) by the lean
     recoverable_lean: float  #: [rad]
     example: Trajectories  #: the run whose errors are the median ones
+
+    @property
+    def noise_floor(self) -> Floats:
+        """RMSE (10,) that the noise of the measured start alone would cause."""
+        return self.noise.rmse
+
+    @property
+    def past_recovery(self) -> float:
+        """Share of the runs that ended by the lean."""
+        return float(self.ended.mean())
 
 
 def open_loop(
@@ -79,31 +87,14 @@ def open_loop(
     )
     shifted = log.states[starts] + drawn_noise(start_covariance, (len(starts),), seed=seed)
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
-    floor = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
+    noise = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
     middle = _median_run(errors)
     return OpenLoop(
         errors=errors,
-        noise_floor=floor.rmse,
-        longest=samples * log.sample_time,
-        past_recovery=float(np.mean(lengths < samples)),
+        noise=noise,
+        ended=lengths < samples,
         recoverable_lean=limit,
         example=Trajectories.beside(log, int(starts[middle]), states[:, middle, : lengths[middle]]),
-    )
-
-
-def join_open_loops(parts: Sequence[OpenLoop]) -> OpenLoop:
-    """Return the runs of all `parts` as one; the example is that of the first."""
-    errors = join_pairs([part.errors for part in parts])
-    weights = np.array([part.errors.first.samples.sum() for part in parts], dtype=float)
-    runs = np.array([part.errors.runs for part in parts], dtype=float)
-    floors = np.array([part.noise_floor for part in parts])
-    return OpenLoop(
-        errors=errors,
-        noise_floor=np.sqrt(np.average(floors**2, axis=0, weights=weights)),
-        longest=max(part.longest for part in parts),
-        past_recovery=float(np.average([part.past_recovery for part in parts], weights=runs)),
-        recoverable_lean=parts[0].recoverable_lean,
-        example=parts[0].example,
     )
 
 

@@ -24,7 +24,6 @@ from ballbot.validation.models import (
     ModelPair,
     drawn_noise,
     forecast,
-    join_arrays,
     rows_after,
     window_starts,
 )
@@ -81,12 +80,6 @@ def predict(models: ModelPair, log: Log, parts: Sequence[range]) -> Prediction:
         segments=tuple(len(part) - 1 for part in parts),
         sample_time=log.sample_time,
     )
-
-
-def join_predictions(predictions: Sequence[Prediction]) -> Prediction:
-    """Return the steps of all `predictions` as one."""
-    segments = tuple(length for part in predictions for length in part.segments)
-    return replace(join_arrays(predictions), segments=segments)
 
 
 def _columns(log: Log, names: Sequence[str], rows: NDArray[np.int64]) -> Floats | None:

@@ -37,6 +37,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy import linalg, special
 from scipy.signal import spectrogram
@@ -254,14 +255,11 @@ class Peak:
     ratio: float  #: density over that of its surroundings
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Spectrum:
-    """Power spectral densities of residuals."""
+    """What stands out of the power spectral densities of residuals."""
 
-    frequencies: Floats  #: (f,) [Hz]
-    densities: Floats  #: (f, k) unit^2/Hz
     resolution: float  #: [Hz] peaks nearer than this are one
-    windows: int
     peaks: tuple[Peak, ...]  #: by state and frequency
 
 
@@ -274,20 +272,14 @@ def spectrum(residuals: Floats, segments: Sequence[int], *, sample_time: float) 
     windows = sum(1 + 2 * (where.stop - where.start - rows) // rows for where in fitting)
     if rows < _LEAST_ROWS or windows < _LEAST_WINDOWS:
         return None
-    frequencies = np.fft.rfftfreq(rows, sample_time).astype(np.float64)
     powers = [
         spectrogram(residuals[where], rate, "hann", rows, rows // 2, detrend="linear", axis=0)[2]
         for where in fitting
     ]
-    # the mean of a logarithm over noise is that of the density's
-    logs = np.log(np.concatenate(powers, axis=2) + np.finfo(float).tiny).mean(axis=2) + np.euler_gamma
-    return Spectrum(
-        frequencies=frequencies,
-        densities=np.exp(logs),
-        resolution=1.5 * rate / rows,
-        windows=windows,
-        peaks=_peaks(frequencies, logs, windows),
-    )
+    # the mean of a logarithm over noise is that of the density's but for a constant
+    logs = np.log(np.concatenate(powers, axis=2) + np.finfo(float).tiny).mean(axis=2)
+    frequencies = np.fft.rfftfreq(rows, sample_time).astype(np.float64)
+    return Spectrum(resolution=1.5 * rate / rows, peaks=_peaks(frequencies, logs, windows))
 
 
 def _peaks(frequencies: Floats, logs: Floats, windows: int) -> tuple[Peak, ...]:
@@ -307,11 +299,7 @@ def _surroundings(logs: Floats) -> Floats:
     """Return each bin's surroundings (f, k); NaN at the lowest frequencies, where the motion itself is."""
     # a spectrum is symmetric about zero and about half the sampling rate, which makes both sides whole
     far = _GUARD + _SIDE
-    mirrored = np.pad(logs, ((far, far), (0, 0)), mode="reflect")
-    around = np.full_like(logs, np.nan)
-    for place in range(_LOWEST, len(logs)):
-        here = place + far
-        below = np.median(mirrored[here - far : here - _GUARD], axis=0)
-        above = np.median(mirrored[here + _GUARD + 1 : here + far + 1], axis=0)
-        around[place] = np.maximum(below, above)
+    near = sliding_window_view(np.pad(logs, ((far, far), (0, 0)), mode="reflect"), 2 * far + 1, axis=0)
+    around = np.maximum(np.median(near[..., :_SIDE], axis=-1), np.median(near[..., -_SIDE:], axis=-1))
+    around[:_LOWEST] = np.nan
     return around

@@ -31,12 +31,11 @@ from ballbot.validation.closed_loop import (
     RecoveredGain,
     closed_loop,
     delay_of,
-    join_closed_loops,
     recover_gain,
 )
-from ballbot.validation.models import FINEST, ErrorPair, Interval, ModelPair, check_wheels, stretches
-from ballbot.validation.open_loop import join_open_loops, open_loop
-from ballbot.validation.prediction import compare_horizons, join_horizons, join_predictions, predict
+from ballbot.validation.models import FINEST, ErrorPair, Interval, ModelPair, check_wheels, joined, stretches
+from ballbot.validation.open_loop import open_loop
+from ballbot.validation.prediction import compare_horizons, join_horizons, predict
 from ballbot.validation.residuals import analyse_residuals
 from ballbot.validation.result import Validation
 
@@ -208,13 +207,13 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
         return replace(join_validations(shown), left_out=reasons)
     opened = [part.open_loop for part in parts if part.open_loop is not None]
     closed = [part.closed_loop for part in parts if part.closed_loop is not None]
-    prediction = join_predictions([part.prediction for part in parts])
+    prediction = joined([part.prediction for part in parts])
     first = parts[0]
     return replace(
         first,
-        open_loop=join_open_loops(opened) if opened else None,
+        open_loop=joined(opened) if opened else None,
         no_open_loop=None if opened else first.no_open_loop,
-        closed_loop=join_closed_loops(closed) if closed else None,
+        closed_loop=joined(closed) if closed else None,
         no_closed_loop=None if closed else first.no_closed_loop,
         prediction=prediction,
         residuals=analyse_residuals(prediction, first.models.first.model),

@@ -105,8 +105,7 @@ class TwinBody:
         )
         self._twin = Twin(self.robot, self._scenario, estimator=estimator)
         self._force = BodyForce(self._twin.engine)
-        place = self._twin.engine.first_position("ball")
-        self._quaternion = self._twin.engine.qpos[place + 3 : place + 7]
+        self._quaternion = self._twin.engine.position("ball")[3:]
 
     def reset(self, state: NDArray[np.float64]) -> Measurement:
         """Start from a state (10,)."""

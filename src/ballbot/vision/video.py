@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.files import check_regular
 from ballbot.log.columns import Floats
 
 #: containers round times to a millisecond [s]; times so near to even steps are even
@@ -61,18 +62,11 @@ class Video:
 
 
 def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
-    """Return a video after a look into it; its `frame_rate` [Hz] if the file states another, as for slow motion.
+    """Return a video after a look into it; `frame_rate` [Hz] if the file states another, as for slow motion.
 
     InputError if there is no such file, it is not a video, or the rate is not positive.
     """
-    path = Path(path)
-    if not path.is_file():
-        is_folder = "is a folder, not a video" if path.is_dir() else "does not exist"
-        raise InputError(f"The video {path} {is_folder}.")
-    if frame_rate is not None and not 0.0 < frame_rate < math.inf:
-        raise InputError(
-            f"The frame rate is {frame_rate:g}; it must be a positive number of frames per second."
-        )
+    check_regular(path)
     # unreadable files are reported in one sentence, not by messages of OpenCV and FFmpeg, which is silent below 0
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel()
@@ -86,11 +80,13 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
         cv2.utils.logging.setLogLevel(level)
     if not whole:
         raise InputError(f"{path} is not a video that OpenCV can read; use an MP4, AVI, MOV or WebM file.")
-    rate = frame_rate or rate
+    rate = rate if frame_rate is None else frame_rate
     if not 0.0 < rate < math.inf:
-        raise InputError(f"{path} does not contain its frame rate; give it with --frame-rate.")
+        raise InputError(
+            f"The frame rate of {path} is {rate:g}; give it with --frame-rate, in frames per second."
+        )
     return Video(
-        path=path,
+        path=Path(path),
         size=(frame.shape[1], frame.shape[0]),
         frame_rate=float(rate),
         rate_given=frame_rate is not None,

@@ -18,7 +18,6 @@ change within it and not beyond, which they do not at the rim of a plate on whic
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -176,16 +175,13 @@ def _moves(changing: Bools, view: View) -> float:
 
 
 def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> Floats:
-    """Return points (k, 2) of a circle that is given as the ball's outline [pixels]; InputError if it is outside."""
-    x, y, radius = circle
-    width, height = size
-    if not all(map(math.isfinite, circle)):
-        raise InputError(f"The circle is {x:g},{y:g},{radius:g}; it must be three numbers in pixels.")
-    if not radius >= 8.0:
-        raise InputError(f"The circle's radius is {radius:g} pixels; a ball needs at least 8.")
-    if x - radius < -0.5 or y - radius < -0.5 or x + radius > width - 0.5 or y + radius > height - 0.5:
+    """Return points (k, 2) of a circle that is given as the ball's outline [pixels]; InputError if it cannot be."""
+    (x, y, radius), (width, height) = circle, size
+    room = (x + 0.5, y + 0.5, width - 0.5 - x, height - 0.5 - y)
+    if not (radius >= 8.0 and all(radius <= one for one in room)):
         raise InputError(
-            f"The circle {x:g},{y:g},{radius:g} is not inside the picture, which is {width} x {height} pixels."
+            f"The circle is {x:g},{y:g},{radius:g}; it must lie in the picture, which is {width} x {height} pixels, "
+            "and have a radius of at least 8 pixels."
         )
     return _on_circle(circle)
 

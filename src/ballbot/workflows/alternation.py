@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.results import reported
 from ballbot.summary import counted
 from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
 from ballbot.workflows.metrics import QUANTITIES, Performance
@@ -43,7 +44,7 @@ class PairedGain:
     high: float
     drift: float  #: factor from one run to the next that is due to neither controller
 
-    @property
+    @reported
     def verdict(self) -> Literal["smaller", "larger", "undecided"]:
         """Whether the quantity is smaller or larger with the new controller: only if the whole interval is."""
         if self.high < 1.0:

@@ -7,7 +7,7 @@ controller against the first one, with intervals.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from ballbot.control.interface import Feedback
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.sweep import ALL_CORES, Workers
 from ballbot.log import Log
-from ballbot.results import left_out, to_results
+from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Summary, plotted, report_summary, summarized
 from ballbot.workflows.courses import Course
@@ -33,22 +33,12 @@ if TYPE_CHECKING:
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Track:
-    """Where the robot really was in a run, ten times a second, to a tenth of a millimetre."""
-
-    t: NDArray[np.float64]  #: (N,) [s]
-    x: NDArray[np.float64]  #: (N,) [m]
-    y: NDArray[np.float64]  #: (N,) [m]
-    ended: str | None  #: why the run stopped early
-
-    @staticmethod
-    def of(log: Log) -> Track:
-        """Return the track of a run's log."""
-        step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
-        place = true_place(log)
-        t, x, y = (np.round(place[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y"))
-        return Track(t=t, x=x, y=y, ended=log.ended)
+def track_of(log: Log) -> Log:
+    """Return where the robot really was in a run (t, x, y), ten times a second, to a tenth of a millimetre."""
+    step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
+    place = true_place(log)
+    columns = {name: np.round(place[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    return Log(columns, ended=log.ended)
 
 
 @summarized
@@ -62,7 +52,7 @@ class League:
     seeds: tuple[int, ...]
     #: by course and controller, in the order of the seeds
     scores: Mapping[tuple[str, str], tuple[Score, ...]]
-    tracks: Mapping[tuple[str, str], Track]  #: of the first seed
+    tracks: Mapping[tuple[str, str], Log]  #: where the robot really was with the first seed
 
     def summary(self) -> Summary:
         """Return the most accurate controller, and each one's errors and torques over the first one's."""
@@ -154,9 +144,9 @@ def run_league(
     )
 
 
-def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Track | None]:
+def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
     """Return a run's score, and its track if it is of the first seed."""
-    return run.score(log), Track.of(log) if run.condition.seed == first else None
+    return run.score(log), track_of(log) if run.condition.seed == first else None
 
 
 #: in the order of the tables; of all of them less is better
@@ -178,8 +168,6 @@ RATIOS = ("peak_position_error", "rms_position_error", "high_frequency_torque", 
 class Standing:
     """A controller on a course. A run that fell has no errors: it counts among the falls and nowhere else."""
 
-    course: str = field(metadata=left_out)
-    controller: str = field(metadata=left_out)
     runs: int
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
@@ -192,7 +180,6 @@ class Standing:
 class Overall:
     """A controller over all courses."""
 
-    controller: str = field(metadata=left_out)
     runs: int
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
@@ -206,8 +193,6 @@ def standing(league: League, course: str, controller: str) -> Standing:
     falls = _falls(scores)
     numbers = [name for name in Score.__dataclass_fields__ if name not in ("ended", "arrived")]
     return Standing(
-        course=course,
-        controller=controller,
         runs=len(scores),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(scores)),
@@ -232,7 +217,6 @@ def overall(league: League, controller: str) -> Overall:
     everything = [score for scores in mine for score in scores]
     falls = _falls(everything)
     return Overall(
-        controller=controller,
         runs=len(everything),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),

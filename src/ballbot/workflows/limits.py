@@ -103,9 +103,7 @@ class Loop:
         late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
         settled = settled_rows(self.model, self.controller, grip=self.grip)
         return Verdict(
-            settled=np.full((1, 10), np.inf) if late else settled,
-            lost=lost_lean(self.model),
-            grip=self.grip,
+            settled=np.full((1, 10), np.inf) if late else settled, lost=lost_lean(self.model), grip=self.grip
         )
 
     def recovers(self, starts: NDArray[np.float64], *, cut_short: bool = True) -> NDArray[np.bool_]:

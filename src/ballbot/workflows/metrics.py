@@ -175,11 +175,7 @@ def score_results(one: Score) -> dict[str, object]:
 
 
 def score(
-    log: Log,
-    *,
-    settle: float = SETTLE,
-    disturbed: Sequence[float] = (),
-    unsettled: bool = False,
+    log: Log, *, settle: float = SETTLE, disturbed: Sequence[float] = (), unsettled: bool = False
 ) -> Score:
     """Score a run by how far it truly was from the reference once it had settled, and by what that took.
 

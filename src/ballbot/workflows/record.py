@@ -110,7 +110,7 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
 
 def recording_results(job: RecordJob, recording: Recording) -> dict[str, object]:
     """Return a run in numbers; of one on the bench there are few."""
-    own = run_results(recording.with_truth()) if job.experiment == "balance" else {}
+    own = run_results(recording.run) if job.experiment == "balance" else {}
     return {**own, **recording.results}
 
 

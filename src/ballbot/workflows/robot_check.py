@@ -21,14 +21,9 @@ from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
-from ballbot.identification.swing import (
-    SwingInertia,
-    fit_swing,
-    inertia_of_swing,
-    swing_in_log,
-)
+from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
-from ballbot.log.checks.values import check_intervals
+from ballbot.log.checks.values import check_jitter, check_rows
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import LinearModel, Model
@@ -120,7 +115,7 @@ def check_swing(
     refuses the pivot's distance or deviation.
     """
     log = Log.read(file)
-    of_log = check_intervals(log)
+    of_log = [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]
     found = inertia_of_swing(
         fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
     )

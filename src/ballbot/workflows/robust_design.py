@@ -188,8 +188,7 @@ class CostUnits:
             )
         stood = ~nominal.fell
         return CostUnits(
-            error=float(np.median(nominal.error[stood])),
-            roughness=float(np.median(nominal.roughness[stood])),
+            error=float(np.median(nominal.error[stood])), roughness=float(np.median(nominal.roughness[stood]))
         )
 
     def costs(self, seen: RunMeasures) -> NDArray[np.float64]:

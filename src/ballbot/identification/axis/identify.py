@@ -22,26 +22,13 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding_results, note, warning
-from ballbot.fitting.fit import at_bound
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import NormalEquations, covariance, resamples
-from ballbot.identification.axis.experiment import (
-    AxisEstimate,
-    AxisExperiment,
-    blocks_of,
-    fit_axis,
-    window_duration,
-)
+from ballbot.fitting.uncertainty import resamples
+from ballbot.identification.axis.experiment import AxisEstimate, blocks_of, fit_axis, window_duration
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
-from ballbot.identification.axis.motion import (
-    DISTINGUISHED,
-    AxisMotion,
-    inverse_model,
-    motion_of,
-    with_gravity,
-)
+from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of, with_gravity
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
@@ -97,12 +84,16 @@ class AxisIdentification:
     unit: str  #: of positions: "m" or "rad"
     forces: dict[str, Gain]  #: gravity and load that were selected, with their gains
     window: float  #: length of the windows [s]
-    best: (
-        AxisEstimate  #: of the law that was selected or requested; its errors include what the model may lack
-    )
-    by_law: dict[str, AxisEstimate]  #: the laws that were fitted: all, or the requested one and a simpler one
+    law: str  #: that was selected or requested
+    #: the laws that were fitted: all, or the requested one and a simpler one; errors of `law` include what it may lack
+    by_law: dict[str, AxisEstimate]
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
+
+    @property
+    def best(self) -> AxisEstimate:
+        """The estimate by the law that was selected or requested."""
+        return self.by_law[self.law]
 
     def summary(self) -> Summary:
         """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
@@ -116,7 +107,7 @@ class AxisIdentification:
             f"{error:.3g} {unit} RMS over {self.window:.3g} s, 95 % interval {low:.3g} to {high:.3g} {unit}"
         )
         return Summary(
-            title=f"Axis of {', '.join(self.records)}, law {self.best.law}: value ± standard error",
+            title=f"Axis of {', '.join(self.records)}, law {self.law}: value ± standard error",
             rows=(*rows, ("error elsewhere", words)),
             sentences=first_texts(self.findings),
         )
@@ -130,7 +121,7 @@ class AxisIdentification:
         return {
             "records": list(self.records),
             "unit": self.unit,
-            "law": self.best.law,
+            "law": self.law,
             "terms": {name: gain.to_dict() for name, gain in self.forces.items()},
             "force_between_rows": "interpolated" if self.best.model.interpolated else "held",
             "window": self.window,
@@ -171,42 +162,40 @@ def identify_axis(
     run.progress(Progress(stage="forces"))
     seen, others = ([motion_of(one) for one in several] for several in (records, validation_records))
     first, forces = _with_forces(seen, options, known)
-    law = options.law
+    law, duration = options.law, window_duration(seen)
     # a law that is requested is fitted beside the simpler one
     wanted = [name for name in LAWS if law is None or name in (law, LAWS[law][1] or "coulomb")]
-    fits = {}
+    fits = dict[str, AxisEstimate]()
     for number, name in enumerate(wanted):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
-        fits[name] = first if name == "coulomb" else _fit_law(name, first, seen)
+        fits[name] = first if name == "coulomb" else _fit_law(name, first)
     run.progress(Progress(stage="held-out blocks"))
-    squares, duration = {name: fit.held_out() for name, fit in fits.items()}, window_duration(records)
     for name, fit in fits.items():
-        simpler = LAWS[name][1]
-        gain = _gain(squares[name], squares[simpler]) if simpler in fits else None
-        fits[name] = replace(
-            fit, gain=gain, errors=tuple(fit.on(motion, duration) for motion in (*seen, *others))
-        )
-    chosen = law or _selected(fits, seen)
-    best, lacks = _widened(fits[chosen], seen)
-    found = AxisIdentification(
+        simpler = fits.get(LAWS[name][1])
+        errors = {one.record.name: fit.on(one, duration) for one in (*seen, *others)}
+        fits[name] = replace(fit, errors=errors, gain=_gain(fit, simpler) if simpler else None)
+    chosen = law or _selected(fits)
+    best, lacks = _widened(fits[chosen])
+    expected = _expected(fits[chosen].held_out)
+    findings = (
+        note("law", f"The law {chosen} was {'requested' if law else 'selected'}."),
+        *(() if law else _asymmetry_findings(best, fits["asymmetric"])),
+        *lacks,
+        *_undetermined(best),
+        *_delayed(fits[chosen]),
+        *_residual_findings(best),
+        *_elsewhere(best, expected, [one.name for one in validation_records]),
+    )
+    return AxisIdentification(
         records=tuple(one.name for one in records),
         unit=records[0].unit,
         forces=forces,
         window=duration,
-        best=best,
+        law=chosen,
         by_law=fits | {chosen: best},
-        expected=_expected(squares[chosen]),
-        findings=(),
+        expected=expected,
+        findings=findings,
     )
-    findings = (
-        *_law_findings(found, by_user=law is not None),
-        *lacks,
-        *_undetermined(best),
-        *_delayed(fits[chosen]),
-        *_residual_findings(seen, best),
-        *_elsewhere(found),
-    )
-    return replace(found, findings=findings)
 
 
 def _check(
@@ -239,33 +228,33 @@ def _with_forces(
     forces = tuple(name for name, wanted in asked.items() if wanted)
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     gains = dict[str, Gain]()
+
+    def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
+        """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
+        gain = _gain(fit, without)
+        if not (_useful(gain) and any(_is_clear(fit, one) for one in FORCES[name])):
+            return without
+        gains[name] = gain
+        return fit
+
     wider = model if options.gravity is not None else with_gravity(seen, model)
-    fit = _fit(wider, seen)
+    fit = _fit_from_inverse_model(wider, seen)
     if wider is not model:
-        fit = _if_useful("gravity", fit, _fit(model, seen, begin=fit.values), gains)
+        fit = if_useful("gravity", fit, fit_axis(model, seen, fit.values))
     # without gravity, friction under load is part of b and c
     if options.load_friction is None and "gravity" in fit.model.forces:
         wider = replace(fit.model, forces=(*fit.model.forces, "load"))
-        loaded = _fit(wider, seen, begin={**fit.values, "load": _LOAD_START})
-        fit = _if_useful("load", loaded, fit, gains)
+        fit = if_useful("load", fit_axis(wider, seen, {**fit.values, "load": _LOAD_START}), fit)
     if not uneven:
         # a log that is slower than its loop contains some of its rows; the force changes between them
-        other = _fit(replace(fit.model, interpolated=True), seen, begin=fit.values)
+        other = fit_axis(replace(fit.model, interpolated=True), seen, fit.values)
         fit = other if other.rms < (1.0 - USEFUL_GAIN) * fit.rms else fit
     return fit, gains
 
 
-def _if_useful(name: str, fit: AxisEstimate, without: AxisEstimate, gains: dict[str, Gain]) -> AxisEstimate:
-    """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
-    gain = _gain(fit.held_out(), without.held_out())
-    if not (_useful(gain) and any(_is_clear(fit, one) for one in FORCES[name])):
-        return without
-    gains[name] = gain
-    return fit
-
-
-def _gain(squares: NDArray[np.float64], others: NDArray[np.float64]) -> Gain:
-    return gain_between(squares[:, None], others[:, None], blocks_of(len(squares)))
+def _gain(fit: AxisEstimate, simpler: AxisEstimate) -> Gain:
+    squares, others = fit.held_out[:, None], simpler.held_out[:, None]
+    return gain_between(squares, others, blocks_of(len(squares)))
 
 
 def _useful(gain: Gain | None) -> bool:
@@ -276,42 +265,35 @@ def _is_clear(fit: AxisEstimate, name: str) -> bool:
     return abs(fit.values[name]) > _CLEAR * fit.standard_errors[name]
 
 
-def _fit(
-    model: AxisModel, seen: Sequence[AxisMotion], begin: Mapping[str, float] | None = None
-) -> AxisEstimate:
-    """Fit a model from some values, or from the inverse model's."""
-    records = [one.record for one in seen]
-    experiment = AxisExperiment.of(model, seen, window_duration(records))
-    if begin is not None:
-        return fit_axis(experiment, begin)
+def _fit_from_inverse_model(model: AxisModel, seen: Sequence[AxisMotion]) -> AxisEstimate:
     inverse = inverse_model(seen, model).values
     if inverse.get("mass", 1.0) <= 0.0:
         raise InputError(
-            f"{records[0].name}: the inverse model estimates a mass of {inverse['mass']:.3g}, which must be above "
+            f"{seen[0].record.name}: the inverse model estimates a mass of {inverse['mass']:.3g}, which must be above "
             "zero. The sign of the force or its column is wrong, or the force is delayed."
         )
     start = {
         name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
         for name, value in inverse.items()
     }
-    return fit_axis(experiment, {"load": _LOAD_START, **start})
+    return fit_axis(model, seen, {"load": _LOAD_START, **start})
 
 
-def _fit_law(law: str, first: AxisEstimate, seen: Sequence[AxisMotion]) -> AxisEstimate:
+def _fit_law(law: str, first: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
-    model = replace(first.model, law=law)
-    fastest = max(float(np.abs(one.speed).max()) for one in seen)
+    fastest = max(float(np.abs(one.speed).max()) for one in first.motions)
     begin = {**first.values, "asymmetry": 0.0, "stribeck": 0.2 * first.values["coulomb"]}
     # a Stribeck speed has several minima
-    shares = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
-    fits = [_fit(model, seen, begin={**begin, "stribeck_speed": share * fastest}) for share in shares]
+    starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
+    model = replace(first.model, law=law)
+    fits = [fit_axis(model, first.motions, {**begin, "stribeck_speed": one * fastest}) for one in starts]
     return min(fits, key=lambda fit: fit.rms)
 
 
-def _selected(fits: Mapping[str, AxisEstimate], seen: Sequence[AxisMotion]) -> str:
+def _selected(fits: Mapping[str, AxisEstimate]) -> str:
     """Return the law that held-out blocks select."""
     stribeck, coulomb = fits["stribeck"], fits["coulomb"]
-    fastest = max(float(np.quantile(np.abs(one.speed), 0.95)) for one in seen)
+    fastest = max(float(np.quantile(np.abs(one.speed), 0.95)) for one in stribeck.motions)
     determined = all(
         stribeck.standard_errors[name] < stribeck.values[name] for name in ("stribeck", "stribeck_speed")
     )
@@ -321,33 +303,31 @@ def _selected(fits: Mapping[str, AxisEstimate], seen: Sequence[AxisMotion]) -> s
     return "coulomb" if _useful(coulomb.gain) or _is_clear(coulomb, "coulomb") else "viscous"
 
 
-def _widened(fit: AxisEstimate, seen: Sequence[AxisMotion]) -> tuple[AxisEstimate, list[Finding]]:
+def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
     """Return the fit with intervals that contain what differs between records and methods, and a finding on that."""
-    inverse = inverse_model(seen, fit.model)
+    inverse, motions = inverse_model(fit.motions, fit.model), fit.motions
     others = [("by the inverse model", inverse.values, inverse.errors)]
-    for number, one in enumerate(seen if len(seen) > 1 else (), start=1):
-        alone = _fit(fit.model, [one], begin=fit.values)
+    for number, one in enumerate(motions if len(motions) > 1 else (), start=1):
+        alone = fit_axis(fit.model, [one], fit.values)
         others.append((f"in record {number}", alone.values, alone.standard_errors))
     errors, words = dict(fit.standard_errors), []
     for name, own in fit.standard_errors.items():
-        most, cause = 0.0, ""
-        for method, values, theirs in others:
-            if name in values:
-                chance = theirs[name] ** 2 + np.nan_to_num(own) ** 2
-                beyond = (fit.values[name] - values[name]) ** 2 - chance
-                most, cause = (beyond, method) if beyond > most else (most, cause)
         # a parameter at a bound has no interval
-        errors[name] = float(np.hypot(own, np.sqrt(most)))
-        if np.sqrt(most) > _CLEAR * own:
-            words.append(f"{PARAMETERS[name].symbol} by {np.sqrt(most):.2g} {cause}")
-    best = replace(fit, standard_errors=errors)
-    if not words:
-        return best, []
+        known = [(cause, values[name], theirs[name]) for cause, values, theirs in others if name in values]
+        beyond = {
+            cause: (fit.values[name] - value) ** 2 - error**2 - np.nan_to_num(own) ** 2
+            for cause, value, error in known
+        }
+        cause = max(beyond, key=lambda one: np.nan_to_num(beyond[one], nan=-np.inf), default="")
+        most = np.sqrt(np.fmax(beyond.get(cause, 0.0), 0.0))
+        errors[name] = float(np.hypot(own, most))
+        if most > _CLEAR * own:
+            words.append(f"{PARAMETERS[name].symbol} by {most:.2g} {cause}")
     text = (
         "The model may lack something: parameters differ by more than chance between records or methods "
         f"({'; '.join(words)}). The 95 % intervals include that."
     )
-    return best, [note("discrepancy", text)]
+    return replace(fit, standard_errors=errors), [note("discrepancy", text)] if words else []
 
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -368,10 +348,10 @@ _ADVICE = {
 }
 
 
-def _residual_findings(seen: Sequence[AxisMotion], best: AxisEstimate) -> Iterator[Finding]:
+def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
     """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
     axis, tables = best.axis(), []
-    for number, one in enumerate(seen):
+    for number, one in enumerate(best.motions):
         force, rows = one.force(interpolated=best.model.interpolated), one.moving
         left = force - axis.other_forces(force, one.position, one.speed, one.acceleration)
         left = one.lowpassed(left - axis.friction(one.speed))[rows]
@@ -395,15 +375,13 @@ def _residual_findings(seen: Sequence[AxisMotion], best: AxisEstimate) -> Iterat
             )
 
 
-def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Finding]:
-    yield note("law", f"The law {found.best.law} was {'requested' if by_user else 'selected'}.")
-    both = None if by_user else found.by_law["asymmetric"]
-    if both and both.gain and both.gain.significant:
-        ours = {one.record: one.window_rmse for one in found.best.errors if one.record not in found.records}
-        better = [one for one in both.errors if one.window_rmse < ours.get(one.record, 0.0)]
+def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
+    if both.gain and both.gain.significant:
+        others = [name for name in best.errors if name not in [one.record.name for one in best.motions]]
+        better = [one for one in others if both.errors[one].window_rmse < best.errors[one].window_rmse]
         confirmed = (
-            f"{len(better)} of {len(ours)} other records are predicted better with it"
-            if ours
+            f"{len(better)} of {len(others)} other records are predicted better with it"
+            if others
             else "no other record shows whether the machine or this run has it"
         )
         yield note(
@@ -416,53 +394,37 @@ def _law_findings(found: AxisIdentification, *, by_user: bool) -> Iterator[Findi
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
     for name, value in best.values.items():
         error, kind = best.standard_errors[name], PARAMETERS[name]
-        if kind.scale == "signed":
-            continue
-        if not np.isfinite(error):
-            text = f"{kind.symbol} ({kind.meaning}) is at its bound, or has no effect: {value:.3g}."
-            yield warning("at-bound", text)
-        elif error > abs(value):
-            yield warning(
-                "undetermined",
-                f"The records do not determine {kind.symbol} ({kind.meaning}): its standard error is larger than its "
-                "value.",
-            )
+        what = f"{kind.symbol} ({kind.meaning})"
+        if kind.scale != "signed" and not np.isfinite(error):
+            yield warning("at-bound", f"{what} is at its bound, or has no effect: {value:.3g}.")
+        elif kind.scale != "signed" and error > abs(value):
+            text = f"The records do not determine {what}: its standard error is larger than its value."
+            yield warning("undetermined", text)
 
 
 def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the motion shows that the force acts later or earlier than its rows, by one step of Gauss-Newton."""
+    """Warn if the motion shows that the force acts later or earlier than its rows."""
     model = replace(fit.model, forces=(*fit.model.forces, "delay"))
-    late = AxisExperiment.of(
-        model, fit.experiment.motions, window_duration([one.record for one in fit.experiment.motions])
-    )
-    point = late.scaled({**fit.values, "delay": 0.0})
-    equations = late.equations(replace(fit.end, point=point))
-    H, scores = equations.normal.matrix, equations.scores
-    free = ~at_bound(point) & (H.diagonal() > 0.0)
-    inner, sizes = H[np.ix_(free, free)], 1.0 / np.sqrt(H.diagonal()[free])
-    if not free[-1] or np.linalg.cond(inner * np.outer(sizes, sizes)) > DISTINGUISHED**2:
-        return
-    step = np.zeros(len(point))
-    step[free] = -np.linalg.solve(inner, scores[:, free].sum(axis=0))
-    after = NormalEquations(matrix=H, scores=scores + equations.matrices @ step)
-    slope, row = late.coordinates.slopes(point)[-1], max(one.record.sample_time for one in late.motions)
-    delay, error = float(step[-1] * slope), float(np.sqrt(covariance(after, free)[-1, -1]) * slope)
-    if abs(delay) > max(_CLEAR * error, 0.5 * row):
+    late = fit_axis(model, fit.motions, {**fit.values, "delay": 0.0})
+    delay, row = late.values["delay"], max(one.record.sample_time for one in fit.motions)
+    if _is_clear(late, "delay") and abs(delay) > 0.5 * row:
         text = (
-            f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * error:.2g} ms "
+            f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * late.standard_errors['delay']:.2g} ms "
             f"{'later' if delay > 0.0 else 'earlier'} than its rows, as behind a bus or a filter, or the drive yields "
             "or has play: then inertia and viscous friction are off. Shift the force if you know its delay."
         )
         yield warning("force-delay", text)
 
 
-def _elsewhere(found: AxisIdentification) -> Iterator[Finding]:
+def _elsewhere(
+    best: AxisEstimate, expected: tuple[float, float, float], others: Sequence[str]
+) -> Iterator[Finding]:
     """Compare the errors on other records with the error expected there."""
-    middle, low, high = (1e3 * one for one in found.expected)
-    for one in found.best.errors[len(found.records) :]:
-        error, unit = 1e3 * one.window_rmse, f"m{found.unit}"
+    middle, low, high = (1e3 * one for one in expected)
+    for name in others:
+        error, unit = 1e3 * best.errors[name].window_rmse, f"m{best.motions[0].record.unit}"
         fits = (
             "as expected" if low <= error <= high else f"{'better' if error < low else 'worse'} than expected"
         )
-        text = f"{one.record} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
+        text = f"{name} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
         yield warning("other-record", text) if error > high else note("other-record", text)

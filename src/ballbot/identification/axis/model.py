@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -112,15 +112,6 @@ class AxisModel:
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
-
-    def parameters(self, *, force: float, speed: float, acceleration: float) -> tuple[Parameter, ...]:
-        """Return the parameters with the bounds that a record's largest force, speed and acceleration set."""
-        sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
-        named = []
-        for parameter in (PARAMETERS[name] for name in self.names):
-            size, (lower, upper) = sizes.get(parameter.unit, 1.0), parameter.bounds
-            named.append(replace(parameter, bounds=(lower * size, upper * size)))
-        return tuple(named)
 
 
 class _Numbers(NamedTuple):

@@ -1,11 +1,12 @@
 """Checks of a log: its faults, their likely causes, and the uses that it permits.
 
+table            the sentence and the limits of each statistic
 values           what columns show by themselves: gaps, spikes, jumps, limits, dead, frozen or slow columns, falls
 rates            positions, angles and gyro against rates: units, signs, swapped columns, the unit of time
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: how large each is, and whether that changes within a log
+torque_balance   torques against those that the motion needs: how large each is
 physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
@@ -20,26 +21,19 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from ballbot.findings import (
-    Finding,
-    as_argument,
-    by_severity,
-    check_codes,
-    error,
-    note,
-    stop_on_errors,
-)
+from ballbot.findings import Finding, as_argument, by_severity, check_codes, stop_on_errors
 from ballbot.log.checks.kinematics import check_disturbance, check_sampling, check_wheels
 from ballbot.log.checks.rates import check_gyro, check_rates
 from ballbot.log.checks.stuck_encoders import check_stuck_encoders
+from ballbot.log.checks.table import judged
 from ballbot.log.checks.values import (
     check_constant,
     check_held,
-    check_intervals,
+    check_jitter,
     check_lean,
     check_missing_values,
     check_names,
-    check_row_faults,
+    check_rows,
     check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
@@ -68,14 +62,13 @@ def _causes(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings without those that follow from others."""
     kept = list(findings)
     for causes, followers, beside in _FOLLOWS:
-        found = [one for one in kept if one.code in causes]
-        columns = {name for one in found for name in one.where.columns}
-        if found:
-            kept = [
-                one
-                for one in kept
-                if not one.code.startswith(followers) or (beside and columns.isdisjoint(one.where.columns))
-            ]
+        columns = [{*one.where.columns} for one in kept if one.code in causes]
+        kept = [
+            one
+            for one in kept
+            if not one.code.startswith(followers)
+            or all(beside and own.isdisjoint(one.where.columns) for own in columns)
+        ]
     return kept
 
 
@@ -89,18 +82,15 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         int(one.group(1)) for name in log.names if (one := re.fullmatch(r"(?:u|wheel)([1-4])(?:_dot)?", name))
     ]
     wheel_count = robot.wheel_count if robot else max(numbers, default=3)
-    checks = (
-        check_intervals, check_missing_values, lambda one: check_row_faults(one, robot), check_rates, check_gyro,
-        check_lean, check_constant, check_stuck, check_held, check_names,
+    of_columns = (
+        check_jitter, check_missing_values, check_rates, check_gyro, check_lean, check_constant, check_stuck,
+        check_held, check_names,
     )  # fmt: skip
-    findings = [*log.changes, *(finding for find in checks for finding in find(log))]
+    findings = [*log.changes, *check_rows(log, robot), *(one for find in of_columns for one in find(log))]
     findings += check_uses(log, wheel_count=wheel_count)
-    if len(log) < 2:
-        text = "The log has one row, which shows no motion; every use needs many rows."
-        findings.append(error("rows", text))
-    if not any(
-        one.code == "time-scale" for one in findings
-    ):  # in another unit of time no motion can be checked
+    findings += judged("rows", 2.0 - len(log), [], {})
+    # in another unit of time no motion can be checked
+    if not any(one.code == "time-scale" for one in findings):
         findings += check_stuck_encoders(log, wheel_count=wheel_count)
         findings += examined.findings if examined else ()
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
@@ -137,32 +127,25 @@ BALANCING = "identification and validation of the balancing robot"
 DRIVELINES = "identification of drivelines"
 
 
-def _columns_of_uses(wheel_count: int) -> dict[str, tuple[str, ...]]:
+def missing_columns(log: Log, *, wheel_count: int) -> dict[str, list[str]]:
+    """Return the columns that the log lacks by its uses; none if it permits the use."""
     torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
-    return {
+    needed = {
         BALANCING: ("t", *torques, *STATE_NAMES),
         "closed-loop validation": ("t", *torques, *STATE_NAMES, "ref_x", "ref_y", "ref_psi"),
         DRIVELINES: ("t", *torques, *speeds),
         "the on-board state": ("t", *speeds, "gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"),
     }
-
-
-def uses_of(log: Log, *, wheel_count: int) -> list[str]:
-    """Return the uses that the log has the columns for."""
-    return [
-        use for use, needed in _columns_of_uses(wheel_count).items() if all(name in log for name in needed)
-    ]
+    return {use: [name for name in names if name not in log] for use, names in needed.items()}
 
 
 def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return a note for each use that the log lacks columns for."""
     findings = []
-    for use, needed in _columns_of_uses(wheel_count).items():
-        missing = [name for name in needed if name not in log]
-        if missing:
-            plural = "columns" if len(missing) > 1 else "column"
-            names = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
-            findings.append(note("use", f"Not enough for {use}: the log lacks the {names}.", *missing))
+    for use, missing in missing_columns(log, wheel_count=wheel_count).items():
+        plural = "columns" if len(missing) > 1 else "column"
+        columns = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
+        findings += judged("use", len(missing), missing, {"use": use, "columns": columns})
     return findings
 
 

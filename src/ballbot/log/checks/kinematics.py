@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from ballbot.findings import Finding, error, finding, note, warning
+from ballbot.findings import Finding, finding
+from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
@@ -25,28 +26,21 @@ if TYPE_CHECKING:
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
-#: an order must correlate better than the columns' own by this much on average to be preferred
-CLEAR_MARGIN = 0.05
-CLEAR_CORRELATION = 0.9
+#: an order must correlate better than the columns' own by this much on average to be preferred, and all by this much
+CLEAR_MARGIN, CLEAR_CORRELATION = 0.05, 0.9
 #: gains within these of one are right (slip, play and noise take a few percent)
 GAIN_RANGE = (0.9, 1.1)
-#: gains within the first factor of each other have one cause, which is an error beyond the second factor
-ALIKE, WRONG_GAIN = 1.12, 1.2
-#: a gain that slip cannot explain
-IMPOSSIBLE_GAIN = 3.0
-#: differences of logarithms: of a sample time that is another one, and of an encoder's step
-SAME_PERIOD, SAME_STEP = 0.05, 0.02
+#: gains within the first factor of each other have one cause, which is an error beyond the second factor; and a gain
+#: that slip cannot explain
+ALIKE, WRONG_GAIN, IMPOSSIBLE_GAIN = 1.12, 1.2, 3.0
 #: standard deviation of a heading that turns enough to show its sign [rad]: a heading that trembles about one value is
 #: late in the gyro
 TURNING_HEADING = 0.02
-#: rows of a block, the fewest blocks, and the rows that are used, at even intervals of the log
-BLOCK_ROWS, FEWEST_BLOCKS, ENOUGH_ROWS = 50, 10, 1500
-#: blocks with less squared wheel speed than this fraction of the mean are at rest
-MOVING = 0.02
-#: another reading of columns must leave at most this fraction unexplained, and fit better than other wheels by a factor
-UNEXPLAINED, AS_GOOD = 0.3, 1.1
-#: unmodelled torque over gravity's, averaged over a quarter of a second, above which closed loop is not validated
-LARGEST_DISTURBANCE = 1.0
+#: the fewest rows, and those that are used, at even intervals of the log
+FEWEST_ROWS, ENOUGH_ROWS = 500, 1500
+#: another reading of columns must leave at most this fraction unexplained, so many times less than the columns as
+#: logged, and at most so many times as much as other wheels do
+UNEXPLAINED, CLEARLY_LESS, AS_GOOD = 0.3, 1.8, 1.1
 _BALL, _HEADING = ("x", "y", "x_dot", "y_dot"), ("psi", "psi_dot")
 
 
@@ -58,6 +52,11 @@ class WheelAgreement:
     signs: tuple[int, ...]  #: of the log's wheel order[i-1]
     gains: tuple[float, ...]  #: logged speed over the states', by least squares; after order and sign
     correlations: tuple[float, ...]  #: after order and sign
+
+    @property
+    def own(self) -> bool:
+        """Whether order and signs are those of the columns."""
+        return self.order == tuple(sorted(self.order)) and min(self.signs) > 0
 
 
 def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
@@ -72,14 +71,27 @@ def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
     return (z - w) @ transforms(robot).T_owb.T
 
 
+def measured_wheel_speeds(log: Log, robot: Robot) -> Floats:
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
+    names = wheel_speed_names(robot.wheel_count)
+    logged = set(names) <= set(log.names)
+    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
+    if np.isfinite(speeds).all():
+        return speeds
+    zero = np.zeros(len(log))  # the position does not matter
+    states = np.column_stack([zero, zero, *(log[name] for name in STATE_NAMES[2:])])
+    return np.where(np.isfinite(speeds), speeds, wheel_speeds_of_states(states, robot))
+
+
 def _rolling(log: Log, robot: Robot) -> tuple[Floats, Floats] | None:
-    """Return the states (N, 10) and the wheels' speeds (N, n) of complete rows; None without the columns."""
+    """Return the states (N, 10) and the wheels' speeds (N, n) of complete rows; None without the columns or motion."""
     names = wheel_speed_names(robot.wheel_count)
     if not {*STATE_NAMES, *names} <= set(log.names):
         return None
     table = np.column_stack([log[name] for name in (*STATE_NAMES, *names)])
     table = table[np.isfinite(table).all(axis=1)]
-    return table[:, : len(STATE_NAMES)], table[:, len(STATE_NAMES) :]
+    states, logged = np.split(table, [len(STATE_NAMES)], axis=1)
+    return (states, logged) if len(table) >= 2 and logged.std(axis=0).min() > 0.0 else None
 
 
 def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
@@ -89,7 +101,7 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
         return None
     states, logged = rolling
     expected = wheel_speeds_of_states(states, robot)
-    if len(expected) < 2 or expected.std(axis=0).min() < LEAST_MOTION or logged.std(axis=0).min() == 0.0:
+    if expected.std(axis=0).min() < LEAST_MOTION:
         return None
     own = np.arange(robot.wheel_count)
     correlation = np.corrcoef(logged, expected, rowvar=False)[: len(own), len(own) :]  # [logged, expected]
@@ -101,11 +113,9 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     signs = np.where(correlation[order, own] >= 0.0, 1, -1)
     gains = signs * np.sum(logged[:, order] * expected, axis=0) / np.sum(expected**2, axis=0)
     return WheelAgreement(
-        order=tuple((order + 1).tolist()),
-        signs=tuple(signs.tolist()),
-        gains=tuple(gains.tolist()),
-        correlations=tuple(size[order, own].tolist()),
-    )
+        order=tuple((order + 1).tolist()), signs=tuple(signs.tolist()),
+        gains=tuple(gains.tolist()), correlations=tuple(size[order, own].tolist()),
+    )  # fmt: skip
 
 
 def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[Finding]:
@@ -115,50 +125,36 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    from ballbot.log.checks.lean import READINGS, is_clearly_better
+    from ballbot.log.checks.lean import READINGS, fault
 
     rolling = _rolling(log, robot)
-    if rolling is None:
+    if rolling is None or len(rolling[0]) < FEWEST_ROWS or rolling[1].std(axis=0).min() < LEAST_MOTION:
         return []
     states, logged = (part[:: max(1, len(part) // ENOUGH_ROWS)] for part in rolling)
-    if len(states) < FEWEST_BLOCKS * BLOCK_ROWS or logged.std(axis=0).min() < LEAST_MOTION:
-        return []
 
-    def by_blocks(values: Floats) -> Floats:
-        whole = len(values) // BLOCK_ROWS * BLOCK_ROWS
-        return np.square(values[:whole]).reshape(-1, BLOCK_ROWS * values.shape[1]).sum(axis=1)
-
-    def left(states: Floats, logged: Floats) -> Floats:
-        """Return the squared wheel speed that the states leave unexplained, by blocks; a common gain is fitted."""
+    def left(states: Floats, logged: Floats) -> float:
+        """Return the fraction of the squared wheel speed that the states leave; a common gain is fitted."""
         expected = wheel_speeds_of_states(states, robot)
-        gain = max(float(np.sum(expected * logged) / max(np.sum(expected * expected), 1e-30)), 0.0)
-        return by_blocks(logged - gain * expected)
+        gain = max(float(np.vdot(expected, logged) / max(np.vdot(expected, expected), 1e-30)), 0.0)
+        return float(np.square(logged - gain * expected).sum() / np.square(logged).sum())
 
-    tried: list[tuple[Floats, tuple[str, ...], str]] = []
+    tried: list[tuple[float, tuple[str, ...], str]] = []
     for reading in READINGS[1:]:
         changed = states.copy()
-        changed[:, 5:7] = states[:, [6, 5] if reading.swapped else [5, 6]] * reading.signs
-        tried.append((left(changed, logged), _BALL, reading.fault(_BALL[:2], with_rates=True)))
+        changed[:, 5:7] = states[:, 5:7] @ reading.T
+        tried.append((left(changed, logged), _BALL, fault(reading, _BALL[:2], with_rates=True)))
     if states[:, 4].std() >= TURNING_HEADING:
         changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
         tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
-    own, (best, columns, fault) = left(states, logged), min(tried, key=lambda one: one[0].sum())
-    power = by_blocks(logged)
-    moving = power > MOVING * power.mean()  # at rest there is only the states' noise
-    if (
-        moving.sum() < FEWEST_BLOCKS
-        or best.sum() > UNEXPLAINED * power.sum()
-        or not is_clearly_better(best[moving], own[moving])
-    ):
+    least, columns, words = min(tried)
+    ordered, order = 1.0, ""
+    if found and not found.own:
+        ordered = left(states, logged[:, [i - 1 for i in found.order]] * found.signs)
+        order = f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
+    if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
         return []
-    if found and (found.order != tuple(sorted(found.order)) or min(found.signs) < 0):
-        ordered = float(left(states, logged[:, [i - 1 for i in found.order]] * found.signs).sum())
-        if ordered < best.sum() / AS_GOOD:
-            return []
-        if ordered < AS_GOOD * best.sum():
-            fault += f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
-    text = f"The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping."
-    return [error("heading-sign" if columns is _HEADING else "ball-axes", text, *columns)]
+    numbers = {"fault": words + (order if ordered < AS_GOOD * least else "")}
+    return judged("heading-sign" if columns is _HEADING else "ball-axes", 1.0, columns, numbers)
 
 
 def other_wheels(log: Log, wheel_count: int) -> str:
@@ -169,82 +165,55 @@ def other_wheels(log: Log, wheel_count: int) -> str:
         for name in (f"u{number}", f"wheel{number}", f"wheel{number}_dot")
         if name in log and np.unique(log[name][np.isfinite(log[name])]).size > 1
     ]
-    has = f"The log has values of {', '.join(names)}, but the robot has {wheel_count} wheels."
-    return f"{has} Name the log's own robot." if names else ""
+    text = CHECKS["wheels: others"].text.format(names=", ".join(names), count=wheel_count)
+    return text if names else ""
 
 
 def check_sampling(log: Log, robot: Robot) -> list[Finding]:
     """Return a warning for a sample time or an encoder's counts in the robot file that the log contradicts."""
     if len(log) < 2:
         return []
-    findings = []
     period, written = log.sample_time, robot.sensors.sample_time
-    if abs(np.log(period / written)) > SAME_PERIOD:
-        text = (
-            f"Rows come every {1e3 * period:.4g} ms, but sample_time of the robot file is {1e3 * written:.4g} ms. "
-            "Correct the robot file, or know that the log has another rate than the controller."
-        )
-        findings.append(warning("robot-sensors", text, "t"))
+    numbers: dict[str, object] = {"period": 1e3 * period, "written": 1e3 * written}
+    findings = judged("robot-sensors: period", abs(np.log(period / written)), ["t"], numbers)
     names = [name for name in wheel_angle_names(robot.wheel_count) if name in log]
     step = encoder_step(np.column_stack([log[name] for name in names])) if names else None
     decimals = np.log10([step, np.degrees(step)]) if step else np.zeros(1)
     # a power of ten, in radians or degrees, is the rounding of the file
-    if step and np.abs(decimals - np.round(decimals)).min() > 0.5 * SAME_STEP:
-        counts, seen = robot.sensors.encoder_counts, 2.0 * np.pi / (robot.drive.gear_ratio * step)
-        if abs(np.log(seen / counts)) > SAME_STEP:
-            text = (
-                f"The wheels' angles come in steps of {step:.4g} rad: {seen:.4g} counts a motor turn "
-                f"with the gear ratio {robot.drive.gear_ratio:g}, but encoder_counts of the robot file is {counts}. "
-                "Correct encoder_counts or gear_ratio."
-            )
-            findings.append(warning("robot-sensors", text, *names))
+    if step and np.abs(decimals - np.round(decimals)).min() > 0.01:
+        counts, ratio = robot.sensors.encoder_counts, robot.drive.gear_ratio
+        seen = 2.0 * np.pi / (ratio * step)
+        numbers = {"step": step, "seen": seen, "ratio": ratio, "counts": counts}
+        findings += judged("robot-sensors: counts", abs(np.log(seen / counts)), names, numbers)
     return findings
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    columns = wheel_speed_names(robot.wheel_count)
+    columns, own = wheel_speed_names(robot.wheel_count), tuple(range(1, robot.wheel_count + 1))
     others = other_wheels(log, robot.wheel_count)
     if others:
-        return [error("wheels", others)]
+        return [finding("wheels", "error", others)]
     found = wheel_agreement(log, robot)
     misread = _misread_axes(log, robot, found)
-    if misread:
-        return misread
-    if found is None:
-        text = (
-            "The order and signs of the wheels cannot be checked: that needs the ten states, the speed of every wheel, "
-            "and motion."
-        )
-        return [note("wheels", text)]
-    own = tuple(range(1, robot.wheel_count + 1))
+    if misread or found is None:
+        return misread or judged("wheels: unseen", 1.0, [], {})
     follows = min(found.correlations) >= CLEAR_CORRELATION
-    if follows and found.order == own and min(found.signs) > 0:
+    if follows and found.own:
         return _gain_findings(found.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
     if tested and tested.reversed_wheels:
         wheels = tested.reversed_wheels
+        named = f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))})"
         signs = [-1 if i in wheels else 1 for i in own]
-        text = (
-            f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))}) in the opposite direction: with the "
-            "other sign the wheels agree with the lean and the heading. Correct the columns, or [wheels] in the "
-            f"mapping: sign = {signs} times what it is."
-        )
-        return [error("encoders", text, *columns)]
-    evidence = ", ".join(f"{value:.2f}" for value in found.correlations)
-    if not follows:
-        text = (
-            f"The wheel speeds hardly follow the states (correlations {evidence}): another robot, much slip, or a "
-            "delay."
-        )
-        return [warning("wheels", text, *columns)]
-    signs = [found.signs[found.order.index(i)] for i in own]
-    text = (
-        "The wheel columns do not fit this robot; a mapping with [wheels] order = "
-        f"{list(found.order)} and sign = {signs} would fit (correlations {evidence})."
-    )
-    return [error("wheels", text, *columns)]
+        return judged("encoders", 1.0, columns, {"wheels": named, "signs": signs})
+    numbers = {
+        "correlations": ", ".join(f"{value:.2f}" for value in found.correlations),
+        "order": list(found.order),
+        "signs": [found.signs[found.order.index(i)] for i in own],
+    }
+    return judged("wheels: order" if follows else "wheels: weak", 1.0, columns, numbers)
 
 
 def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
@@ -263,15 +232,13 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
         counts: f"they are encoder counts; multiply by 2 pi / (counts per turn x gear ratio) = {1.0 / counts:.4g} rad",
     }
     unit = next((causes[size] for size in causes if alike and 1.0 / ALIKE < common / size < ALIKE), None)
-    wrong = unit or (alike and not 1.0 / WRONG_GAIN < common < WRONG_GAIN)
-    wrong = wrong or any(not 1.0 / IMPOSSIBLE_GAIN < gain < IMPOSSIBLE_GAIN for gain in gains)
     cause = unit or (
         "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
         "computed with another radius, or the ball slips or pivots"
     )
-    listed = ", ".join(f"{gain:.4g}" for gain in gains)
-    text = f"The wheels turn {listed} times as fast as the states imply for this robot: {cause}."
-    return [finding("wheels", "error" if wrong else "warning", text, *wheel_speed_names(len(gains)))]
+    off = max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
+    numbers = {"gains": ", ".join(f"{gain:.4g}" for gain in gains), "cause": cause}
+    return judged("wheels: gain", 2.0 if unit else off, wheel_speed_names(len(gains)), numbers)
 
 
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
@@ -292,10 +259,6 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     return lean_test(robot, lean, wheels, heading, usable)
 
 
-#: rows interpolated across a longer gap [s] are not used
-LONGEST_GAP = 0.05
-
-
 def smoothed_motion(
     log: Log, wheel_count: int, *, width: float = WIDTH
 ) -> tuple[Floats, Bools, Smooth] | None:
@@ -313,7 +276,8 @@ def smoothed_motion(
     t, table = log.t[known], table[known]
     lean, rows = (table[:, 0] + 1j * table[:, 1]) * np.exp(-1j * table[:, 2]), even_rows(t)
     moved = smooth(rows, t, np.column_stack([lean.real, lean.imag, table[:, 2:]]), width=width)
-    usable = balancing_rows(moved.value[:, :2], moved.rate[:, 3:], None) & ~across_a_gap(rows, t, LONGEST_GAP)
+    # rows interpolated across a gap of more than a twentieth of a second are not used
+    usable = balancing_rows(moved.value[:, :2], moved.rate[:, 3:], None) & ~across_a_gap(rows, t, 0.05)
     return rows, usable, moved
 
 
@@ -325,8 +289,4 @@ def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
 
 def disturbance_findings(disturbance: float) -> list[Finding]:
     """Return the warning on a disturbance, relative to gravity; nothing if it is small."""
-    text = (
-        f"Something other than wheels and gravity moves the lean, {disturbance:.1f} times as strongly as gravity: the "
-        "log is good for predictions of a fraction of a second, but not for closed-loop or long open-loop validation."
-    )
-    return [warning("disturbance", text)] if disturbance >= LARGEST_DISTURBANCE else []
+    return judged("disturbance", disturbance, [], {"times": disturbance})

@@ -35,10 +35,11 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, error
+from ballbot.findings import Finding
+from ballbot.log.checks.table import judged
 from ballbot.log.columns import Bools, Floats, torque_names
 from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, Smooth, across_a_gap, near, smooth
+from ballbot.log.signals import INTERVAL, across_a_gap, near, smooth
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
@@ -61,16 +62,6 @@ def clarity(advantage: Floats) -> float:
     return mean / (spread / np.sqrt(len(advantage)))
 
 
-#: another reading must leave this many times less unexplained, and be better by so many standard errors
-CLEARLY_LESS, CLEARLY_BETTER = 1.8, 4.0
-
-
-def is_clearly_better(left: Floats, own: Floats) -> bool:
-    """Return whether an explanation that leaves squares (B,) by blocks is the right one, and not the log's `own`."""
-    advantage = (own - left) / np.maximum(own + left, _TINY)
-    return own.sum() > CLEARLY_LESS * left.sum() and clarity(advantage) > CLEARLY_BETTER
-
-
 def _unexplained(columns: Complex, values: Complex) -> Complex:
     """Return values (N,) less their least-squares fit by columns (N, m)."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
@@ -81,13 +72,11 @@ WIDTH = 0.12
 #: every so many-th row is kept; neighbours within the filter's width are redundant
 EVERY = 4
 #: length of the blocks for the significance of a result [s]; longer than the filter's memory
-BLOCK = 1.0
+BLOCK, LEAST_BLOCKS = 1.0, 4
 #: rows this near a gap, a missing value or a large lean are excluded, in widths of the filter
 AWAY = 2.5
-LONGEST_GAP = 0.05  #: [s]
-LARGEST_LEAN = 0.3  #: [rad]
+LONGEST_GAP, LARGEST_LEAN = 0.05, 0.3  #: [s], [rad]
 LONGEST_SAMPLE_TIME = 0.03  #: [s], beyond which the filter sees too few rows
-LEAST_BLOCKS = 4
 #: part of a log that is used, from its start [s]
 LONGEST_LOG = 600.0
 
@@ -96,9 +85,11 @@ COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """Filtered motion at N rows that are usable."""
+    """Filtered motion at the N usable rows of a log, one in `EVERY` of M even ones."""
 
-    t: Floats  #: (N,) [s]
+    even: Floats  #: (M,) [s], at `INTERVAL`
+    usable: NDArray[np.intp]  #: (N,) indices into `even`
+    known: Bools  #: rows of the log without a missing value in the needed columns
     block: NDArray[np.intp]  #: (N,) number of the row's block, from 0 without gaps
     velocity: Complex  #: (N,) v [m/s]
     acceleration: Complex  #: (N,) dv/dt in the heading frame [m/s^2]
@@ -108,27 +99,13 @@ class Motion:
     turning: Floats  #: (N,) psi_dot [rad/s]
     turning_rate: Floats  #: (N,) [rad/s^2]
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Rows:
-    """The rows on which signals are filtered, and which of them are usable."""
-
-    even: Floats  #: (M,) [s], at `INTERVAL`
-    usable: NDArray[np.intp]  #: indices into `even`, one in `EVERY`
-    known: Bools  #: rows of the log without a missing value in the needed columns
-
-    def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Smooth:
+    def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Floats:
         """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""
-        found = smooth(self.even, log.t[self.known] + late, values[self.known], width=WIDTH)
-        return Smooth(
-            value=found.value[self.usable],
-            rate=found.rate[self.usable],
-            acceleration=found.acceleration[self.usable],
-        )
+        return smooth(self.even, log.t[self.known] + late, values[self.known], width=WIDTH).value[self.usable]
 
 
-def usable_rows(log: Log, robot: Robot) -> Rows | None:
-    """Return the rows on which the physics of a log can be checked.
+def motion_of(log: Log, robot: Robot) -> Motion | None:
+    """Return the filtered motion of a log at the rows on which its physics can be checked.
 
     None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has too little balancing.
     """
@@ -149,29 +126,19 @@ def usable_rows(log: Log, robot: Robot) -> Rows | None:
     usable = np.flatnonzero(~bad)[::EVERY]
     if len(usable) * EVERY * INTERVAL < LEAST_BLOCKS * BLOCK:
         return None
-    return Rows(even=even, usable=usable, known=known)
-
-
-def motion_of(log: Log, rows: Rows) -> Motion:
-    """Return the filtered motion of a log at its usable rows."""
-    turn = np.exp(-1j * log["psi"])
     angles, rates = (np.sin(log["theta"]), np.sin(log["phi"])), (log["theta_dot"], log["phi_dot"])
-    signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * turn
-    found = rows.filtered(log, np.vstack([signals.real, signals.imag, log["psi_dot"]]).T)
-    value, rate = (one[:, :5].T + 1j * one[:, 5:10].T for one in (found.value, found.rate))
-    t = rows.even[rows.usable]
-    _, block = np.unique(np.floor((t - t[0]) / BLOCK).astype(int), return_inverse=True)
+    signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * np.exp(-1j * log["psi"])
+    columns = np.vstack([signals.real, signals.imag, log["psi_dot"]]).T
+    found = smooth(even, t, columns[known], width=WIDTH)
+    value, rate = (one[usable, :5].T + 1j * one[usable, 5:10].T for one in (found.value, found.rate))
+    passed = even[usable] - even[usable[0]]
     return Motion(
-        t=t,
-        block=block,
-        velocity=value[0],
-        acceleration=rate[0],
-        lean=value[1:3],
-        lean_rate=value[3:],
-        lean_acceleration=rate[3:],
-        turning=found.value[:, 10],
-        turning_rate=found.rate[:, 10],
-    )
+        even=even, usable=usable, known=known,
+        block=np.unique(np.floor(passed / BLOCK).astype(int), return_inverse=True)[1],
+        velocity=value[0], acceleration=rate[0],
+        lean=value[1:3], lean_rate=value[3:], lean_acceleration=rate[3:],
+        turning=found.value[usable, 10], turning_rate=found.rate[usable, 10],
+    )  # fmt: skip
 
 
 def as_plane(z: Complex) -> Floats:
@@ -184,104 +151,67 @@ def as_complex(vectors: Floats) -> Complex:
     return vectors[:, 0] + 1j * vectors[:, 1]
 
 
-#: readings within this factor of the best are indistinguishable
-AS_GOOD = 1.15
-#: fraction of the ball's acceleration that the best reading must explain for a conclusion
-EXPLAINED = 0.5
-#: gains of gravity's term that are an error, beyond their standard error times `SURE`; correct logs have 0.9 to 1.1
-GAIN_RANGE = (0.87, 1.15)
-LARGEST_TURN = np.radians(12.0)
-SURE = 3.0
-#: correlation with the lean that a disturbance reaches through the controller: 0.47 on the logs of a robot
-#: whose gain of gravity is 2.3 to 3.8 in 12 of 13 spans of 4 s, where correct logs of the twin have 0.9 to 1.1
-CONFOUNDED = 0.5
-#: relative standard error of gravity's gain above which nothing is concluded
-KNOWN = 0.15
+#: readings within this factor of the best are indistinguishable; one that is clearly better than the columns as logged
+#: leaves so many times less unexplained, and is better by so many standard errors
+AS_GOOD, CLEARLY_LESS, CLEARLY_BETTER = 1.15, 1.8, 4.0
+#: fraction of the ball's acceleration that the best reading must explain for a conclusion, and relative standard error
+#: of gravity's gain above which nothing is concluded
+EXPLAINED, KNOWN = 0.5, 0.15
 #: gains of gravity beyond these, or a turn that another reading of the columns would remove, are accepted only if the
 #: law explains nearly everything
 USUAL, BETWEEN, MOSTLY = (0.3, 3.0), np.radians(50.0), 0.85
+#: gains of gravity's term that are an error, beyond their standard error times `SURE`; correct logs have 0.9 to 1.1
+GAIN_RANGE, SURE = (0.87, 1.15), 3.0
+#: correlation with the lean that a disturbance reaches through the controller: 0.47 on the logs of a robot
+#: whose gain of gravity is 2.3 to 3.8 in 12 of 13 spans of 4 s, where correct logs of the twin have 0.9 to 1.1
+CONFOUNDED = 0.5
+#: widest bracket, of the gain and the one of the opposite regression, that shows a scale
+WIDEST = 1.6
 #: ball speed below which the direction of rolling friction is unknown [m/s]
 ROLLING = 0.005
 
 _LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
 
 
-@dataclass(frozen=True)
-class Reading:
-    """One reading of two columns: the logged first and second, exchanged or not, with signs."""
-
-    swapped: bool = False
-    signs: tuple[int, int] = (1, 1)  #: of the first and the second quantity, after the exchange
-
-    def fault(self, names: Sequence[str], *, with_rates: bool = False) -> str:
-        """Return the fault of the columns of two names, and of their rates if they have the same."""
-        first, second = names
-        parts = [f"{first} and {second} are swapped"] if self.swapped else []
-        if self.signs == (-1, -1):
-            parts.append(f"{first} and {second} have the opposite sign")
-        elif -1 in self.signs:
-            # the column that is at fault: after an exchange the first quantity is logged in the second column
-            at_fault = (self.signs[0] == -1) != self.swapped
-            parts.append(f"{first if at_fault else second} has the opposite sign")
-        single = not self.swapped and self.signs != (-1, -1)
-        rates = (", with its rate" if single else ", with their rates") if with_rates else ""
-        return " and ".join(parts) + rates
-
-    @property
-    def changes(self) -> int:
-        """Number of separate faults."""
-        return self.swapped + (-1 in self.signs)
-
-    @property
-    def weights(self) -> list[int]:
-        """Factors of the first column as first and as second quantity, and of the second column likewise."""
-        first, second = self.signs
-        return [0, second, first, 0] if self.swapped else [first, 0, 0, second]
+#: readings of two columns, the first as logged: rows are quantities, columns the logged ones, exchanged or not, with
+#: signs
+READINGS = [
+    np.array([a, b])[:, None] * way
+    for way in (np.eye(2), np.eye(2)[::-1])
+    for a, b in product((1, -1), repeat=2)
+]
 
 
-AS_LOGGED = Reading()
-READINGS = tuple(Reading(swapped, (a, b)) for swapped, a, b in product((False, True), (1, -1), (1, -1)))
+def fault(reading: Floats, names: Sequence[str], *, with_rates: bool = False) -> str:
+    """Return the fault of the columns of two names by a reading, and of their rates if they have the same."""
+    swapped, wrong = (
+        reading[0, 0] == 0.0,
+        [name for name, of in zip(names, reading.T, strict=True) if of.min() < 0.0],
+    )
+    parts = [f"{' and '.join(names)} are swapped"] if swapped else []
+    if wrong:
+        parts.append(f"{' and '.join(wrong)} {'have' if len(wrong) > 1 else 'has'} the opposite sign")
+    rates = ", with its rate" if len(wrong) == 1 and not swapped else ", with their rates"
+    return " and ".join(parts) + (rates if with_rates else "")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LeanEvidence:
-    """The lean columns of one log by the law of the momentum about the contact."""
+def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[float, float] | None]:
+    """Evaluate the law for every reading of the lean columns: signs and exchange, else scale, else a turn of the IMU.
 
-    readings: tuple[tuple[Reading, Reading], ...]  #: of the angles and their rates, the best, simplest first
-    better: bool  #: whether they are clearly better than the columns as logged
-    explained: float  #: fraction of the ball's acceleration that the best reading with fitted gains explains
-    gravity_gain: complex  #: of the term of the lean angles; |gain| is a scale, its angle a turn [rad]
-    gravity_error: float  #: standard error of the latter
-    gravity_bias: float  #: largest error of its size by a disturbance that the controller answers
-    #: size of the latter if the lean is regressed on the acceleration: noise of the lean lowers the gain itself and
-    #: raises this one
-    reverse_gain: float
-
-    @property
-    def conclusive(self) -> bool:
-        """Whether the log is conclusive on the lean; slipping or shaking wheels have accelerations of their own."""
-        size = abs(self.gravity_gain)
-        usual = USUAL[0] < size < USUAL[1] and abs(np.angle(self.gravity_gain)) < BETWEEN
-        return self.explained >= (EXPLAINED if usual else MOSTLY) and self.gravity_error < KNOWN * size
-
-    @property
-    def misread(self) -> bool:
-        """Whether another reading of the columns is clearly the right one."""
-        return self.conclusive and self.better and self.readings[0] != (AS_LOGGED, AS_LOGGED)
-
-
-def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
-    """Evaluate the law for every reading of the lean columns."""
+    Return the finding, and the ball's acceleration over the one that the lean implies, with its relative uncertainty;
+    None if the log is not conclusive, as slipping or shaking wheels have accelerations of their own.
+    """
     terms, block = _terms(motion, robot), motion.block
     gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
-    pairs = list(product(READINGS, READINGS))
-    weights = np.array([[1, *rates.weights, *angles.weights] for angles, rates in pairs], dtype=np.float64)
+    pairs = list(product(READINGS, READINGS))  # of the angles and of their rates
+    # factors of the first column as first and as second quantity, and of the second column likewise
+    weights = np.array([[1.0, *rates.T.ravel(), *angles.T.ravel()] for angles, rates in pairs])
     left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
     total = left.sum(axis=1)
     best = int(np.argmin(total))
     good = [k for k in range(len(pairs)) if total[k] <= AS_GOOD * total[best]]
-    good.sort(key=lambda k: (pairs[k][0].changes + pairs[k][1].changes, total[k]))
-    # the gains of both terms under the best reading
+    good.sort(key=lambda k: (_changes(pairs[k]), total[k]))
+    # the gains of both terms under the simplest of the best readings
     weight, y = weights[good[0]], terms[0]
     rates, gravity = (-np.tensordot(weight[part], terms[part], axes=1) for part in (slice(1, 5), slice(5, 9)))
     gains = np.linalg.lstsq(np.column_stack([rates, gravity]), y, rcond=None)[0]
@@ -290,31 +220,51 @@ def lean_evidence(motion: Motion, robot: Robot) -> LeanEvidence:
     alone, rest = _unexplained(rates[:, None], gravity), _unexplained(rates[:, None], y)
     score = alone.conj() * residual
     scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
-    size, power, unknown = (float(np.vdot(one, one).real) for one in (alone, y, residual))
-    size, common = max(size, _TINY), abs(np.vdot(alone, rest))
-    return LeanEvidence(
-        readings=tuple(pairs[k] for k in good),
-        better=is_clearly_better(left[best], left[pairs.index((AS_LOGGED, AS_LOGGED))]),
-        explained=1.0 - unknown / power if power > 0.0 else 0.0,
-        gravity_gain=complex(gains[1]),
-        gravity_error=float(np.linalg.norm(scores) / size),
-        # a disturbance with this correlation has so large a part along the lean for the part that is left
-        gravity_bias=float(CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / size)),
-        reverse_gain=float(np.vdot(rest, rest).real / common) if common > 0.0 else float("inf"),
+    power_alone, power, unknown = (max(float(np.vdot(one, one).real), _TINY) for one in (alone, y, residual))
+    size, turn, explained = abs(gains[1]), float(np.angle(gains[1])), 1.0 - unknown / power
+    error = float(np.linalg.norm(scores) / power_alone)
+    usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
+    if explained < (EXPLAINED if usual else MOSTLY) or error >= KNOWN * size:
+        return judged("physics", 1.0, [], {}), None
+    advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], _TINY)
+    if good[0] != 0 and total[0] > CLEARLY_LESS * total[best] and clarity(advantage) > CLEARLY_BETTER:
+        return _misread([pairs[k] for k in good]), None
+    # a disturbance with the correlation has so large a part along the lean for the part that is left; if the law
+    # explains nearly everything, nothing else moves the ball
+    bias = CONFOUNDED / np.sqrt(1.0 - CONFOUNDED**2) * np.sqrt(unknown / power_alone)
+    margin = SURE * error + (0.0 if explained >= MOSTLY else bias)
+    # noise of the lean lowers the gain itself, and raises that of the lean regressed on the acceleration
+    reverse = float(np.vdot(rest, rest).real) / max(abs(np.vdot(alone, rest)), _TINY)
+    off = reverse + margin < GAIN_RANGE[0] or size - margin > GAIN_RANGE[1]
+    columns, side = (*_LEAN, "x", "y", "x_dot", "y_dot"), "left" if turn > 0.0 else "right"
+    degrees, sure = abs(np.degrees(turn)), abs(turn) - SURE * error / size
+    findings = judged("lean-scale", float(off), columns, {"size": size, "inverse": 1.0 / size}) or judged(
+        "lean-axes: turn", sure, _LEAN, {"degrees": degrees, "side": side}
     )
+    # all of the bracket: how the noise divides between lean and acceleration is unknown
+    uncertain = 0.5 * abs(float(np.log(reverse / size))) + SURE * error / size
+    return findings, (float(np.sqrt(size * reverse)), uncertain) if reverse < WIDEST * size else None
+
+
+def _changes(readings: Sequence[Floats]) -> int:
+    """Return the number of separate faults."""
+    return sum(int(one[0, 0] == 0.0) + int(one.min() < 0.0) for one in readings)
 
 
 def _terms(motion: Motion, robot: Robot) -> Complex:
     """Return the law's terms (9, N): acceleration; lever of each rate in either place; pull of each angle likewise."""
     law, turning = contact_momentum(robot), 1j * motion.turning
+
+    def by(matrix: Floats, z: Complex) -> Complex:
+        return as_complex(as_plane(z) @ matrix.T)
+
     rates = [
-        as_complex(as_plane(place * w_dot) @ law.lever[:, :2].T)
-        + turning * as_complex(as_plane(place * w) @ law.lever[:, :2].T)
+        by(law.lever[:, :2], place * w_dot) + turning * by(law.lever[:, :2], place * w)
         for w, w_dot in zip(motion.lean_rate, motion.lean_acceleration, strict=True)
         for place in (1.0, 1j)
     ]
     # sin theta in theta's place is +j of g, in phi's place -1
-    angles = [as_complex(as_plane(place * lean) @ law.pull.T) for lean in motion.lean for place in (1j, -1.0)]
+    angles = [by(law.pull, place * lean) for lean in motion.lean for place in (1j, -1.0)]
     rolling = motion.velocity / np.maximum(np.abs(motion.velocity), ROLLING)
     # rolling friction, and the constant of a slope or of a lean's zero
     removed = np.column_stack([rolling, np.ones_like(rolling)])
@@ -322,46 +272,12 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
     return _unexplained(removed, terms).T
 
 
-def lean_findings(found: LeanEvidence) -> list[Finding]:
-    """Return findings on the lean columns: signs, exchange, scale, a turn of the IMU."""
-    if not found.conclusive:
-        return []
-    if found.misread:
-        return [_misread(found)]
-    size, turn = abs(found.gravity_gain), float(np.angle(found.gravity_gain))
-    low, high = GAIN_RANGE
-    # if the law explains nearly everything, nothing else moves the ball
-    margin = SURE * found.gravity_error + (0.0 if found.explained >= MOSTLY else found.gravity_bias)
-    if found.reverse_gain + margin < low or size - margin > high:
-        text = (
-            f"The ball accelerates {size:.3g} times as much as the lean implies: x, y, x_dot and y_dot are scaled "
-            "(wheel radius, ball radius, gear ratio or encoder counts per turn), the height of the centre of mass "
-            f"differs from the robot file, theta and phi are scaled by {1.0 / size:.3g}, or t is stretched."
-        )
-        return [error("lean-scale", text, *_LEAN, "x", "y", "x_dot", "y_dot")]
-    if abs(turn) - SURE * found.gravity_error / size > LARGEST_TURN:
-        text = (
-            f"The ball accelerates {abs(np.degrees(turn)):.0f} degrees to the {'left' if turn > 0.0 else 'right'} of "
-            "the lean: the IMU is mounted turned about the vertical, or psi has another zero than x and y. Rotate the "
-            "lean ([attitude] turn in a mapping)."
-        )
-        return [error("lean-axes", text, *_LEAN)]
-    return []
-
-
-def _misread(found: LeanEvidence) -> Finding:
-    """Return the finding that names every simplest reading that explains the motion as well as the best."""
-    fewest = min(a.changes + r.changes for a, r in found.readings)
+def _misread(readings: Sequence[tuple[Floats, Floats]]) -> list[Finding]:
+    """Return the finding that names every simplest reading, of those that explain the motion best, simplest first."""
     causes, columns = [], set[str]()
-    for angles, rates in (one for one in found.readings if one[0].changes + one[1].changes == fewest):
-        parts = [angles.fault(_LEAN), rates.fault(_RATES)]
-        causes.append(
-            angles.fault(_LEAN, with_rates=True) if angles == rates else " and ".join(filter(None, parts))
-        )
+    for angles, rates in (one for one in readings if _changes(one) == _changes(readings[0])):
+        parts = [one for one in (fault(angles, _LEAN), fault(rates, _RATES)) if one]
+        alike = np.array_equal(angles, rates)
+        causes.append(fault(angles, _LEAN, with_rates=True) if alike else " and ".join(parts))
         columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
-    text = (
-        f"The lean does not fit the ball's acceleration: {', or '.join(causes)}. With this correction the ball "
-        "accelerates towards the lean, as under every balancing robot (the same mistake in x_dot, y_dot and the wheels "
-        "would look the same). Correct the columns or the mapping."
-    )
-    return error("lean-axes", text, *sorted(columns))
+    return judged("lean-axes", 1.0, sorted(columns), {"causes": ", or ".join(causes)})

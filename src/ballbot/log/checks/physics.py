@@ -9,7 +9,7 @@ every log of a robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -17,8 +17,9 @@ import numpy as np
 from scipy.optimize import nnls
 
 from ballbot.errors import every
-from ballbot.findings import Finding, Place, error, warning
-from ballbot.log.checks.lean import EVERY, LeanEvidence, lean_evidence, lean_findings, motion_of, usable_rows
+from ballbot.findings import Finding
+from ballbot.log.checks.lean import EVERY, check_lean_axes, motion_of
+from ballbot.log.checks.table import judged
 from ballbot.log.checks.torque_balance import (
     TURNED_POWER,
     USUAL,
@@ -28,7 +29,6 @@ from ballbot.log.checks.torque_balance import (
     driving_of,
     gain_findings,
     gains_of,
-    motor_sums,
     together,
 )
 from ballbot.log.columns import STATE_NAMES, Floats, torque_names
@@ -42,8 +42,9 @@ from ballbot.robot import Robot
 class PhysicsOfLog:
     """Results of one log by itself; None if it is not conclusive or an earlier check failed."""
 
-    findings: tuple[Finding, ...] = ()
-    lean: LeanEvidence | None = None
+    findings: Sequence[Finding]
+    #: the ball's acceleration over the one that the lean implies, with its relative uncertainty
+    lean: tuple[float, float] | None = None
     gains: Gains | None = None  #: of torques that have no other fault
 
 
@@ -55,33 +56,21 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
     Checks whose columns the log lacks are skipped. The robot's friction is not used.
     """
     names = torque_names(robot.wheel_count)
-    found = PhysicsOfLog(findings=tuple(delay_findings(log, robot)))
-    rows = usable_rows(log, robot)
-    if rows is None:
-        return found
-    motion = motion_of(log, rows)
-    lean = lean_evidence(motion, robot)
-    found = replace(found, lean=lean)
-    wrong = lean_findings(lean)
-    if wrong or found.findings:
-        return replace(found, findings=(*found.findings, *wrong))
-    if not lean.conclusive:
-        text = (
-            "The signs and scales of lean and torques cannot be checked: the acceleration of the ball does not follow "
-            "the lean clearly enough (too little motion, slipping wheels, or a robot that is held)."
-        )
-        return replace(found, findings=(warning("physics", text),), lean=None)
-    driving = driving_of(log, rows, motion, robot)
-    fit = torque_findings(driving, names=names) if driving else []
-    if fit or driving is None:
-        return replace(found, findings=tuple(fit))
-    gains = gains_of(motor_sums(driving, motion, robot))
-    return replace(found, findings=tuple(gain_findings(gains, names=names)), gains=gains)
+    late, motion = delay_findings(log, robot), motion_of(log, robot)
+    if motion is None:
+        return PhysicsOfLog(findings=late)
+    wrong, lean = check_lean_axes(motion, robot)
+    driving = None if late or wrong else driving_of(log, motion, robot)
+    wrong = [*late, *wrong] or (torque_findings(driving, names=names) if driving else [])
+    if wrong or driving is None:
+        return PhysicsOfLog(findings=wrong, lean=lean)
+    gains = gains_of(driving)
+    return PhysicsOfLog(findings=gain_findings(gains, names=names), lean=lean, gains=gains)
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
-#: longer lags are an error [s]; the computing time of a controller and the group delay of a filter are below
-LARGEST_DELAY = 0.03
+#: lags of a controller and a filter [s]
+USUAL_DELAY = 0.03
 #: fraction of the torques' changes that the lag must explain, and its excess over any usual lag
 DELAY_EXPLAINED, DELAY_MARGIN = 0.4, 0.2
 #: changes beyond this many times the median are due to an event, a saturation or a gap
@@ -102,13 +91,10 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     if not {*STATE_NAMES, *names} <= set(log.names):
         return []
     # in the heading frame, in which a feedback is constant
-    turn = np.exp(-1j * log["psi"])
     pairs = (("x", "y"), ("theta", "phi"), ("x_dot", "y_dot"), ("theta_dot", "phi_dot"))
-    turned = [(log[a] + 1j * log[b]) * turn for a, b in pairs]
+    turned = [(log[a] + 1j * log[b]) * np.exp(-1j * log["psi"]) for a, b in pairs]
     parts = [part for one in turned for part in (one.real, one.imag)]
-    table = np.column_stack([*parts, log["psi"], log["psi_dot"], *(log[name] for name in names)])[
-        :ENOUGH_ROWS
-    ]
+    table = np.column_stack([*parts, *(log[name] for name in ("psi", "psi_dot", *names))])[:ENOUGH_ROWS]
     table = np.diff(table[np.isfinite(table).all(axis=1)], axis=0)
     size = LARGE_CHANGE * np.median(np.abs(table), axis=0) if len(table) >= FEWEST_ROWS else np.zeros(1)
     moved = int((size[len(STATE_NAMES) :] > 0.0).sum())
@@ -127,18 +113,13 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
         for lag in lags
     ]
     explained = np.square(products).sum(axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
-    delays = lags * log.sample_time
-    usual = float(explained[np.abs(delays) <= LARGEST_DELAY].max())
-    best = int(np.argmax(explained))
-    if abs(delays[best]) <= LARGEST_DELAY or explained[best] < max(DELAY_EXPLAINED, usual + DELAY_MARGIN):
+    delays, best = lags * log.sample_time, int(np.argmax(explained))
+    usual = float(explained[np.abs(delays) <= USUAL_DELAY].max())
+    if explained[best] < max(DELAY_EXPLAINED, usual + DELAY_MARGIN):
         return []
-    milliseconds, is_late = 1000.0 * abs(delays[best]), delays[best] > 0.0
-    text = (
-        f"The torques are {milliseconds:.0f} ms too {'late' if is_late else 'early'} in the log: they respond to the "
-        f"states {milliseconds:.0f} ms {'before' if is_late else 'after'}. The times of the torques or of the sensors "
-        "are wrong; shift one of them ([input] delay or [attitude] delay in a mapping)."
-    )
-    return [error("torque-delay", text, *names)]
+    late, before = ("late", "before") if delays[best] > 0.0 else ("early", "after")
+    numbers = {"ms": 1000.0 * abs(delays[best]), "late": late, "before": before}
+    return judged("torque-delay", abs(delays[best]), names, numbers)
 
 
 def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
@@ -156,13 +137,9 @@ def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
     return together(known).scale_errors() if known else np.full(robot.wheel_count, USUAL)
 
 
-#: confidence in another order or other signs from which it is an error
-CONFIDENT = 0.9
 #: fraction of the torques that must be explained to conclude an order or sign: torques of another run of the same robot
-#: reach 0.68, as both follow the limit cycle
-EXPLAINED = 0.75
-#: explained fraction below which torques are unrelated to the motion
-UNRELATED = 0.15
+#: reach 0.68, as both follow the limit cycle; and below which torques are unrelated to the motion
+EXPLAINED, UNRELATED = 0.75, 0.15
 #: an order or sign needs this much turning for certain, of all wheels together [s]
 LEAST_TURNING = 5.0
 
@@ -183,50 +160,37 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
     found = assign(driving, [1] * len(names))
     corrected = replace(driving, torque=by_wheel(driving.torque, (found.wheels, found.signs)))
     explained, after = (np.array([_explained(one, i) for i in own]) for one in (driving, corrected))
-    changed = found.wheels != own or min(found.signs) < 0
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
     enough = turned > LEAST_TURNING and found.explained > EXPLAINED and after.min() > UNRELATED
-    if changed and enough and found.confidence > CONFIDENT:
-        text = (
-            f"The torques do not fit the motion as logged: {_fault(names, found.wheels, found.signs)}. With this "
-            f"correction they explain {100.0 * found.explained:.0f} % of the torque that the motion needs, as logged "
-            f"{100.0 * explained.mean():.0f} %. Correct the columns or the mapping."
-        )
-        return [error("torque-sign" if found.wheels == own else "torque-order", text, *names)]
+    if enough and (found.wheels != own or min(found.signs) < 0):
+        numbers = {
+            "fault": _fault(names, found.wheels, found.signs),
+            "after": 100.0 * found.explained,
+            "before": 100.0 * explained.mean(),
+        }
+        key = "torque-sign" if found.wheels == own else "torque-order"
+        wrong = judged(key, found.confidence, names, numbers)
+        if wrong:
+            return wrong
     unrelated = np.full(len(names), True) if explained.mean() < UNRELATED else explained < UNRELATED
-    if unrelated.all() or (unrelated.any() and explained.max() > EXPLAINED):
-        columns = [name for name, one in zip(names, unrelated, strict=True) if one]
-        text = (
-            f"{every(columns)}: the motion explains at most {100.0 * explained[unrelated].max():.0f} %, and no other "
-            "order or signs fit. The torque is of another log, shifted in time, random, or not that of the motor."
-        )
-        return [error("torque-unrelated", text, *columns)]
-    return []
+    columns = [name for name, one in zip(names, unrelated, strict=True) if one]
+    if not columns or (len(columns) < len(names) and explained.max() <= EXPLAINED):
+        return []
+    numbers = {"names": every(columns), "percent": 100.0 * explained[unrelated].max()}
+    return judged("torque-unrelated", 1.0, columns, numbers)
 
 
 def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
     """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
-    moved = [j for j, wheel in enumerate(wheels) if wheel != j]
+    moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(wheels) if wheel != j]
     negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
-    parts = []
-    if len(moved) == 2:
-        parts.append(f"{names[moved[0]]} and {names[moved[1]]} are swapped")
-    elif moved:
-        order = ", ".join(f"{names[j]} drives wheel {wheels[j] + 1}" for j in moved)
-        parts.append(f"the torques are in another order ({order})")
-    if len(negated) == len(names):
-        parts.append("all torques have the opposite sign")
-    elif negated:
-        parts.append(f"{' and '.join(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign")
-    return " and ".join(parts)
+    have = f"{every(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign" if negated else ""
+    return " and ".join(one for one in (", ".join(moved), have) if one)
 
 
 #: two scales are of different robots if they differ by more than this factor and by more than their uncertainty, and by
 #: this relative uncertainty in addition
 APART, MARGIN = 1.18, 0.03
-SURE = 3.0  #: standard errors
-#: widest bracket (of the two regressions of the lean) that is compared
-WIDEST = 1.6
 _TORQUE, _LEAN = "the torque that the motion needs", "the ball's acceleration at a lean"
 #: why a scale differs
 _CAUSES = {
@@ -235,49 +199,30 @@ _CAUSES = {
 }
 
 
-def different_robots(examined: Mapping[str, PhysicsOfLog]) -> list[Finding]:
-    """Return an error for each scale in which logs, by their names, differ more than logs of one robot can."""
-    scales = {name: _scales(one) for name, one in examined.items()}
-    return [
-        finding
-        for quantity in _CAUSES
-        for finding in _compared({n: own[quantity] for n, own in scales.items() if quantity in own}, quantity)
-    ]
+def different_robots(examined: Mapping[str, PhysicsOfLog]) -> Iterator[Finding]:
+    """Return an error for each scale in which logs, by their names, differ more than logs of one robot can.
 
-
-def _scales(one: PhysicsOfLog) -> dict[str, tuple[float, float]]:
-    """Return the scales that a log shows, relative to the robot file's, with their relative uncertainties."""
-    found: dict[str, tuple[float, float]] = {}
-    if one.gains is not None and np.isfinite(one.gains.common()[1]):
-        middle, uncertain = one.gains.common()
-        found[_TORQUE] = middle, SURE * uncertain
-    if one.lean is not None and one.lean.conclusive and not one.lean.misread:
-        forward, reverse = abs(one.lean.gravity_gain), one.lean.reverse_gain
-        if forward > 0.0 and np.isfinite(reverse) and reverse < WIDEST * forward:
-            # all of the bracket: how the noise divides between lean and acceleration is unknown
-            half = 0.5 * abs(float(np.log(reverse / forward)))
-            found[_LEAN] = float(np.sqrt(forward * reverse)), half + SURE * one.lean.gravity_error / forward
-    return found
-
-
-def _compared(scales: Mapping[str, tuple[float, float]], quantity: str) -> list[Finding]:
-    """Return the finding on the two logs that differ most clearly, in the one that is farther from the robot file."""
-
-    def margin(pair: tuple[str, str]) -> float:
-        """Return the excess of the difference of two scales' logarithms over its tolerance."""
-        (one, uncertain), (other, also_uncertain) = scales[pair[0]], scales[pair[1]]
-        return abs(np.log(one / other)) - max(uncertain + also_uncertain + MARGIN, np.log(APART))
-
-    apart = max(combinations(scales, 2), key=margin, default=None)
-    if apart is None or margin(apart) <= 0.0:
-        return []
-    other, odd = sorted(apart, key=lambda name: abs(np.log(scales[name][0])))
-    odd_words, other_words = (
-        f"{scales[n][0]:.2f} +- {scales[n][0] * scales[n][1]:.2f}" for n in (odd, other)
-    )
-    text = (
-        f"{odd} and {other} are of different robots: {quantity} is {scales[odd][0] / scales[other][0]:.2f} times as "
-        f"large in {odd} (relative to the robot file it is {odd_words} in {odd} and {other_words} in {other}). "
-        f"{_CAUSES[quantity]} Use logs of one robot in one condition."
-    )
-    return [Finding(code="robots", severity="error", text=text, where=Place(file=odd))]
+    It is on the two that differ most clearly, in the one that is farther from the robot file.
+    """
+    torque = {name: one.gains.common() for name, one in examined.items() if one.gains}
+    scales = {
+        _TORQUE: {name: (k, 3.0 * error) for name, (k, error) in torque.items() if np.isfinite(error)},
+        _LEAN: {name: one.lean for name, one in examined.items() if one.lean},
+    }
+    for quantity, of_logs in scales.items():
+        margins = {
+            pair: abs(np.log(a / b)) - max(a_error + b_error + MARGIN, np.log(APART))
+            for pair in combinations(of_logs, 2)
+            for (a, a_error), (b, b_error) in [[of_logs[name] for name in pair]]
+        }
+        pair = max(margins, key=lambda pair: margins[pair], default=None)
+        if pair is None:
+            continue
+        other, odd = sorted(pair, key=lambda name: abs(np.log(of_logs[name][0])))
+        of_odd, of_other = (f"{k:.2f} +- {k * error:.2f}" for k, error in (of_logs[odd], of_logs[other]))
+        numbers = {
+            "odd": odd, "other": other, "quantity": quantity, "factor": of_logs[odd][0] / of_logs[other][0],
+            "of_odd": of_odd, "of_other": of_other, "cause": _CAUSES[quantity],
+        }  # fmt: skip
+        for finding in judged("robots", margins[pair], [], numbers):
+            yield replace(finding, where=replace(finding.where, file=odd))

@@ -7,34 +7,26 @@ deviations: it is 57.3 if the column is in degrees and its rate in radians.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
 
-from ballbot.findings import Finding, error, finding
+from ballbot.findings import Finding
+from ballbot.log.checks.table import judged
 from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, Floats, numbered_names
 from ballbot.log.log import Log
 
-DEGREES = float(np.degrees(1.0))
 COMPARED_TIME = 0.5  #: [s] over which an angle's change and its rate's integral are compared
 #: rows to compare at intervals longer than this [s], since the unit of time may be wrong
 SLOW_ROWS, SLOW = 100, 0.2
 FEWEST_ROWS = 40  #: for a comparison
-#: rows that take this many times as long as usual have a gap between them
-LONGEST_SPAN = 3.0
-#: columns that a robot's own sensors and motors give, at the rate of its control
-_OF_A_RUN = {"u1", "theta", "gyro_x", "wheel1"}
 CLEAR_CORRELATION = 0.8  #: below which a comparison is not conclusive
 #: columns are swapped if each agrees with the other's rate by this much, and more than with its own by the margin
 SWAPPED_CORRELATION, SWAPPED_MARGIN = 0.7, 0.3
-#: ratios within the first factor of each other are equal, and one beyond the second is not noise
-SAME, OFF = 1.25, 1.3
-#: a scale is off beyond the first factor, and results are wrong beyond the second
-NOISE, WRONG_SCALE = 1.5, 4.0
 #: units that a column may be in, by their number in an SI unit
 _LENGTHS = {100.0: "cm", 1000.0: "mm"}
-_ANGLES = {DEGREES: "degrees", 1000.0: "mrad", 1.0 / (2.0 * np.pi): "turns"}
+_ANGLES = {float(np.degrees(1.0)): "degrees", 1000.0: "mrad", 1.0 / (2.0 * np.pi): "turns"}
 _RPM = {60.0 / (2.0 * np.pi): "rpm"}
 _TIMES = {1e-3: "ms", 1e-6: "us", 1e-9: "ns", 1.0 / 60.0: "minutes"}
 _GYRO = ("gyro_x", "gyro_y", "gyro_z")
@@ -59,15 +51,23 @@ def check_rates(log: Log) -> list[Finding]:
     names = [name for name in (*POSITION_NAMES, *wheels) if name in log and f"{name}_dot" in log]
 
     def compared(name: str, other: str) -> _Agreement | None:
-        return _change_against_rate(log, name, f"{other}_dot")
+        """Compare a column's changes over half a second with the integral of a rate."""
+        finite = np.isfinite(log[name]) & np.isfinite(log[f"{other}_dot"])
+        t, angle, rate = log.t[finite], log[name][finite], log[f"{other}_dot"][finite]
+        if len(t) < FEWEST_ROWS:
+            return None
+        integral = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
+        slow = log.sample_time >= SLOW
+        rows = int(np.clip(SLOW_ROWS if slow else round(COMPARED_TIME / log.sample_time), 1, len(t) // 4))
+        spans = t[rows:] - t[:-rows]
+        whole = spans < 3.0 * np.median(spans)  # not over a gap, where the rate is unknown
+        return _agreement((angle[rows:] - angle[:-rows])[whole], (integral[rows:] - integral[:-rows])[whole])
 
     found = {name: one for name in names if (one := compared(name, name))} if len(log) > 1 else {}
     clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
-    time = _time_fault(log, {name: ratio for name, (_, ratio) in clear.items()})
-    if time:
-        return [error("time-scale", time, "t")]
+    time = _time_findings(log, {name: ratio for name, (_, ratio) in clear.items()})
     findings = [one for name in clear for one in _verdict(name, f"{name}_dot", *clear[name])]
-    return findings + _swapped(compared, found, (("x", "y"), ("theta", "phi")))
+    return time or [*findings, *_swapped(compared, found, (("x", "y"), ("theta", "phi")))]
 
 
 def check_gyro(log: Log) -> list[Finding]:
@@ -83,101 +83,67 @@ def check_gyro(log: Log) -> list[Finding]:
         return _agreement(log[name], body[:, _GYRO.index(other)])
 
     found = {name: one for name in _GYRO if (one := compared(name, name))}
-    clear = [name for name in found if abs(found[name][0]) >= CLEAR_CORRELATION]
-    findings = [one for n in clear for one in _verdict(n, "theta_dot, phi_dot, psi_dot", *found[n])]
-    return findings + _swapped(compared, found, list(combinations(_GYRO, 2)))
+    clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
+    findings = [one for n in clear for one in _verdict(n, "theta_dot, phi_dot, psi_dot", *clear[n])]
+    return [*findings, *_swapped(compared, found, tuple(combinations(_GYRO, 2)))]
 
 
-def _change_against_rate(log: Log, name: str, rate_name: str) -> _Agreement | None:
-    rate = log[rate_name]
-    finite = np.isfinite(log[name]) & np.isfinite(rate)
-    t, angle, rate = log.t[finite], log[name][finite], rate[finite]
-    if len(t) < FEWEST_ROWS:
-        return None
-    integral = np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))))
-    slow = log.sample_time >= SLOW
-    rows = int(np.clip(SLOW_ROWS if slow else round(COMPARED_TIME / log.sample_time), 1, len(t) // 4))
-    spans = t[rows:] - t[:-rows]
-    whole = spans < LONGEST_SPAN * np.median(spans)  # not over a gap, where the rate is unknown
-    return _agreement((angle[rows:] - angle[:-rows])[whole], (integral[rows:] - integral[:-rows])[whole])
-
-
-def _time_fault(log: Log, ratios: Mapping[str, float]) -> str:
-    """Return the sentence on the unit or the direction of time, by all clear ratios; empty if it is right."""
+def _time_findings(log: Log, ratios: Mapping[str, float]) -> list[Finding]:
+    """Return the error of the unit or the direction of time, by all clear ratios."""
     if len(ratios) >= 3 and max(ratios.values()) < 0.0:
-        return (
-            "All positions and angles change in the opposite direction to their rates: the rows are in reverse order "
-            "of time. Sort them, or negate all rates."
-        )
+        return judged("time-scale: reverse", 1.0, ["t"], {})
     of_states = {name: ratio for name, ratio in ratios.items() if not name.startswith("wheel")}
-    of_both_kinds = len({name in ("x", "y") for name in of_states}) == 2
-    factor = float(np.median(list(of_states.values()))) if of_both_kinds else 1.0
-    same = all(factor / SAME < ratio < factor * SAME for ratio in of_states.values())
-    if same and not 1.0 / OFF < factor < OFF:
+    factor = float(np.median(list(of_states.values()) or [1.0]))
+    numbers = (
+        {"factor": factor, "by_rates": factor * log.sample_time, "by_t": log.sample_time}
+        if len(log) > 1
+        else {}
+    )
+    both_kinds = len({name in ("x", "y") for name in of_states}) == 2
+    if both_kinds and all(factor / 1.25 < ratio < factor * 1.25 for ratio in of_states.values()):
         unit = _unit(factor, _TIMES)
         cause = f"t is in {unit}, not in seconds" if unit else "t is stretched (wrong sample time or unit)"
-        return (
-            f"Positions and angles all change {factor:.3g} times as much as the integrals of their rates over t: "
-            f"{cause}. By the rates, rows come every {factor * log.sample_time:.3g} s, by t every "
-            f"{log.sample_time:.4g}."
-        )
-    if (
-        len(log) >= FEWEST_ROWS
-        and log.sample_time >= SLOW
-        and not ratios
-        and not _OF_A_RUN.isdisjoint(log.names)
-    ):
-        return (
-            f"Rows come every {log.sample_time:.4g} s and no value continues from row to row: t is in ms or "
-            "another unit, not in seconds, or the log was thinned out. No robot balances at such a rate."
-        )
-    return ""
+        return judged("time-scale", max(factor, 1.0 / factor), ["t"], numbers | {"cause": cause})
+    # columns that a robot's own sensors and motors give come at the rate of its control
+    of_a_run = not {"u1", "theta", "gyro_x", "wheel1"}.isdisjoint(log.names)
+    slow = len(log) >= FEWEST_ROWS and log.sample_time >= SLOW and not ratios and of_a_run
+    return judged("time-scale: slow", float(slow), ["t"], numbers)
 
 
-def _verdict(name: str, rates: str, correlation: float, ratio: float) -> list[Finding]:
-    """Return the findings on a ratio other than one; a factor of `NOISE` may still be noise."""
-    size = abs(ratio)
-    seen = f"{name} varies {size:.3g} times as much as {rates} give"
-    columns = (name, rates) if rates in STATE_NAMES or name.startswith("wheel") else (name,)
-    findings = []
-    if ratio < 0.0:
-        text = f"{name} and {rates} have opposite signs (correlation {correlation:.2f}); negate one of them."
-        findings.append(error("sign", text, *columns))
-    of_length, is_rate = name in ("x", "y"), name.startswith("gyro")
+def _verdict(name: str, rates: str, correlation: float, ratio: float) -> Iterator[Finding]:
+    """Return the findings on a ratio other than one."""
+    size, of_length, is_gyro = abs(ratio), name in ("x", "y"), name.startswith("gyro")
+    columns = [name] if is_gyro else [name, rates]
+    numbers = {"name": name, "rates": rates, "size": size, "correlation": correlation}
+    yield from judged("sign", -ratio, columns, numbers)
     units = _LENGTHS if of_length else _ANGLES
     per_second = units if of_length else _ANGLES | _RPM
     for unit, column, timed in (
-        (_unit(size, per_second if is_rate else units), name, is_rate),
+        (_unit(size, per_second if is_gyro else units), name, is_gyro),
         (_unit(1.0 / size, per_second), rates, True),
     ):
         if unit:
             each = " per second" if timed else ""
-            given = unit if unit == "rpm" else f"{unit}{each}"
-            text = f"{seen}: {column} is in {given}, not in {'m' if of_length else 'radians'}{each}."
-            return [*findings, error("degrees" if unit == "degrees" else "scale", text, *columns)]
-    if not 1.0 / NOISE < size < NOISE:
-        text = f"{seen}: one of the two has a wrong scale, a delay or much noise."
-        wrong = not 1.0 / WRONG_SCALE < size < WRONG_SCALE
-        findings.append(finding("scale", "error" if wrong else "warning", text, *columns))
-    return findings
+            given = {"unit": unit + each * (unit != "rpm"), "right": ("m" if of_length else "radians") + each}
+            key = "degrees" if unit == "degrees" else "scale: unit"
+            yield from judged(key, 1.0, columns, numbers | {"column": column} | given)
+            return
+    yield from judged("scale", max(size, 1.0 / size), columns, numbers)
 
 
 def _swapped(
     compared: Callable[[str, str], _Agreement | None],
     found: Mapping[str, _Agreement],
-    pairs: Sequence[tuple[str, str]],
-) -> list[Finding]:
+    pairs: tuple[tuple[str, str], ...],
+) -> Iterator[Finding]:
     """Return an error for each pair of columns that follow each other's rates."""
-    findings = []
     for first, second in (pair for pair in pairs if {*pair} <= set(found)):
         crossed = (compared(first, second), found[first]), (compared(second, first), found[second])
         if all(
             one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
             for one, own in crossed
         ):
-            text = f"{first} and {second} are swapped, or their rates are: each changes by the rate of the other."
-            findings.append(error("swapped", text, first, second))
-    return findings
+            yield from judged("swapped", 1.0, [first, second], {"first": first, "second": second})
 
 
 def _unit(ratio: float, units: Mapping[float, str]) -> str | None:

@@ -15,49 +15,47 @@ nothing. No units, radii or masses enter.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
 
-from ballbot.findings import Finding, error
+from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import smoothed_motion
+from ballbot.log.checks.table import judged
 from ballbot.log.columns import Bools, Floats, wheel_angle_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, Smooth
 
 TINY = 1e-30
-
 #: shortest hold that is tested [s]: dry friction holds a wheel for less while a robot balances at 1 to 3 Hz, and what
 #: the filter leaves of a shorter one is too little
 SHORTEST_HOLD = 2.0
 #: standard deviation of the filter's weights [s]: the angles' noise is far above, and what a wheel misses grows
 #: downwards. Rows nearer to a hold's ends than so many of them have filtered values of both sides
 WIDTH, APART = 0.25, 3.0
-#: length of the windows over which the unexplained motion is compared [s]
-WINDOW = 0.5
-#: fewest seconds that the relations are fitted by
-FEWEST_SECONDS = 4.0
-#: a hold is a fault if a quarter of its windows leaves at least so many times as much as all but a twentieth of the
-#: windows elsewhere, and turning of the wheel explains that part of it. In the 12 recordings of the test half of
-#: campaigns/mapping_recordings.py, true holds leave at most 0.6 times as much, and their wheels explain at most 0.6 of
-#: it. Of 72 encoders stopped at random for 2.5 to 10 s all are found; they leave 2 to 39 times as much, 0.88 of it or
-#: more along their wheels
-TIMES, ALONG = 2.0, 0.85
+#: windows over which the unexplained motion is compared, and the fewest that the relations are fitted by [s]
+WINDOW, FEWEST_SECONDS = 0.5, 4.0
+#: turning of the wheel explains this part of the motion that a hold leaves unexplained: 0.88 or more of 72 encoders
+#: stopped at random, at most 0.6 of true holds (`ballbot.log.checks.table`)
+ALONG = 0.85
 
 
-def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
-    """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned."""
+def check_stuck_encoders(log: Log, *, wheel_count: int) -> Iterator[Finding]:
+    """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned.
+
+    A quarter of the hold's windows leaves more times as much as all but a twentieth of the windows elsewhere.
+    """
     names = wheel_angle_names(wheel_count)
     holds = [(i, *span) for i, name in enumerate(names) if name in log for span in _holds(log, name)]
     found = smoothed_motion(log, wheel_count, width=WIDTH) if holds else None
     if found is None:
-        return []
+        return
     (rows, usable, moved), apart = found, APART * WIDTH
     near_holds = [(rows >= start - apart) & (rows <= end + apart) for _, start, end in holds]
     free = usable & ~np.any(near_holds, axis=0)
     if free.sum() * INTERVAL < FEWEST_SECONDS:
-        return []
-    findings = []
+        return
     for wheel, start, end in holds:
         inside = usable & (rows > start + apart) & (rows < end - apart)
         if inside.sum() * INTERVAL < WINDOW:
@@ -66,15 +64,9 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> list[Finding]:
         usual = float(np.quantile(_windows(along, free), 0.95))
         times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
         part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
-        if times > TIMES and part > ALONG:
-            text = (
-                f"{names[wheel]} holds its value from {start:.6g} to {end:.6g} s though its wheel turns: the lean, the "
-                f"heading and the other wheels leave {times:.2g} times as much of the motion unexplained as elsewhere, "
-                f"and {100 * part:.0f} % of that is what turning of this wheel would do. The encoder or its cable "
-                "failed, or messages were lost."
-            )
-            findings.append(error("stuck", text, names[wheel], time=start))
-    return findings
+        numbers = {"name": names[wheel], "start": start, "end": end, "times": times, "percent": 100 * part}
+        if part > ALONG:
+            yield from judged("stuck: encoder", times, [names[wheel]], numbers, time=start)
 
 
 def _holds(log: Log, name: str) -> list[tuple[float, float]]:

@@ -12,15 +12,13 @@ and with it n, the torque that each wheel needs for the motion. A motor supplies
 so k is one for the right robot, s_i for the right scale, and wheel i's torque follows n_i and its own speed's sign.
 Which order and signs of the torques explain the log best: `ballbot.log.mapping_search.commands`.
 
-Everything else is solved from one set of products per motor and second (`MotorSums`), weighted by the fraction of time
-in which the wheel turned for certain: the friction of a sticking wheel is unknown.
-
-The gain of a whole log. Regression of a torque on the torque that the motion needs gives too small a factor, because
-the need is computed from differentiated signals and has their noise. The factor is therefore that of the acceleration
-that gravity causes (`gravity_need`): its noise is that of another sensor, an instrumental variable. Its error has three
-parts: the scatter of the seconds; what friction's three terms miss, a fraction of the friction that grows with the part
-of it that goes along with the need; and a floor. A log in which friction is most of the torque hardly bounds the scale,
-and says so.
+The gains are solved from one set of products per motor and second, weighted by the fraction of time in which the wheel
+turned for certain: the friction of a sticking wheel is unknown. Regression of a torque on the torque that the motion
+needs gives too small a factor, because the need is computed from differentiated signals and has their noise. The factor
+is therefore that of the part of the need that gravity causes: its noise is that of another sensor, an instrumental
+variable. Its error has three parts: the scatter of the seconds; what friction's three terms miss, a fraction of the
+friction that grows with the part of it that goes along with the need; and a floor. A log in which friction is most of
+the torque hardly bounds the scale, and says so.
 """
 
 from __future__ import annotations
@@ -31,21 +29,22 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, error, finding, warning
-from ballbot.log.checks.lean import EVERY, Motion, Rows, as_complex, as_plane
-from ballbot.log.columns import Floats, torque_names, wheel_speed_names
+from ballbot.findings import Finding
+from ballbot.log.checks.kinematics import measured_wheel_speeds
+from ballbot.log.checks.lean import EVERY, Motion, as_complex, as_plane
+from ballbot.log.checks.table import judged
+from ballbot.log.columns import Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
 
-#: speed at which the sign of a wheel's dry friction is nearly certain, and above which it is certain [rad/s]
-SIGN, TURNING = 0.1, 0.3
+#: speed at which the sign of a wheel's dry friction is nearly certain, above which it is certain, and at which the
+#: falling part of friction has fallen to 37 % [rad/s]
+SIGN, TURNING, FALLING = 0.1, 0.3, 0.6
 #: exponent of the weight of rows by the fraction of the filter's time in which the wheel turned for certain
 TURNED_POWER = 4
-#: speed at which the falling part of friction has fallen to 37 % [rad/s]
-FALLING = 0.6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,49 +53,53 @@ class Driving:
 
     torque: Floats  #: (N, n) u as logged, filtered [N m]
     needed: Floats  #: (N, n) n, the torque that the motion needs of each wheel [N m]
+    pulled: Floats  #: (N, n) gravity's part of it [N m]
     friction: Floats  #: (N, n, 3) sign, speed and falling sign of each wheel's speed, filtered
     turning: Floats  #: (N, n) fraction of the filter's time in which the wheel turned for certain
     block: NDArray[np.intp]  #: (N,)
     azimuths: Floats  #: (n,) of the wheels [rad]
 
 
-def driving_of(log: Log, rows: Rows, motion: Motion, robot: Robot) -> Driving | None:
+def driving_of(log: Log, motion: Motion, robot: Robot) -> Driving | None:
     """Return the torques of a log and those that its motion needs; None without every wheel's torque."""
     names = torque_names(robot.wheel_count)
     if not set(names) <= set(log.names):
         return None
-    torque = rows.filtered(
-        log, np.column_stack([log[name] for name in names]), late=0.5 * log.sample_time
-    ).value
     speed = smoothed_wheel_speeds(log, robot)
     sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
-    found = rows.filtered(log, np.hstack(parts)).value.reshape(len(motion.t), 4, -1)
+    found = motion.filtered(log, np.hstack(parts)).reshape(len(motion.block), 4, -1)
+    torques = np.column_stack([log[name] for name in names])
+    needed, pulled = _needed(motion, robot)
     return Driving(
-        torque=torque,
-        needed=_needed(motion, robot) @ np.linalg.pinv(transforms(robot).T_owb),
-        friction=np.moveaxis(found[:, :3], 1, -1),
-        turning=np.clip(found[:, 3], 0.0, 1.0),
-        block=motion.block,
-        azimuths=np.asarray(robot.wheels.azimuths),
-    )
+        torque=motion.filtered(log, torques, late=0.5 * log.sample_time), needed=needed, pulled=pulled,
+        friction=np.moveaxis(found[:, :3], 1, -1), turning=np.clip(found[:, 3], 0.0, 1.0),
+        block=motion.block, azimuths=np.asarray(robot.wheels.azimuths),
+    )  # fmt: skip
 
 
-def _needed(motion: Motion, robot: Robot) -> Floats:
-    """Return tau (N, 3) [N m], about the heading frame's axes, that the motion needs between ball and wheels."""
-    M, r_b = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius
+def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
+    """Return the torques (N, n) [N m] that the motion needs of each wheel, and gravity's part of them."""
+    M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
     w, w_dot = (
-        np.column_stack([as_plane(theta + 1j * phi), vertical])
-        for (theta, phi), vertical in (
+        np.column_stack([as_plane(lean[0] + 1j * lean[1]), vertical])
+        for lean, vertical in (
             (motion.lean_rate, motion.turning),
             (motion.lean_acceleration, motion.turning_rate),
         )
     )
     momentum, change = (as_complex(a @ M[:2, :2].T + b @ M[:2, 2:].T) for a, b in ((v, w), (v_dot, w_dot)))
     force = change + 1j * motion.turning * momentum
-    about_vertical = w_dot @ M[4, 2:] + v_dot @ M[4, :2]
-    return np.column_stack([-r_b * force.imag, r_b * force.real, -about_vertical])
+    g = -motion.lean[1] + 1j * motion.lean[0]
+    of_gravity = as_complex(-as_plane(g) @ pull.T @ M[:2, :2].T)
+    tau_z = -(w_dot @ M[4, 2:] + v_dot @ M[4, :2])
+    # tau (N, 3) between ball and wheels about the heading frame's axes, as torques of the wheels
+    needed, pulled = (
+        np.column_stack([-r_b * f.imag, r_b * f.real, z]) @ np.linalg.pinv(transforms(robot).T_owb)
+        for f, z in ((force, tau_z), (of_gravity, np.zeros(len(g))))
+    )
+    return needed, pulled
 
 
 def smoothed_wheel_speeds(log: Log, robot: Robot) -> Floats:
@@ -104,32 +107,11 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> Floats:
 
     It is missing in rows that lack the states as well.
     """
-    from ballbot.log.checks.kinematics import wheel_speeds_of_states
-
-    names = wheel_speed_names(robot.wheel_count)
-    logged = set(names) <= set(log.names)
-    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
-    if not np.isfinite(speeds).all():
-        rates = ("x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
-        zero = np.zeros(len(log))
-        state = [zero, zero, *(log[name] for name in ("theta", "phi", "psi", *rates))]
-        by_states = wheel_speeds_of_states(np.column_stack(state), robot)
-        speeds = np.where(np.isfinite(speeds), speeds, by_states)
+    speeds = measured_wheel_speeds(log, robot)
     known = np.isfinite(speeds).all(axis=1)
-    rows = max(2, round(0.015 / log.sample_time))
     smooth = np.full_like(speeds, np.nan)
-    smooth[known] = local_fit(log.t[known], speeds[known], rows=rows)[0]
+    smooth[known] = local_fit(log.t[known], speeds[known], rows=max(2, round(0.015 / log.sample_time)))[0]
     return smooth
-
-
-def gravity_need(motion: Motion, robot: Robot) -> Floats:
-    """Return gravity's part (N, n) [N m] of the torque that the motion needs of each wheel."""
-    law, r_b = contact_momentum(robot), robot.ball.radius
-    M_vv = Model(robot).mass_matrix(np.zeros(5))[:2, :2]
-    g = -motion.lean[1] + 1j * motion.lean[0]
-    force = as_complex(-as_plane(g) @ law.pull.T @ M_vv.T)
-    tau = np.column_stack([-r_b * force.imag, r_b * force.real, np.zeros(len(force))])
-    return tau @ np.linalg.pinv(transforms(robot).T_owb)
 
 
 #: fewest seconds in which a wheel turns for certain for the gain of a motor
@@ -139,59 +121,13 @@ LEAST_TURNING = 2.0
 FLOOR, FRICTION_ERROR = 0.03, 0.03
 #: standard deviation of the logarithm of the gain of all torques, before a log is seen
 USUAL = 0.15
-#: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5); factors of
-#: all torques that are a warning and an error, and of one over the others that is an error
-SURE, LARGE, TOO_LARGE, UNLIKE = 5.0, 1.15, 1.25, 1.25
+#: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5), and the
+#: factor of one torque over the others that is
+SURE, UNLIKE = 5.0, 1.25
 #: a factor that a log must be able to exclude, or its bounds are said
 MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
-
-#: columns of `MotorSums`: the need, three terms of friction and a constant, gravity's part of the need, the torque
-_OWN, _REST = slice(1, 5), [0, 5, 6]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MotorSums:
-    """Products of the columns of one motor, by seconds."""
-
-    products: Floats  #: (B, 7, 7)
-    turning: Floats  #: (B,) seconds in which the wheel turned
-
-    def gain(self) -> tuple[float, float]:
-        """Return the factor of the whole log and its relative standard error; (nan, inf) if the log has none."""
-        total = self.products.sum(axis=0)
-        size = np.diag(total[_OWN, _OWN])
-        tiny = np.diag(1e-9 * size + 1e-12 * size.sum() + 1e-300)  # terms may be collinear, or zero
-        friction = np.linalg.solve(total[_OWN, _OWN] + tiny, total[_OWN, _REST])
-        without = np.zeros((7, 3))
-        without[_REST], without[_OWN] = np.eye(3), -friction
-        left = without.T @ self.products @ without  # need, gravity's need, torque
-        of_need, of_torque = left[:, 1, 0], left[:, 1, 2]
-        common = float(of_need.sum())
-        if self.turning.sum() < LEAST_TURNING or common <= 0.0:
-            return float("nan"), float("inf")
-        k = float(of_torque.sum()) / common
-        scatter = float(np.linalg.norm(of_torque - k * of_need)) / common
-        own = friction[:, 2] - k * friction[:, 0]
-        # what the terms miss, at its worst goes along with gravity's need
-        missed = FRICTION_ERROR * np.sqrt(own @ total[_OWN, _OWN] @ own * left[:, 1, 1].sum()) / common
-        return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
-
-
-def motor_sums(driving: Driving, motion: Motion, robot: Robot) -> tuple[MotorSums, ...]:
-    """Return the sums of each motor of a log."""
-    pulled, ones = gravity_need(motion, robot), np.ones(len(motion.t))
-    found = []
-    for i in range(driving.torque.shape[1]):
-        weight = driving.turning[:, i] ** TURNED_POWER
-        columns = (driving.needed[:, i], *driving.friction[:, i].T, ones, pulled[:, i], driving.torque[:, i])
-        table = np.column_stack(columns) * weight[:, None]
-        products = np.zeros((int(motion.block[-1]) + 1, 7, 7))
-        np.add.at(products, driving.block, table[:, :, None] * table[:, None, :])
-        turning = (EVERY * INTERVAL * np.bincount(driving.block, weights=weight)).astype(np.float64)
-        found.append(MotorSums(products=products, turning=turning))
-    return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,26 +148,28 @@ class Gains:
             return 1.0, float("inf")
         return float(np.exp(weights @ np.log(self.factors[known]) / precision)), precision**-0.5
 
-    def unlike(self, i: int) -> tuple[float, float]:
-        """Return the factor of a torque over that of the others, and its relative standard error.
+    def unlike(self) -> tuple[Floats, Floats]:
+        """Return the factor (n,) of each torque over that of the others, and its relative standard error.
 
         The others' is known by what is usual, too, unless the log contradicts that.
         """
-        others, error = self.common(i)
-        if abs(np.log(others)) < 3.0 * np.hypot(error, USUAL):
-            precision = error**-2 + USUAL**-2
-            others, error = others ** (error**-2 / precision), precision**-0.5
-        return max(float(self.factors[i]) / others, ZERO), float(np.hypot(self.errors[i], error))
+        others, errors = np.array([self.common(i) for i in range(len(self.factors))]).T
+        precision = errors**-2 + USUAL**-2
+        usual = np.abs(np.log(others)) < 3.0 * np.hypot(errors, USUAL)
+        others = np.where(usual, others ** (errors**-2 / precision), others)
+        errors = np.where(usual, precision**-0.5, errors)
+        return np.maximum(self.factors / others, ZERO), np.hypot(self.errors, errors)
 
     def unbounded(self) -> dict[int, tuple[float, float]]:
         """Return bounds (95 %) of the factor over the others' of each torque (from 0) that may be `MUST_SHOW` off."""
-        found = {}
-        for i in range(len(self.factors)):
-            factor, error = self.unlike(i)
-            off = abs(np.log(factor)) if np.isfinite(factor) else 0.0
-            if not np.exp(off + 1.96 * error) < MUST_SHOW:
-                found[i] = (factor * float(np.exp(-1.96 * error)), factor * float(np.exp(1.96 * error)))
-        return found
+        factors, errors = self.unlike()
+        with np.errstate(over="ignore"):
+            reach = np.exp(1.96 * errors)
+        wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
+        return {
+            i: (float(factors[i] / reach[i]), float(factors[i] * reach[i]))
+            for i in np.flatnonzero(wide).tolist()
+        }
 
     def scale_errors(self) -> Floats:
         """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.
@@ -243,10 +181,33 @@ class Gains:
         return np.where(np.isin(np.arange(len(errors)), list(self.unbounded())), errors, 0.0)
 
 
-def gains_of(sums: Sequence[MotorSums]) -> Gains:
+def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""
-    found = np.array([one.gain() for one in sums])
+    found = np.array([_gain(driving, i) for i in range(driving.torque.shape[1])])
     return Gains(factors=found[:, 0], errors=found[:, 1])
+
+
+def _gain(driving: Driving, i: int) -> tuple[float, float]:
+    """Return the factor of a motor and its relative standard error; (nan, inf) if the log has none."""
+    weight = driving.turning[:, i] ** TURNED_POWER
+    friction = np.column_stack([driving.friction[:, i], np.ones(len(weight))])
+    rest = np.column_stack([driving.needed[:, i], driving.pulled[:, i], driving.torque[:, i]])
+    friction, rest = friction * weight[:, None], rest * weight[:, None]
+    of_friction, crossed = friction.T @ friction, friction.T @ rest
+    size = np.diag(of_friction)
+    tiny = np.diag(1e-9 * size + 1e-12 * size.sum() + 1e-300)  # terms may be collinear, or zero
+    explained = np.linalg.solve(of_friction + tiny, crossed)
+    left = rest - friction @ explained  # of the need, gravity's part of it and the torque
+    of_need, of_torque = (np.bincount(driving.block, weights=left[:, 1] * left[:, k]) for k in (0, 2))
+    common = float(of_need.sum())
+    if EVERY * INTERVAL * float(weight.sum()) < LEAST_TURNING or common <= 0.0:
+        return float("nan"), float("inf")
+    k = float(of_torque.sum()) / common
+    scatter = float(np.linalg.norm(of_torque - k * of_need)) / common
+    own = explained[:, 2] - k * explained[:, 0]
+    # what the terms miss, at its worst goes along with gravity's need
+    missed = FRICTION_ERROR * np.sqrt(own @ of_friction @ own * np.vdot(left[:, 1], left[:, 1])) / common
+    return k, float(np.hypot(np.hypot(scatter, missed) / max(abs(k), ZERO), FLOOR))
 
 
 def together(gains: Sequence[Gains]) -> Gains:
@@ -260,30 +221,15 @@ def together(gains: Sequence[Gains]) -> Gains:
 
 def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
-    found = [gains.unlike(i) for i in range(len(names))]
-    unlike = {
-        i: abs(np.log(factor)) / uncertain
-        for i, (factor, uncertain) in enumerate(found)
-        if abs(np.log(factor)) > max(SURE * uncertain, np.log(UNLIKE))
-    }
-    if unlike:
-        i = max(unlike, key=lambda one: unlike[one])
-        text = (
-            f"{names[i]} is {found[i][0]:.2g} times as large as the other torques, relative to the torque that the "
-            "motion of its wheel needs: its torque constant, gear ratio or unit differs, or its motor gives another "
-            "torque than the command. Correct the scale of the column in a mapping."
-        )
-        return [error("torque-scale", text, names[i])]
+    factors, errors = gains.unlike()
+    off = np.nan_to_num(np.abs(np.log(factors)))
+    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
+    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
+        return judged("torque-scale: one", 1.0, [names[i]], {"name": names[i], "factor": factors[i]})
     factor, uncertain = gains.common()
-    off = abs(np.log(factor)) - SURE * uncertain
-    if not off > np.log(LARGE):
-        return []
-    text = (
-        f"The torques are {factor:.2g} times as large as the motion of this robot needs: all are scaled (torque "
-        "constant, gear ratio, current or per-unit values in place of N m), the recording clips them, or the robot is "
-        f"{'heavier' if factor > 1.0 else 'lighter'} than in the robot file."
-    )
-    return [finding("torque-scale", "error" if off > np.log(TOO_LARGE) else "warning", text, *names)]
+    heavier = "heavier" if factor > 1.0 else "lighter"
+    sure = abs(np.log(factor)) - SURE * uncertain
+    return judged("torque-scale", sure, names, {"factor": factor, "heavier": heavier})
 
 
 def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
@@ -293,9 +239,4 @@ def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
         f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
         for i, (low, high) in wide.items()
     )
-    text = (
-        f"The logs bound the scale of the torques only so far, relative to the others and the robot file: {bounds} "
-        "(95 %). A wrong torque constant within that would not show, and would change the motor's friction as much. "
-        "Runs that accelerate more bound it better."
-    )
-    return [warning("torque-bound", text, *(names[i] for i in wide))] if wide else []
+    return judged("torque-bound", len(wide), [names[i] for i in wide], {"bounds": bounds})

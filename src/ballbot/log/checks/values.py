@@ -1,6 +1,4 @@
-"""What single columns show: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
-
-Faults of single rows are a table, `ROW_FAULTS`: which columns, which rows have it, and the sentence.
+"""What columns show by themselves: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
 
 A value is a spike if it differs from both neighbouring rows, to the same side, by more than five times the range of
 nearly all others: a corrupted message, or a marker such as 9999 for a missing one. A motion takes several rows to get
@@ -14,14 +12,15 @@ robot at rest, an encoder at rest and a noiseless simulation may, so that rows a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import nearest
-from ballbot.findings import Finding, Severity, error, finding, note, warning
+from ballbot.findings import Finding, Severity, finding
+from ballbot.log.checks.table import judged
 from ballbot.log.columns import (
     KNOWN_NAMES,
     MAX_WHEELS,
@@ -39,48 +38,41 @@ from ballbot.log.log import Log
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
-#: a spike differs by so many times the range of the others, without this fraction of them at either end
-_FAR, _ENDS = 5.0, 0.005
-#: with fewer rows the usual range is unknown
-_LEAST_ROWS = 50
-#: references and true states, which no sensor measures
-_NOT_MEASURED = ("ref_", TRUE_PREFIX)
 #: an interval this many times the usual longest one is a gap; one missing row of a regular log gives 2
 GAP_RATIO = 1.5
-#: standard deviation of the intervals, relative to their median, that gives a warning
-JITTER_RATIO = 0.05
-#: a limit shows as at least this many equal extreme torques in a row
-SATURATED_ROWS = 3
 FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind recovers
-#: smallest jump: change from one row to the next beyond the integral of the rates [m, m, rad, rad, rad]
-LEAST_JUMP = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}
-#: and so many times the usual change
-FAR = 30.0
+#: smallest jump beyond the integral of the rates [m, m, rad, rad, rad]; and so many times the usual change
+LEAST_JUMP, FAR = {"x": 0.08, "y": 0.08, "theta": 0.08, "phi": 0.08, "psi": 0.2}, 30.0
 #: standard deviation of a state that moves [m, rad, m/s, rad/s], and of the ball's velocity if the robot does [m/s]
 LEAST_MOVING, LEAST_SPEED = 1e-3, 2e-3
-#: shortest time over which a balancing robot's lean is averaged [s]
-AVERAGED_TIME = 8.0
-#: the lean and the ball's acceleration are compared as means over [s]
-BLOCK_TIME = 1.0
-#: mean lean [rad] that gives a warning (slope, load off the axis), and one that is an error
-TILTED, OFFSET = 0.025, 0.04
-_LEAN = ("theta", "phi")
+#: a live column changes at this fraction of the rows: staying constant for so long [rows, s] is a fault
+LIVE_FRACTION, STUCK_ROWS, STUCK_TIME = 0.9, 10, 0.1
+#: shortest standstill of a torque that is not at its extreme [s]
+FROZEN_TORQUE_TIME = 1.0
+#: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
+MOVING = 0.2
+#: a slower column repeats a value for so many rows, at least so often, in this fraction of cases equally long
+HELD_ROWS, HELD_TIMES, HELD_FRACTION = 2, 20, 0.8
+
+_TORQUES, _LEAN = torque_names(MAX_WHEELS), ("theta", "phi")
+_RATES = (*STATE_NAMES[5:], "gyro_x", "gyro_y", "gyro_z")
+#: references and true states, which no sensor measures
+_NOT_MEASURED = ("ref_", TRUE_PREFIX)
 
 
 def spikes(values: Floats) -> Bools:
     """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
     found = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
-    if rows.size < _LEAST_ROWS:
+    if rows.size < 50:  # the usual range is unknown
         return found
     known = values[rows]
-    steps = np.diff(known)
-    there, back = steps[:-1], -steps[1:]
+    there, back = np.diff(known)[:-1], -np.diff(known)[1:]
     off = np.where(there * np.sign(back) > 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
-    excluded = math.ceil(_ENDS * known.size)
+    excluded = math.ceil(0.005 * known.size)
     ordered = np.sort(known)
     usual = ordered[-1 - excluded] - ordered[excluded]
-    found[rows[1:-1]] = (usual > 0.0) & (off > _FAR * usual)
+    found[rows[1:-1]] = (usual > 0.0) & (off > 5.0 * usual)
     return found
 
 
@@ -95,148 +87,138 @@ def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return starts, np.diff(np.concatenate((starts, [len(values)])))
 
 
-def _at_limit(log: Log, name: str, _: float) -> Bools:
-    """Return the rows in which a torque stays at its largest value."""
+def _rows_at_top(log: Log, name: str) -> Floats:
+    """Return for how many rows (N,) a torque stays at its largest value; zero elsewhere, or if it always does."""
     size = np.nan_to_num(np.abs(log[name]))
-    top = size == size.max()
+    top = (size == size.max()) & (size > 0.0)
     starts, lengths = runs_of(top.astype(np.float64))
-    long = np.repeat(top[starts] & (lengths >= SATURATED_ROWS), lengths)
-    return long & (size > 0.0) & (not long.all())
+    return np.repeat(np.where(top[starts], lengths, 0), lengths) * float(not top.all())
 
 
-def _jumps(log: Log, name: str, _: float) -> Bools:
-    """Return the rows to which a position or angle jumps where its rate does not, and stays there."""
+def _jumps(log: Log, name: str) -> Floats:
+    """Return the change (N,) of a position or angle that its rate does not explain, over the least jump."""
     if f"{name}_dot" not in log or len(log) < 4:
-        return np.zeros(len(log), dtype=np.bool_)
+        return np.zeros(len(log))
     values, rate, intervals = log[name], log[f"{name}_dot"], np.diff(log.t)
-    change = np.diff(values) - 0.5 * (rate[1:] + rate[:-1]) * intervals
-    change = np.abs(np.nan_to_num(change))
+    change = np.abs(np.nan_to_num(np.diff(values) - 0.5 * (rate[1:] + rate[:-1]) * intervals))
     # across a gap, any change up to the largest rate is possible
     gap = np.where(intervals > 1.5 * log.sample_time, 2.0 * np.nanmax(np.abs(rate)) * intervals, 0.0)
-    far = change > LEAST_JUMP[name] + FAR * float(np.median(change)) + gap
+    least = LEAST_JUMP[name] + FAR * float(np.median(change)) + gap
     spiked = spikes(values)
-    return np.concatenate(([False], far & ~spiked[1:] & ~spiked[:-1]))
+    return np.concatenate(([0.0], np.where(spiked[1:] | spiked[:-1], 0.0, change / least)))
 
 
-class RowFault(NamedTuple):
-    """A fault that single rows of a column show."""
+def _longest_usual(log: Log) -> float:
+    """Return the longest interval without a gap [s].
+
+    By the 95th percentile, not the median: logs whose host polls late alternate between two intervals.
+    """
+    return GAP_RATIO * float(np.quantile(np.diff(log.t), 0.95, method="lower")) if len(log) > 3 else math.inf
+
+
+def _gaps(log: Log, _: str) -> Floats:
+    """Return the interval (N,) [s] after each row, if rows are missing there."""
+    intervals = np.append(np.diff(log.t), 0.0)
+    return np.where(intervals > _longest_usual(log), intervals, 0.0)
+
+
+class RowCheck(NamedTuple):
+    """A fault that single rows of a signal show."""
 
     code: str
     severity: Severity
-    columns: tuple[str, ...]  #: that may have it, as far as a log has them
-    rows: Callable[[Log, str, float], Bools]  #: which rows (N,) of a column have it, by the limit
-    #: {rows} that have it, the first with its {row}, time and {value} in a {unit}; {limit} of the robot
+    signals: tuple[str, ...]  #: that may have it, as far as a log has them
+    statistic: Callable[[Log, str], Floats | Bools]  #: of each row (N,)
+    limit: (
+        float | Callable[[Robot], float]
+    )  #: of the statistic; one of the robot's is not examined without it
+    #: {rows} above the limit, the first with its {row}, time and {value} in a {unit}, and the {largest} statistic
     text: str
-    limit: Callable[[Robot], float] | None = None  #: without a robot it is not examined
 
 
-_TORQUES = torque_names(MAX_WHEELS)
-#: accelerometers measure shocks, and references may jump
-_SPIKED = tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED)))
 _WHERE = "at row {row} (t = {t:.6g} s)"
-ROW_FAULTS = (
-    RowFault(
-        "spike", "warning", _SPIKED, lambda log, name, _: spikes(log[name]),
+ROW_CHECKS = (
+    RowCheck(
+        "gap", "warning", ("t",), _gaps, 0.0,
+        "Rows are missing in {rows}, first for {first:.4g} s after row {row} (t = {t:.6g} s), at most for {largest:.4g}"
+        " s, while rows come every {period:.4g} s; windows must not span them.",
+    ),
+    RowCheck(  # accelerometers measure shocks, and references may jump
+        "spike", "warning", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
+        lambda log, name: spikes(log[name]), 0.0,
         "{name} jumps away and back in {rows}, to {value:.6g} " + _WHERE + ", further than it moves otherwise: a "
         "corrupted message, or a marker of missing values, which a mapping file can name.",
     ),
-    RowFault(
+    RowCheck(
         "wrap", "warning", wheel_angle_names(MAX_WHEELS),
-        lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
+        lambda log, name: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5, 0.0,
         "{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
         "before use.",
     ),
-    RowFault(
-        "jump", "error", POSITION_NAMES, _jumps,
+    RowCheck(
+        "jump", "error", POSITION_NAMES, _jumps, 1.0,
         "{name} jumps in {rows}, first to {value:.3g} {unit} " + _WHERE + ", which its rate does not explain: "
         "joined logs, a restart, or a sensor that was reset. Split the log there.",
     ),
-    RowFault(
-        "saturation", "warning", _TORQUES, _at_limit,
+    RowCheck(
+        "saturation", "warning", _TORQUES, _rows_at_top, 2.0,
         "{name} stays at its largest value, {value:.4g} N m, in {rows}, first " + _WHERE + ": it is saturated "
         "there, or the recording clips it, and it does not follow the control law.",
     ),
-    RowFault(
+    RowCheck(
         "torque-limit", "warning", _TORQUES,
-        lambda log, name, limit: np.abs(log[name]) > 1.01 * limit,  # 1 %: rounding in the file
+        lambda log, name: np.abs(log[name]) / 1.01,  # 1 %: rounding in the file
+        lambda robot: robot.drive.torque_limit,
         "{name} is above the robot's limit of {limit:.4g} N m in {rows}, first " + _WHERE + ": the input may not "
         "be a torque, or the limit in the robot file is too low.",
-        lambda robot: robot.drive.torque_limit,
     ),
-    RowFault(
+    RowCheck(
         "speed-limit", "warning", wheel_speed_names(MAX_WHEELS),
-        lambda log, name, limit: np.abs(log[name]) > limit,
+        lambda log, name: np.abs(log[name]), lambda robot: robot.drive.top_speed,
         "{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
         + _WHERE + ": the commanded torque is not the torque that acted.",
-        lambda robot: robot.drive.top_speed,
     ),
 )  # fmt: skip
 
 
-def check_row_faults(log: Log, robot: Robot | None) -> list[Finding]:
-    """Return a finding for each column with rows that have one of `ROW_FAULTS`."""
-    findings = []
-    for one in ROW_FAULTS:
-        if one.limit and robot is None:
-            continue
-        limit = one.limit(robot) if one.limit and robot else math.nan
-        for name in (n for n in one.columns if n in log):
-            rows = np.flatnonzero(one.rows(log, name, limit))
+def check_rows(log: Log, robot: Robot | None) -> Iterator[Finding]:
+    """Return a finding for each column with rows above the limit of one of `ROW_CHECKS`."""
+    for code, severity, signals, statistic, bound, text in ROW_CHECKS:
+        limit = bound if isinstance(bound, float | int) else bound(robot) if robot else math.inf
+        for name in (n for n in signals if n in log):
+            size = statistic(log, name)
+            rows = np.flatnonzero(size > limit)
             if rows.size:
-                k = int(rows[0])
-                time, value = float(log.t[k]), float(log[name][k])
-                text = one.text.format(
-                    name=name, rows=counted(rows.size, "row"), row=k + 1, t=time, value=value,
-                    unit=unit_of(name), limit=limit,
+                k, time = int(rows[0]), float(log.t[rows[0]])
+                sentence = text.format(
+                    name=name, rows=counted(rows.size, "row" if code != "gap" else "place"), row=k + 1, t=time,
+                    value=float(log[name][k]), unit=unit_of(name), limit=limit, period=log.sample_time,
+                    first=size[k], largest=size.max(),
                 )  # fmt: skip
-                findings.append(finding(one.code, one.severity, text, name, time=time))
-    return findings
+                yield finding(code, severity, sentence, name, time=time)
 
 
-def check_intervals(log: Log) -> list[Finding]:
-    """Return a warning if rows are missing, and one if the other intervals vary."""
-    intervals = np.diff(log.t)
-    if intervals.size < 3:
+def check_jitter(log: Log) -> list[Finding]:
+    """Return a warning if the intervals without gaps vary."""
+    if len(log) < 4:
         return []
-    # the 95th percentile, not the median: logs whose host polls late alternate between two intervals
-    usual = float(np.quantile(intervals, 0.95, method="lower"))
-    gaps = np.flatnonzero(intervals > GAP_RATIO * usual)
-    findings = []
-    if gaps.size:
-        time = float(log.t[gaps[0]])
-        text = (
-            f"{counted(gaps.size, 'gap')} in time, first of {intervals[gaps[0]]:.4g} s after row {gaps[0] + 1} "
-            f"(t = {time:.6g} s), the longest {intervals[gaps].max():.4g} s, while rows come every "
-            f"{log.sample_time:.4g} s; windows must not span them."
-        )
-        findings.append(warning("gap", text, "t", time=time))
-    typical = intervals[intervals <= GAP_RATIO * usual]
-    scatter = float(typical.std() / np.median(typical))
-    if scatter > JITTER_RATIO:
-        text = (
-            f"The intervals between rows vary by {100 * scatter:.0f} % about {log.sample_time:.4g} s "
-            f"(from {typical.min():.4g} to {typical.max():.4g} s); rates from differences will be noisy."
-        )
-        findings.append(warning("jitter", text, "t"))
-    return findings
+    usual = np.diff(log.t)
+    usual = usual[usual <= _longest_usual(log)]
+    scatter = float(usual.std() / np.median(usual))
+    numbers = {"percent": 100 * scatter, "period": log.sample_time, "least": usual.min(), "most": usual.max()}
+    return judged("jitter", scatter, ["t"], numbers)
 
 
-def check_missing_values(log: Log) -> list[Finding]:
+def check_missing_values(log: Log) -> Iterator[Finding]:
     """Return a warning for each set of columns in which the same cells are NaN or infinite."""
     columns: dict[bytes, list[str]] = {}
     for name in log.names:
         columns.setdefault(np.isfinite(log[name]).tobytes(), []).append(name)
-    findings = []
     for known, names in columns.items():
         bad = np.flatnonzero(~np.frombuffer(known, dtype=np.bool_))
-        if bad.size:
-            time = float(log.t[bad[0]])
-            text = (
-                f"{', '.join(names)}: {bad.size} of {len(log)} values missing or not finite, the first at row "
-                f"{bad[0] + 1} (t = {time:.6g} s); uses that need the column leave these rows out."
-            )
-            findings.append(warning("missing", text, *names, time=time))
-    return findings
+        row, t = (int(bad[0]), float(log.t[bad[0]])) if bad.size else (0, 0.0)
+        numbers = {"names": ", ".join(names), "count": bad.size, "rows": len(log), "row": row + 1, "t": t}
+        yield from judged("missing", bad.size, names, numbers, time=t)
 
 
 def check_names(log: Log) -> list[Finding]:
@@ -244,11 +226,10 @@ def check_names(log: Log) -> list[Finding]:
     unknown = [name for name in log.names if name not in KNOWN_NAMES]
     meant = {name: nearest(name, KNOWN_NAMES, likeness=0.8) for name in unknown}
     listed = [f"{name} (did you mean {near[0]}?)" if near else name for name, near in meant.items()]
-    text = f"Columns that Ballbot does not know and does not use: {', '.join(listed)}."
-    return [note("unknown", text, *unknown)] if unknown else []
+    return judged("unknown", len(unknown), unknown, {"listed": ", ".join(listed)})
 
 
-def check_constant(log: Log) -> list[Finding]:
+def check_constant(log: Log) -> Iterator[Finding]:
     """Return a finding for each column that never changes, or one for a log at rest: no sensor and no torque changes.
 
     It is an error if the column is a state whose rate, or angle, changes, or the torque of a robot that balances and
@@ -258,71 +239,40 @@ def check_constant(log: Log) -> list[Finding]:
     still = [name for name in names if len(log) > 1 and np.all(log[name] == log[name][0])]
     sensors = [name for name in names if not name.startswith(_NOT_MEASURED)]
     if len(sensors) > 1 and set(sensors) <= set(still):
-        text = (
-            f"No measurement and no torque changes in {log.t[-1] - log.t[0]:.3g} s: the robot is at rest "
-            "throughout, or was not recorded. Record it while it moves."
-        )
-        return [warning("constant", text, *sensors)]
-    findings = []
+        yield from judged("constant: all", 1.0, sensors, {"duration": log.t[-1] - log.t[0]})
+        return
     moves = {*STATE_NAMES} <= set(names) and float(np.nanstd([log["x_dot"], log["y_dot"]])) > LEAST_SPEED
     dead = [name for name in still if name in _TORQUES and moves]
-    if dead:
-        values = ", ".join(f"{name} is {log[name][0] + 0.0:.3g} N m" for name in dead)
-        text = (
-            f"{values} throughout though the robot balances and moves: a motor that is dead or off, or a torque that "
-            "was not recorded. Identification and validation would use it as the torque that acted."
-        )
-        findings.append(error("dead-motor", text, *dead))
+    values = ", ".join(f"{name} is {log[name][0] + 0.0:.3g} N m" for name in dead)
+    yield from judged("dead-motor", len(dead), dead, {"values": values})
     for name in (name for name in still if name not in dead):
-        text, is_reference = f"{name} is {log[name][0]:g} throughout", name.startswith("ref_")
         other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
         wrong = name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING
-        cause = f"{f' though {other} changes' if wrong else ''}, as if its sensor or cable were dead."
-        text += ": the reference is constant." if is_reference else cause
-        findings.append(
-            finding("constant", "note" if is_reference else "error" if wrong else "warning", text, name)
-        )
-    return findings
+        key = "constant: reference" if name.startswith("ref_") else "constant"
+        though = f" though {other} changes" if wrong else ""
+        yield from judged(key, 1.0 + wrong, [name], {"name": name, "value": log[name][0], "though": though})
 
 
-def check_lean(log: Log) -> list[Finding]:
+def check_lean(log: Log) -> Iterator[Finding]:
     """Return findings on a lean in degrees, or a fall; and on a balancing robot's mean lean."""
     if not {*_LEAN} <= set(log.names):
-        return []
+        return
     # missing values have a finding of their own
     lean = np.nan_to_num(np.hypot(log["theta"], log["phi"]), posinf=0.0)
-    fallen = np.flatnonzero(lean > FALLEN_LEAN)
-    findings = []
+    fallen, peak = np.flatnonzero(lean > FALLEN_LEAN), float(lean.max())
     if fallen.size:
-        time, peak = float(log.t[fallen[0]]), float(lean.max())
-        times = 1 + int(np.count_nonzero(np.diff(fallen) > 1))
-        if times >= 3 or peak > np.pi / 2:
-            text = (
-                f"The lean exceeds {FALLEN_LEAN:g} {times} times and reaches {peak:.3g}, which no balancing robot does "
-                f"in radians: theta and phi are in degrees, or the log continues after a fall (t = {time:.6g} s)."
-            )
-            findings.append(error("degrees", text, *_LEAN, time=time))
-        else:
-            text = (
-                f"The robot falls or is caught: its lean exceeds {FALLEN_LEAN:g} rad at t = {time:.6g} s (row "
-                f"{fallen[0] + 1}); only the rows before show balancing."
-            )
-            findings.append(warning("fall", text, *_LEAN, time=time))
-    if "psi" not in log:
-        return findings
-    rows: Bools = np.all(np.isfinite([log[name] for name in (*_LEAN, "psi")]), axis=0)
-    rows[fallen[0] if fallen.size else len(rows) :] = False
-    if rows.sum() < 2 or np.ptp(log.t[rows]) < AVERAGED_TIME:
-        return findings
-    mean = _resting_lean(log, rows)
-    if abs(mean) >= TILTED:
-        text = (
-            f"theta and phi are ({np.degrees(mean.real):.2g}, {np.degrees(mean.imag):.2g}) degrees on average, "
-            "and a balancing robot's are near zero: the IMU is mounted at an angle or has a bias, the centre "
-            "of mass lies off the axis, or the floor slopes. Subtract the mean, or correct the cause."
+        times, t = 1 + int(np.count_nonzero(np.diff(fallen) > 1)), float(log.t[fallen[0]])
+        numbers = {"limit": FALLEN_LEAN, "times": times, "peak": peak, "t": t, "row": fallen[0] + 1}
+        yield from judged(
+            "degrees: lean" if times >= 3 or peak > np.pi / 2 else "fall", 1.0, _LEAN, numbers, time=t
         )
-        findings.append(finding("lean-offset", "error" if abs(mean) >= OFFSET else "warning", text, *_LEAN))
-    return findings
+    rows: Bools = np.all(np.isfinite([log[name] for name in (*_LEAN, "psi") if name in log]), axis=0)
+    rows[fallen[0] if fallen.size else len(rows) :] = False
+    # over shorter times a balancing robot's lean has a mean
+    if "psi" in log and rows.sum() >= 2 and np.ptp(log.t[rows]) >= 8.0:
+        mean = _resting_lean(log, rows)
+        numbers = {"theta": np.degrees(mean.real), "phi": np.degrees(mean.imag)}
+        yield from judged("lean-offset", abs(mean), _LEAN, numbers)
 
 
 def _resting_lean(log: Log, rows: Bools) -> complex:
@@ -338,47 +288,25 @@ def _resting_lean(log: Log, rows: Bools) -> complex:
     velocity = np.nan_to_num(log["x_dot"][rows]) + 1j * np.nan_to_num(log["y_dot"][rows])
     # a positive phi leans towards x, a positive theta away from y
     pull = 1j * np.gradient(velocity, t) * turn
-    starts = np.unique(np.floor((t - t[0]) / BLOCK_TIME), return_index=True)[1]
+    starts = np.unique(np.floor(t - t[0]), return_index=True)[1]
     lean, pull = (np.add.reduceat(one, starts) / np.diff(np.append(starts, len(t))) for one in (lean, pull))
     centred = pull - pull.mean()
-    power = max(float(np.vdot(centred, centred).real), 1e-12)
-    slope = float(np.vdot(centred, lean - lean.mean()).real) / power
+    slope = float(np.vdot(centred, lean).real) / max(float(np.vdot(centred, centred).real), 1e-12)
     return complex(lean.mean() - slope * pull.mean())
 
 
-#: columns of sensors with noise; an encoder may rightly stay constant
-NOISY_PREFIXES = ("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_")
-#: a column that changes at this fraction of the rows is live: staying constant is a fault
-LIVE_FRACTION = 0.9
-#: shortest standstill of a live column that is reported [s], [rows]
-STUCK_TIME, STUCK_ROWS = 0.1, 10
-#: standstill, while other columns move, above which results are wrong [s]
-FROZEN_TIME = 0.4
-#: shortest standstill of a torque that is not at its extreme [s]
-FROZEN_TORQUE_TIME = 1.0
-#: a state moves, and a rate is not one of rest, above this fraction of its standard deviation
-MOVING = 0.2
-#: standstills that begin and end within so many rows of each other are one
-TOGETHER = 2
-#: a slower column repeats a value for so many rows, at least so often, in this fraction of cases equally long
-HELD_ROWS, HELD_TIMES, HELD_FRACTION = 2, 20, 0.8
-#: delay by repeated values above which states are wrong [s]
-HELD_TIME = 0.04
-_GYRO = ("gyro_x", "gyro_y", "gyro_z")
-
-
-def check_stuck(log: Log) -> list[Finding]:
+def check_stuck(log: Log) -> Iterator[Finding]:
     """Return findings on columns that stay constant for a while though they change at nearly all other rows.
 
     The finding is an error if other columns show that the robot moved meanwhile, and a warning if it may have been at
-    rest, or the motors off. A torque may stay at its extreme, and at rest.
+    rest, or the motors off. A torque may stay at its extreme, and at rest. An encoder may rightly stay constant.
     """
     if len(log) < 2 * STUCK_ROWS:
-        return []
-    balancing = {*STATE_NAMES} <= set(log.names)
-    torques = [name for name in _TORQUES if name in log and balancing]
-    found: list[tuple[slice, list[str]]] = []  # rows, and the columns that stand still there
-    for name in (*(n for n in log.names if n.startswith(NOISY_PREFIXES)), *torques):
+        return
+    torques = [name for name in _TORQUES if name in log and {*STATE_NAMES} <= set(log.names)]
+    noisy = [n for n in log.names if n.startswith(("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_"))]
+    together: list[tuple[int, int, list[str]]] = []  # the columns that stand still from one row to another
+    for name in (*noisy, *torques):
         values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
         starts, lengths = runs_of(values)
         start, rows = int(starts[np.argmax(lengths)]), int(lengths.max())
@@ -387,47 +315,32 @@ def check_stuck(log: Log) -> list[Finding]:
         if rows < max(STUCK_ROWS, shortest / log.sample_time) or not live or extreme:
             continue
         ends = start, start + rows
-        together = [
-            names
-            for one, names in found
-            if max(abs(one.start - ends[0]), abs(one.stop - ends[1])) <= TOGETHER
-        ]
-        if together:
-            together[0].append(name)
+        near = (names for a, b, names in together if max(abs(a - ends[0]), abs(b - ends[1])) <= 2)
+        if (names := next(near, None)) is not None:
+            names.append(name)
         else:
-            found.append((slice(*ends), [name]))
-    return [one for rows, names in found for one in _stuck(log, names, rows, torques)]
-
-
-def _stuck(log: Log, names: list[str], rows: slice, torques: Sequence[str]) -> list[Finding]:
-    """Return the finding on columns that stand still together."""
-    of_motors = set(names) <= set(torques)
-    others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
-    moved = any(np.nanstd(log[name][rows]) > MOVING * np.nanstd(log[name]) for name in others)
-    rates = [name for name in (*STATE_NAMES[5:], *_GYRO) if name in names]
-    moved |= any(abs(log[name][rows.start]) > MOVING * np.nanstd(log[name]) for name in rates)
-    off = of_motors and not any(log[name][rows].any() for name in torques)
-    if of_motors:
-        half = (rows.stop - rows.start) / 2
-        moved |= any(runs_of(log[n][rows])[1].max() < half for n in torques if n not in names)
-        if not moved:
-            return []
-    time = float(log.t[rows.start])
-    lasting = float(log.t[rows.stop - 1] - time)
-    cause = "messages were lost, or the sensor or the logger froze"
-    if of_motors:
-        cause = "the motors were off" if off else "messages were lost, or a motor is dead"
-    text = (
-        f"{', '.join(names)}: one value repeats for {lasting:.3g} s from row {rows.start + 1} (t = {time:.6g} s), and "
-        f"nearly all other rows differ: {cause}{'' if moved else ', or everything was at rest'}."
-    )
-    severity = "error" if moved and lasting >= FROZEN_TIME and not off else "warning"
-    return [finding("stuck", severity, text, *names, time=time)]
+            together.append((*ends, [name]))
+    for start, end, names in together:
+        of_motors, parts = set(names) <= set(torques), {name: log[name][start:end] for name in log.names}
+        others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
+        moved = any(np.nanstd(parts[name]) > MOVING * np.nanstd(log[name]) for name in others)
+        moved |= any(abs(parts[n][0]) > MOVING * np.nanstd(log[n]) for n in _RATES if n in names)
+        off, half = of_motors and not any(parts[name].any() for name in torques), (end - start) / 2
+        moved |= of_motors and any(runs_of(parts[n])[1].max() < half for n in torques if n not in names)
+        if of_motors and not moved:
+            continue
+        lost = (
+            f"messages were lost, or {'a motor is dead' if of_motors else 'the sensor or the logger froze'}"
+        )
+        cause = ("the motors were off" if off else lost) + ("" if moved else ", or everything was at rest")
+        t, last = log.t[[start, end - 1]].tolist()
+        numbers = {"names": ", ".join(names), "lasting": last - t, "row": start + 1, "t": t, "cause": cause}
+        yield from judged("stuck", last - t if moved and not off else 0.0, names, numbers, time=t)
 
 
 def check_held(log: Log) -> list[Finding]:
     """Return a finding on columns that repeat each value for a fixed number of rows."""
-    names = [n for n in (*STATE_NAMES, *_GYRO, *_TORQUES) if n in log]
+    names = [n for n in (*STATE_NAMES, *_RATES[5:], *_TORQUES) if n in log]
     held: dict[str, int] = {}
     for name in names:
         inner = runs_of(log[name])[1][1:-1]
@@ -442,11 +355,8 @@ def check_held(log: Log) -> list[Finding]:
     changes = np.array([np.diff(log[name]) != 0.0 for name in names])
     in_step = changes.all(axis=0).sum() >= HELD_FRACTION * changes.any(axis=0).sum()
     duplicated = set(names) == set(held) and in_step
-    if not duplicated and delay < 2.0 * HELD_TIME and not any(name in held for name in STATE_NAMES):
+    if not duplicated and delay < 0.08 and held.keys().isdisjoint(STATE_NAMES):
         return []  # a controller slower than its log
     cause = "rows were duplicated" if duplicated else "a slower sensor, or resampling without interpolation"
-    text = (
-        f"{', '.join(held)}: a new value comes only every {rows} rows, every {delay:.3g} s, and repeats in between: "
-        f"{cause}. Values are late by up to that time; keep one row of {rows}, interpolate, or log at their rate."
-    )
-    return [finding("held", "error" if duplicated or delay >= HELD_TIME else "warning", text, *held)]
+    numbers = {"names": ", ".join(held), "rows": rows, "delay": delay, "cause": cause}
+    return judged("held", math.inf if duplicated else delay, list(held), numbers)

@@ -1,12 +1,6 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-text      tables of text by a `TextLayout`
-inference the layout that a table of text shows
-json      JSON, a list of objects or an object of lists
-parquet   Parquet, by pyarrow
-mat       MATLAB files of version 4 to 7, their numeric variables
-mcap      MCAP: JSON messages for Foxglove and PlotJuggler, with units and a scene
-ros       bags of ROS 1 and ROS 2, in one file or as folders; topics with times of their own as one table; only read
+A table of text is read by its `TextLayout` (`text`), which a mapping states or its lines show (`inference`).
 """
 
 from __future__ import annotations
@@ -19,7 +13,7 @@ from pathlib import Path
 
 from ballbot.arrays import check_table, format_bytes
 from ballbot.errors import InputError, either, nearest, suggest
-from ballbot.files import LARGEST_TABLE, check_regular, folder_refusal
+from ballbot.files import LARGEST_TABLE, check_regular
 from ballbot.log.columns import (
     Columns,
     Floats,
@@ -66,25 +60,21 @@ class LogFormat:
     suffixes: tuple[str, ...]  #: of the names of its files; a written file has the first
     read: Callable[[Path], Columns]
     write: Callable[[Path, Mapping[str, Floats]], None] | None = None  #: None: only read
-    extra: str = ""  #: the extra of `pip install ballbot[...]` that it needs
-    is_text: bool = False  #: whether a mapping file may give its layout
 
 
-_TEXT = LogFormat(
-    "CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table, is_text=True
-)
+#: the one whose layout a mapping file may give
+_TEXT = LogFormat("CSV", (".csv", ".txt", ".tsv", ".dat", ".log"), read_inferred, write_text_table)
+#: of ROS 1 or 2; also how a folder is read, whatever its name
+_BAG = LogFormat("ROS bag", (".db3", ".bag"), read_bag)
 #: every format; adding one takes a file beside this one and a line here
 FORMATS: tuple[LogFormat, ...] = (
     _TEXT,
-    LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table, extra="formats"),
+    LogFormat("Parquet", (".parquet",), read_parquet_table, write_parquet_table),
     LogFormat("JSON", (".json", ".jsonl", ".ndjson"), read_json_table),
     LogFormat("MATLAB", (".mat",), read_mat, write_mat),
-    LogFormat("MCAP", (".mcap",), read_mcap, write_mcap, extra="formats"),
-    LogFormat("ROS 2 bag", (".db3",), read_bag, extra="formats"),
-    LogFormat("ROS 1 bag", (".bag",), read_bag, extra="formats"),
+    LogFormat("MCAP", (".mcap",), read_mcap, write_mcap),
+    _BAG,
 )
-#: how a folder is read, whatever its name
-_FOLDER = LogFormat("ROS 2 bag", (), read_bag, extra="formats")
 _SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
 _COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: suffixes of the files that are written, the default first
@@ -112,7 +102,7 @@ def is_foreign(path: str | Path) -> bool:
     if not path.exists():
         return False
     one = _format_of(path, otherwise=_TEXT)
-    return not has_native_names(read_head(path).names if one.is_text else _read(one, path))
+    return not has_native_names(read_head(path).names if one is _TEXT else _read(one, path))
 
 
 def read_columns(
@@ -136,9 +126,9 @@ def read_columns(
         Sentences on what is left out are added to it.
     """
     one, notes = _format_of(path), [] if notes is None else notes
-    if one.is_text and layout is not None:
+    if one is _TEXT and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
-    columns = read_inferred(path, of_a_log=True, notes=notes) if one.is_text else _table(one, Path(path))
+    columns = read_inferred(path, of_a_log=True, notes=notes) if one is _TEXT else _table(one, Path(path))
     if layout is not None:
         return columns
     read: Columns = {}
@@ -159,13 +149,13 @@ def read_variables(path: str | Path) -> Columns:
 
 def read_units(path: str | Path) -> dict[str, str]:
     """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return dict(read_head(path).units) if _format_of(path).is_text else {}
+    return dict(read_head(path).units) if _format_of(path) is _TEXT else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of any format, and of text in any layout, whatever its suffix; InputError if it has no numbers."""
     one = _format_of(path, otherwise=_TEXT)
-    if one.is_text:
+    if one is _TEXT:
         return infer_text_table(path, given_names=names)
     columns = _table(one, Path(path))
     if names is not None:
@@ -204,8 +194,10 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
     """Return the format of a file by its suffix, or `otherwise`; InputError if it is compressed, or of no format."""
     path = Path(path)
     suffix = path.suffix.lower()
-    found = _FOLDER if path.is_dir() else next((one for one in FORMATS if suffix in one.suffixes), otherwise)
-    if suffix in _COMPRESSED and found is not _FOLDER:
+    if path.is_dir():
+        return _BAG
+    found = next((one for one in FORMATS if suffix in one.suffixes), otherwise)
+    if suffix in _COMPRESSED:
         check_regular(path)
         raise InputError(f"{path} is compressed; unpack it first.")
     if found is None:
@@ -218,9 +210,7 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
 
 def _read(one: LogFormat, path: Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
-    if one is _FOLDER and not is_bag_folder(path):
-        raise folder_refusal(path)
-    size = 0 if one is _FOLDER else check_regular(path)
+    size = 0 if one is _BAG and is_bag_folder(path) else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
     with _needing(one, reading=path):
@@ -238,7 +228,7 @@ def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise InputError(
-            f"{one.name} files need {error.name}: pip install 'ballbot[{one.extra}]'. Or use CSV."
+            f"{one.name} files need {error.name}: pip install 'ballbot[formats]'. Or use CSV."
         ) from None
     except InputError:
         raise

@@ -19,7 +19,9 @@ from ballbot.log.formats.text import (
     MISSING,
     SEPARATORS,
     TextLayout,
+    filled_cells,
     is_number,
+    names_of,
     read_text_table,
     seconds_of,
     split_cells,
@@ -145,13 +147,13 @@ def _head_of(lines: list[str]) -> Head:
         k
         for k, row in enumerate(head)
         if any(row)
-        and width in (len(row), len(_filled(row)))
+        and width in (len(row), len(filled_cells(row)))
         and not any(is_number(cell.replace(",", ".")) for cell in row)
     ]
     named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
     words = [row for row in head if not all(_number_like(cell) for cell in row)]
     line = words[-1:] if named is None else [head[named]]
-    names, notes = _names_of(line[0] if line else [], width)
+    names, notes = names_of(line[0] if line else [], width)
     below = [] if named is None or named + 1 >= len(head) else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     twice = [] if named is None else [one for one in head[named] if one and head[named].count(one) > 1]
@@ -198,34 +200,6 @@ def _is_row(cells: list[str]) -> bool:
 
 def _number_like(cell: str) -> bool:
     return cell.lower() in MISSING or is_number(cell) or seconds_of(cell) is not None
-
-
-def _filled(cells: list[str]) -> list[str]:
-    """Return the names in a header's cells, without a comment's mark and without empty ones."""
-    return [name for cell in cells if (name := cell.lstrip("#%").strip())]
-
-
-def _names_of(line: list[str], width: int) -> tuple[list[str], list[str]]:
-    """Return a name for each of `width` columns, and notes, from the header's cells, if there is a header."""
-    if not line:
-        note = f"The file has no header; its columns are called column_1 to column_{width}."
-        return [f"column_{place}" for place in range(1, width + 1)], [note]
-    given = [cell.lstrip("#%").strip() for cell in line]
-    filled = _filled(line)
-    if len(given) != width and (len(filled) == width or (line[0] and not given[0])):
-        # blanks or tabs that align the names, or a mark of a comment before them
-        given = filled if len(filled) == width else given[1:]
-    notes = []
-    unnamed = [str(place) for place, name in enumerate(given[:width], start=1) if not name]
-    if unnamed:
-        notes.append(f"The header has no name for column{'s' * (len(unnamed) > 1)} {', '.join(unnamed)}.")
-    if len(given) != width:
-        notes.append(f"The header names {len(given)} columns and the rows have {width}.")
-    names: list[str] = []
-    for place, name in enumerate([*given, *[""] * width][:width], start=1):
-        known = name if name and name.isprintable() else f"column_{place}"
-        names.append(f"{known}_{place}" if known in names else known)
-    return names, notes
 
 
 def _are_units(row: list[str]) -> bool:

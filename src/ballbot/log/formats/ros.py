@@ -12,13 +12,11 @@ Two topics hold a log without loss: /ballbot/names (std_msgs/String, the columns
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log.columns import Columns, Floats
@@ -104,28 +102,21 @@ def joined(topics: Topics) -> Columns:
 
     InputError if two fields get the same name.
     """
-    tables = [_table(name, *one) for name, one in topics.items() if any(one[1])]
-    if not tables:
-        return {}
-    times = max((one for one, _ in tables), key=len)
-    columns: Columns = {"t": (times - times[0]) / 1e9}
-    for own_times, own in tables:
-        latest = np.searchsorted(own_times, times, side="right") - 1
-        for name, values in own.items():
+    from pandas import DataFrame
+
+    tables = [
+        DataFrame(messages, index=times, dtype=np.float64)
+        .sort_index(kind="stable")
+        .add_prefix(f"{topic.strip('/').replace('/', '.')}.")
+        for topic, (times, messages) in topics.items()
+        if any(messages)
+    ]
+    times = max((table.index.to_numpy() for table in tables), key=len, default=np.zeros(0, dtype=np.int64))
+    columns: Columns = {"t": (times - times[0]) / 1e9} if tables else {}
+    for table in tables:
+        latest = np.searchsorted(table.index.to_numpy(), times, side="right") - 1
+        for name in table.columns:
             if name in columns:
                 raise InputError(f"two topics have a field that would be called {name[:80]!r}")
-            columns[name] = np.where(latest >= 0, values[np.maximum(latest, 0)], np.nan)
+            columns[name] = np.where(latest >= 0, table[name].to_numpy()[np.maximum(latest, 0)], np.nan)
     return columns
-
-
-def _table(
-    topic: str, times: list[int], messages: list[Mapping[str, float]]
-) -> tuple[NDArray[np.int64], Columns]:
-    """Return a topic's times [ns] in ascending order and its fields, each with the topic's name before its own."""
-    order = np.argsort(times, kind="stable")
-    start = topic.strip("/").replace("/", ".")
-    names = dict.fromkeys(name for message in messages for name in message)
-    columns = {
-        f"{start}.{name}": np.array([one.get(name, math.nan) for one in messages])[order] for name in names
-    }
-    return np.array(times, dtype=np.int64)[order], columns

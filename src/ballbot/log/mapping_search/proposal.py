@@ -22,12 +22,13 @@ from ballbot.log.checks import check
 from ballbot.log.checks.kinematics import disturbance_findings
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.log import Log
-from ballbot.log.mapping import DutyTable, InputTable, apply_mapping, parse_mapping
+from ballbot.log.mapping import DutyTable, apply_mapping, parse_mapping
 from ballbot.log.mapping_search.commands import (
     KINDS,
     CommandDrive,
     CommandOrder,
     drive_of,
+    likely_dead_band,
     needs_of,
     turned_by,
 )
@@ -47,6 +48,9 @@ from ballbot.schema import toml_line
 #: standard error of the IMU's turn from which it is asked for [rad]: of four turns of the campaign's logs of 4 to 6
 #: degrees one is off by 15, of 140 below 4 none by more than 9
 CLEAR_TURN = math.radians(4.0)
+#: the size of the lean's response, whose angle is the turn, over the robot's, in either direction, from which the turn
+#: is asked for: what makes it so wrong turns it, too. 1.0 to 1.4 on real logs of one robot
+CLEAR_GAIN = 1.5
 #: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
 GAIN_RANGE = (0.5, 2.0)
 #: nothing explains the lean if the best placement leaves more of its acceleration
@@ -59,8 +63,8 @@ LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
 #: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
 #: names them again, and not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
-#: a dead band as firmware has it [of full duty], and the share of the torques from which it is reported
-SMALL_DUTY, NOTABLE_BAND = 0.01, 0.2
+#: shares of the torques by which a likely dead band that nobody states makes them wrong: it is asked for, or reported
+LARGEST_BAND, NOTABLE_BAND = 0.2, 0.1
 #: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
 #: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
 MOST_CHANGE = 0.3
@@ -271,8 +275,12 @@ def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Qu
         evidence = f"lean and yaw are of one handedness with a probability of {100.0 * frame.handedness:.0f} % at most"
         yield Question("[attitude] sign", "axes of the IMU", words, evidence)
     error = tested.phase_error
-    if error is None or error > CLEAR_TURN:
+    far = not 1.0 / CLEAR_GAIN < best.gain < CLEAR_GAIN
+    if error is None or error > CLEAR_TURN or far:
         known = "unknown" if error is None else f"known to {math.degrees(error):.0f} deg"
+        known += (
+            f", and the lean responds {best.gain:.2g} times as strongly as this robot's should" if far else ""
+        )
         words = (f"{math.degrees(frame.turn):.0f} deg",)
         yield Question("[attitude] turn", "turn of the IMU", words, known)
 
@@ -399,9 +407,17 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     if log is not None:
         errors = [one for one in check(log, robot=robot) if one.severity == "error"]
         wrong = [one.text for one in errors if one.code not in OF_THE_RECORDING]
-        drive = parse_mapping(text, source="the mapping").input
-        findings = (*findings, *errors, *_dead_band_findings(log, drive))
+        findings = (*findings, *errors)
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
+        drive = parse_mapping(text, source="the mapping").input
+        band = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else None
+        if band is not None and band.off > LARGEST_BAND and not refusal:
+            answers = f"{band.size:.2g}", "0, if the firmware adds none"
+            question = Question(_BAND_KEY, "dead band of the firmware", answers, band.evidence)
+            proposal, log = replace(proposal, questions=(*proposal.questions, question)), None
+            text, refusal = mapping_text(proposal, robot), _refusal(proposal, robot)
+        elif band is not None and band.off > NOTABLE_BAND:
+            findings = (*findings, warning("dead-band", f"No dead band is stated: {band.evidence}."))
     if proposal.tested is not None:
         findings = (*findings, *disturbance_findings(proposal.tested.disturbance))
     return Evaluation(
@@ -411,25 +427,6 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         log=log,
         refusal=refusal,
     )
-
-
-def _dead_band_findings(log: Log, drive: InputTable | None) -> Iterator[Finding]:
-    """Yield a warning if a dead band that nobody states can matter.
-
-    It counts as less dry friction, which is the same while wheels turn the way their duties drive them.
-    """
-    if not isinstance(drive, DutyTable) or drive.dead_band is not None:
-        return
-    duty = log.torques + drive.back_emf * log.wheel_speeds
-    against = np.sign(duty) - np.sign(log.wheel_speeds)
-    full = drive.torque(np.ones(1), np.zeros(1))[0]
-    off = SMALL_DUTY * full * float(np.sqrt((against**2).mean())) / max(float(np.std(log.torques)), 1e-9)
-    if off > NOTABLE_BAND:
-        sentence = (
-            f"No dead band is stated. {SMALL_DUTY:g} of full duty that the firmware adds would change the torques by "
-            f"{100.0 * off:.0f} % of their size where wheels turn against their duties: state [input] dead_band."
-        )
-        yield warning("dead-band", sentence)
 
 
 def mapped(proposal: Proposal, robot: Robot) -> Log:
@@ -485,6 +482,8 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
     return ""
 
 
+#: where the answer to an unstated dead band stands
+_BAND_KEY = "[input] dead_band"
 #: the key of an entry, its value, which is left out if it is None, and the reason; or a line that begins with #
 _Entry = tuple[str, object, str]
 
@@ -630,6 +629,10 @@ def _input_entries(proposal: Proposal, robot: Robot) -> list[_Entry]:
             lines = [f"#   {_line(one)}" for one in _kind_entries(other, other_scale, robot)]
             alternative = f"# if it is a {other}, these lines in place of the three above:"
             entries += [(line, None, "") for line in (alternative, *lines)]
+    band = next((one for one in proposal.questions if one.key == _BAND_KEY), None)
+    if band is not None:
+        entries += [("dead_band", float(band.answers[0]), "an estimate; 0 if the firmware adds none")]
+        entries = [one for one in entries if not one[0].startswith("# dead_band")]
     if any(one.key == "[input] zero" for one in proposal.questions):
         zero = "# zero = ..  # the number that stands for no command"
         entries += [("zero", None, ""), (zero, None, ""), ("# direction = [..]", None, "")]

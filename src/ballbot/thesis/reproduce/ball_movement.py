@@ -44,12 +44,12 @@ class BallMovement:
         panels = []
         for axis, name in enumerate("xyz"):
             lines = (
-                Line(name="reference", values=self.reference[:, axis], look="reference"),
-                Line(name="without friction", values=self.without_friction[:, axis], look="second"),
-                Line(name="with friction", values=self.with_friction[:, axis], look="first"),
+                Line("reference", self.reference[:, axis], "reference"),
+                Line("without friction", self.without_friction[:, axis], "second"),
+                Line("with friction", self.with_friction[:, axis], "first"),
             )
-            panels.append(Panel(label=f"rotation about {name} [rad]", lines=lines))
-        return TimeSeries(t=self.t, panels=panels, caption="")
+            panels.append(Panel(f"rotation about {name} [rad]", lines))
+        return TimeSeries(self.t, panels, "")
 
 
 def ball_movement(robot: Robot) -> BallMovement:

@@ -813,15 +813,11 @@ def _states(runs: Mapping[str, Log], names: Sequence[str], *, end: float = math.
     longest = max(runs.values(), key=len)
     panels = []
     for name in names:
-        columns = together([(log.t, log[name]) for log in runs.values()])[1]
-        lines = [
-            Line(name=_SHOWN[one][0], values=values, look=_SHOWN[one][1])
-            for one, values in zip(runs, columns, strict=True)
-        ]
+        _, lines = together([(*_SHOWN[one], log.t, log[name]) for one, log in runs.items()])
         if f"ref_{name}" in longest:
-            lines.append(Line(name="reference", values=longest[f"ref_{name}"], look="reference"))
-        panels.append(Panel(label=f"{state_mark(name)} [{STATE_UNITS[name]}]", lines=lines))
-    return TimeSeries(t=longest.t, panels=panels, caption="")
+            lines.append(Line("reference", longest[f"ref_{name}"], "reference"))
+        panels.append(Panel(f"{state_mark(name)} [{STATE_UNITS[name]}]", lines))
+    return TimeSeries(longest.t, panels, "")
 
 
 def _wheels(bench: Bench) -> TimeSeries:
@@ -838,16 +834,13 @@ def _wheels(bench: Bench) -> TimeSeries:
     panels = []
     for wheel in range(bench.robot.wheel_count):
         whole, part = (
-            [
-                Line(name=_SHOWN[kind][0], values=one[rows, wheel], look=_SHOWN[kind][1])
-                for kind, one in speeds.items()
-            ]
+            [Line(_SHOWN[kind][0], one[rows, wheel], _SHOWN[kind][1]) for kind, one in speeds.items()]
             for speeds in ({kind: log.wheel_speeds for kind, log in logs.items()}, fast)
         )
         # the step's jump goes beyond
-        fine = Panel(label=f"above {_FAST:g} Hz [mrad/s]", lines=part, ends=(-reach, reach))
-        panels += [Panel(label=f"wheel {wheel + 1} [rad/s]", lines=whole), fine]
-    return TimeSeries(t=t[rows], panels=panels, caption="")
+        fine = Panel(f"above {_FAST:g} Hz [mrad/s]", part, ends=(-reach, reach))
+        panels += [Panel(f"wheel {wheel + 1} [rad/s]", whole), fine]
+    return TimeSeries(t[rows], panels, "")
 
 
 def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:

@@ -62,11 +62,9 @@ def _item_section(item: Item) -> Section:
         None
         if table is None
         else Sheet(
-            headings=table.headings,
-            rows=[[with_symbols(cell) for cell in row] for row in table.rows],
-            caption=_caption(item),
+            table.headings, [[with_symbols(cell) for cell in row] for row in table.rows], _caption(item)
         ),
-        drawn_picture(name, item.figure, _caption(item)) if item.figure else None,
+        drawn_picture(name, _caption(item), item.figure) if item.figure else None,
         replace(item.series(), caption=_caption(item)) if item.series else None,
         _checks_sheet(
             "What the thesis claims, and the numbers that decide whether it is reproduced.", item.checks
@@ -75,14 +73,14 @@ def _item_section(item: Item) -> Section:
 
 
 def _labelled(label: str, text: str) -> Paragraph:
-    return Paragraph(text=Markup("<strong>{}:</strong> {}").format(label, with_symbols(text)))
+    return Paragraph(Markup("<strong>{}:</strong> {}").format(label, with_symbols(text)))
 
 
 def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
     return Sheet(
-        headings=CHECK_HEADINGS,
-        rows=[[with_powers(with_symbols(cell)) for cell in check.cells] for check in checks],
-        caption=with_symbols(caption),
+        CHECK_HEADINGS,
+        [[with_powers(with_symbols(cell)) for cell in check.cells] for check in checks],
+        with_symbols(caption),
         shaded=frozenset(place for place, check in enumerate(checks) if not check.agrees),
     )
 
@@ -90,7 +88,7 @@ def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
 def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
     return section(
         "The thesis's misprints and mistakes",
-        Paragraph(text="Each with computed numbers that would differ if the thesis were right."),
+        Paragraph("Each with computed numbers that would differ if the thesis were right."),
         *(
             _checks_sheet(
                 f"{one.number}. {one.where}. The thesis prints: {one.thesis} Right: {one.right}", one.shown_by

@@ -1,0 +1,28 @@
+"""Logs of the nominal twin under the nominal gain, and the friction that two of them show."""
+
+from __future__ import annotations
+
+from ballbot.control.presets import nominal_controller
+from ballbot.control.references import named_reference
+from ballbot.identification import Identification, identify
+from ballbot.log import Log
+from ballbot.robot import Robot
+from ballbot.simulation.run import simulate
+from ballbot.twin import Scenario, Twin
+
+ROBOT = Robot.load("alten")
+NOMINAL = Scenario.nominal(ROBOT)
+
+
+def twin_log(reference: str, *, duration: float, seed: int, scenario: Scenario = NOMINAL) -> Log:
+    """Return a log of the twin by its own sensors, without compensation."""
+    twin, controller = Twin(ROBOT, scenario), nominal_controller(ROBOT)
+    course = named_reference(reference)
+    return simulate(twin, controller, course, duration=duration, seed=seed).without_truth()
+
+
+def identified() -> Identification:
+    """Return the identification from two logs of 48 s, as in the demo."""
+    references = ("square", "figure_eight")
+    logs = [twin_log(name, duration=48.0, seed=seed) for seed, name in enumerate(references, start=1)]
+    return identify(ROBOT, logs, seed=0)

@@ -1,0 +1,242 @@
+"""`ballbot identify-driveline`, `-upside-down`, `-geometry` and `-axis`: a part of a robot, or any axis, by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from ballbot.cli import options
+from ballbot.cli.context import open_result, read_logs
+from ballbot.cli.findings import in_file, stop_or_show
+from ballbot.errors import InputError
+from ballbot.findings import by_severity, check_codes, note
+from ballbot.fitting.run import Run, check_seed
+from ballbot.identification import axis
+from ballbot.identification.agreement import file_findings
+from ballbot.identification.axis.checks import ERROR_CODES, record_findings
+from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
+from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
+from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
+from ballbot.identification.upside_down import identify_upside_down as find_friction
+from ballbot.log import Log
+from ballbot.log.checks import bench_findings
+from ballbot.log.mapping import dead_band_findings
+from ballbot.progress import in_stage
+from ballbot.report.axis import axis_report
+from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
+from ballbot.robot import Robot
+from ballbot.robot.file import robot_text
+from ballbot.summary import counted
+
+#: r_b / r_w by the logs over the file's; beyond, a unit or a column is wrong rather than a tape measure
+_RADII = (0.4, 2.5)
+_COLUMNS, _METHOD = AxisColumns(), axis.AxisOptions()
+
+
+def identify_driveline(
+    robot: options.Robot,
+    log: Path,
+    /,
+    *,
+    out: options.Out,
+    mapping: options.Mapping = None,
+    speed_limit: float | None = None,
+    accept: options.Accept = None,
+) -> None:
+    """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
+
+    Each wheel is an axis of the robot file's inertia (`ballbot identify-axis`) with that law. Writes report.html,
+    results.json and robot.toml (with each wheel's b, c and s, the mean of v_s, and their standard deviations and
+    correlations). Friction in the robot file that states standard deviations is compared.
+
+    Example: ballbot identify-driveline alten sweep/log.csv --out found
+
+    Parameters
+    ----------
+    log
+        A log with torques and wheel speeds of a slow sweep with the wheels off the ball, not of the robot balancing.
+    speed_limit
+        Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
+    """
+    described, read = Robot.load(robot), Log.read(log, mapping=mapping)
+    sweeps = sweeps_of(described, read, limit=speed_limit)
+    of_sweep = in_file(log, sweep_findings(described, sweeps))
+    of_log = bench_findings(described, {str(log): read})
+    findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
+    with open_result(out, doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]) as result:
+        fits = [
+            fit_driveline(one, run=Run(progress=in_stage(result.report, f"wheel {one.wheel}")))
+            for one in sweeps
+        ]
+        estimate = sweep_estimate(fits)
+        findings = by_severity([*findings, *file_findings(described, estimate)])
+        source = f"identified: sweep of the free wheels, {log.name}"
+        files = {"robot.toml": robot_text(robot_with_friction(described, estimate, source=source))}
+        page = driveline_report(described.name, sweeps, fits, findings)
+        sweep = result.path("results.json")
+        step = f"`ballbot identify {robot} LOG --sweep {sweep} --out found`, with logs of balancing"
+        result.write(page, files=files, next_step=step)
+
+
+def identify_upside_down(
+    robot: options.Robot,
+    /,
+    *logs: options.Log,
+    out: options.Out,
+    mapping: options.Mapping = None,
+    seed: options.Seed = 0,
+    window: float = 1.0,
+    accept: options.Accept = None,
+) -> None:
+    """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
+
+    The ball lies on the wheels, and a camera gives its angular velocity; wheel speeds, if logged, are used. If
+    the robot file already has friction, as after `ballbot identify`, both are validated on the same windows.
+
+    Writes report.html, robot.toml (the robot with the identified friction, if it is usable) and results.json.
+
+    Example: ballbot identify-upside-down alten upside_down.csv --out found
+
+    Parameters
+    ----------
+    logs
+        One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
+    window
+        Length of the predicted windows [s].
+    """
+    described, named = Robot.load(robot), read_logs(logs, mapping)
+    by_path = dict(zip(map(str, logs), named.values(), strict=True))
+    of_ball = [
+        one
+        for path, log in by_path.items()
+        for one in in_file(Path(path), upside_down_findings(described, log))
+    ]
+    findings = stop_or_show([*bench_findings(described, by_path), *of_ball], accept=accept)
+    check_seed(seed)
+    inputs = [logs, mapping, robot]
+    with open_result(out, doing="identifying", writes=["robot.toml"], inputs=inputs, seed=seed) as result:
+        run = Run(seed=seed, progress=result.report)
+        found = find_friction(described, list(named.values()), window=window, run=run)
+        page = upside_down_report(found, described, named, findings=findings)
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        result.write_robot(page, found.robot, found.verdict, next_step=step)
+
+
+def identify_geometry(
+    robot: options.Robot,
+    /,
+    *,
+    upside_down: list[Path] | None = None,
+    balancing: list[Path] | None = None,
+    motion_capture: list[Path] | None = None,
+    mapping: options.Mapping = None,
+    accept: options.Accept = None,
+    out: options.Out,
+) -> None:
+    """Identify radii, tilt, azimuths and the mounting of the IMU from logs, by kinematics alone.
+
+    Writes report.html, results.json and robot.toml (the identified geometry, with its standard deviations).
+
+    Example: ballbot identify-geometry alten --upside-down up.csv --balancing run.csv --motion-capture mocap.csv
+    --out geometry
+
+    Parameters
+    ----------
+    upside_down
+        Logs of the robot clamped upside down: wheel angles and ball_omega_x, _y, _z in the robot's frame.
+    balancing
+        Logs of the robot balancing: wheel angles and gyro_x, _y, _z.
+    motion_capture
+        One file for each balancing log, in the same order: t, x y z of the ball's centre, qw qx qy qz of the body; on
+        any clock and in any frame.
+    """
+    described = Robot.load(robot)
+    on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
+    if len(runs) != len(films):
+        numbers = counted(len(runs), "time"), counted(len(films), "time")
+        raise InputError(
+            f"--balancing is given {numbers[0]} and --motion-capture {numbers[1]}. Give one motion capture for each "
+            "balancing log, in the same order."
+        )
+    of_ball = list(read_logs(on_wheels, mapping).values()) if on_wheels else []
+    of_runs = list(read_logs(runs, mapping).values()) if runs else []
+    named = dict(zip(map(str, (*on_wheels, *runs)), (*of_ball, *of_runs), strict=True))
+    # the robot's radii are estimated, so that encoders need not agree with them closely
+    encoders = [
+        finding
+        for path, log in zip(on_wheels, of_ball, strict=True)
+        for finding in in_file(path, encoder_findings(described, log, like=_RADII))
+    ]
+    findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
+    inputs = [on_wheels, runs, films, mapping, robot]
+    with open_result(out, doing="identifying the geometry", writes=["robot.toml"], inputs=inputs) as result:
+        found = survey_geometry(
+            described,
+            upside_down=of_ball,
+            balancing=[(log, Log.read(film)) for log, film in zip(of_runs, films, strict=True)],
+            progress=result.report,
+        )
+        of_geometry, files = geometry_findings(found), dict[str, str]()
+        try:
+            files["robot.toml"] = robot_text(robot_with_geometry(described, found))
+        except InputError as error:
+            text = (
+                "No robot.toml was written, because the geometry found is not possible with the other values of the "
+                f"robot file: {error}"
+            )
+            of_geometry.append(note("no-robot-file", text))
+        page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        result.write(page, files=files, next_step=step if files else "")
+
+
+def identify_axis(
+    record: Path,
+    /,
+    *against: Path,
+    out: options.Out,
+    also: Annotated[list[Path] | None, Parameter(negative="")] = None,
+    columns: Annotated[AxisColumns, Parameter(name="*")] = _COLUMNS,
+    method: Annotated[axis.AxisOptions, Parameter(name="*")] = _METHOD,
+    accept: options.Accept = None,
+) -> None:
+    """Find the mass (or inertia) and friction of one axis in records of its force and position.
+
+    The inverse model by least squares begins, output error over windows refines it. Forces over position, friction
+    under load and the friction law are selected by the prediction of held-out blocks of time. Writes report.html and
+    results.json.
+    For a robot's own drivelines use `ballbot identify-driveline`.
+
+    Example: ballbot identify-axis axis.csv --out found
+
+    Parameters
+    ----------
+    record
+        A log file (docs/logs.md), its columns or variables by name.
+    against
+        Other records of the same axis, with the same columns, used only for validation.
+    also
+        A further record that is fitted together with the first one; may be given several times.
+    """
+    check_codes(accept or (), listed=ERROR_CODES)
+    fitted = (record, *(also or ()))
+    paths = (*fitted, *against)
+    read = [read_axis_record(path, columns) for path in paths]
+    of_records = [
+        finding
+        for path, one in zip(paths, read, strict=True)
+        for finding in in_file(path, record_findings(one))
+    ]
+    findings = stop_or_show(of_records, accept=accept)
+    with open_result(out, doing="identifying the axis", inputs=[paths]) as result:
+        found = axis.identify_axis(
+            read[: len(fitted)],
+            options=method,
+            validation_records=read[len(fitted) :],
+            run=Run(progress=result.report),
+        )
+        step = "name another record of the axis after this one, to validate what was found"
+        result.write(axis_report(found, read[0], findings), next_step="" if against else step)
