@@ -65,8 +65,12 @@ def log_file(name: str) -> Path:
 
 
 def filled_in(mapping: str, source: Source) -> str:
-    """Return a proposed mapping with what its firmware adds to a duty, and how late its lean is."""
+    """Return a proposed mapping with what its firmware adds to a duty, and how late its lean is.
+
+    Where the axes of the IMU are asked for, they are as proposed: one log of the course shows them by itself.
+    """
     stated = mapping.replace("# dead_band = 0.0 ", f"dead_band = {source.dead_band:g} ")
+    stated = "".join(line for line in stated.splitlines(keepends=True) if not line.startswith("complete = "))
     return stated.replace("[attitude]\n", f"[attitude]\ndelay = {source.lean_delay:g}\n")
 
 
