@@ -153,8 +153,9 @@ def covariance_of(kalman: KalmanFilter) -> NDArray[np.float64]:
     rows[2:4, G : G + 2] = swap @ turn
     rows[2:4, PSI] = swap @ turn @ quarter @ kalman._x[G : G + 2]
     rows[5:, S : S + 2] = turn
-    rows[5:, PSI] = turn @ quarter @ kalman._velocity()
-    rows[5:, BIAS : BIAS + 3] = turn @ kalman._model.lever
+    lever, rate = kalman._model.lever, kalman._gyro - kalman._x[BIAS : BIAS + 3]
+    rows[5:, PSI] = turn @ quarter @ (kalman._x[S : S + 2] - lever @ rate)
+    rows[5:, BIAS : BIAS + 3] = turn @ lever
     covariance = rows @ kalman._P @ rows.T
     by_gyro = rows[5:, BIAS : BIAS + 3]  # a sample's noise moves v as a bias of that sample would
     covariance[5:, 5:] += kalman._model.gyro_variance * by_gyro @ by_gyro.T

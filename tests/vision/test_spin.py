@@ -187,7 +187,7 @@ def test_command_writes_its_documented_files(plain, command):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--circle", "20,20,60"], "is not inside the picture"),
+        (["--circle", "20,20,60"], "must lie in the picture"),
         (["--circle", "100,80"], "must be x,y,radius"),
         (["--circle", "100,80,3"], "at least 8"),
         (["--circle", "nan,80,66"], "x,y,radius"),
@@ -207,8 +207,8 @@ def test_invalid_options_end_in_one_sentence(short, tmp_path, capsys, options, s
 @pytest.mark.parametrize(
     ("name", "sentence"),
     [
-        ("nothing.mp4", "does not exist"),
-        ("", "is a folder"),
+        ("nothing.mp4", "No such file"),
+        ("", "Is a directory"),
         ("text.mp4", "not a video"),
         ("one.avi", "at least 5"),
         ("empty.avi", "No ball was found"),

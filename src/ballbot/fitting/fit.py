@@ -194,6 +194,8 @@ _AT_BOUND = 1e-9
 def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
     """Return whether two ends of a fit lie so many standard errors of the best one apart in some parameter."""
     normal = best.equations.normal
+    if not np.isfinite(normal.matrix).all():  # some block's prediction was lost
+        return False
     varied = best.experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
     deviations = np.sqrt(covariance(normal, varied).diagonal())
     return bool((np.abs(best.point - other.point) > errors * deviations).any())

@@ -83,7 +83,7 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
     rate = rate if frame_rate is None else frame_rate
     if not 0.0 < rate < math.inf:
         raise InputError(
-            f"The frame rate of {path} is {rate:g}; give it with --frame-rate, in frames per second."
+            f"The frame rate of {path} is {rate:g}; give a positive one, in frames per second, with --frame-rate."
         )
     return Video(
         path=Path(path),
