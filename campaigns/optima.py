@@ -92,7 +92,9 @@ def fitted(task: Task, start: int | None) -> End:
     fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
     seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
     lost = not np.isfinite(best.equations.normal.matrix).all()
-    errors = np.full(len(free), np.nan) if lost else np.sqrt(covariance(best.equations.normal, free).diagonal())
+    errors = (
+        np.full(len(free), np.nan) if lost else np.sqrt(covariance(best.equations.normal, free).diagonal())
+    )
     return End(cost=best.cost, point=best.point, errors=errors, seconds=seconds)
 
 
