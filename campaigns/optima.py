@@ -91,10 +91,10 @@ def fitted(task: Task, start: int | None) -> End:
     steps = task.options.gauss_newton_steps
     fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
     seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
-    lost = not np.isfinite(best.equations.normal.matrix).all()
-    errors = (
-        np.full(len(free), np.nan) if lost else np.sqrt(covariance(best.equations.normal, free).diagonal())
-    )
+    normal = best.equations.normal
+    varied = free & (normal.matrix.diagonal() > 0.0)
+    lost = not np.isfinite(normal.matrix).all()
+    errors = np.full(len(free), np.nan) if lost else np.sqrt(covariance(normal, varied).diagonal())
     return End(cost=best.cost, point=best.point, errors=errors, seconds=seconds)
 
 
