@@ -23,6 +23,7 @@ from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
+from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_row
 from ballbot.estimation.kalman_model import sample_code
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
@@ -341,7 +342,7 @@ def _loops(
         fill_record(record, LoopRecord(sample_time=sample_time))
         return record.view(np.float64)[None], np.empty((0, 0))
     lanes = range(max(len(borne), len(robots), len(controllers)))
-    of = [
+    of: list[tuple[Imperfections, Robot, EstimatorName]] = [
         (borne[k % len(borne)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
         for k in lanes
     ]
