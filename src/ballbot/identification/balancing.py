@@ -194,7 +194,7 @@ class Balancing:
         slopes, m = at.slopes, len(places)
         if not slopes.known.all():
             about = _differences(self.coordinates, at.point, at.weights, _NARROW)
-            rows = [k[~slopes.known[k]] for k in self._rows]
+            rows = [lacking for k in self._rows if len(lacking := k[~slopes.known[k]])]
             pieces = [(about, slopes.starts[k], slopes.residuals[k], k) for k in rows]
             for k, found in zip(rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True):
                 slopes.values[k, :m] = found
