@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.fit import FitOptions, descend, search
 from ballbot.fitting.run import Run, Threads
-from ballbot.fitting.uncertainty import covariance
 from ballbot.identification.identify import (
     IdentificationOptions,
     Prepared,
@@ -91,11 +90,7 @@ def fitted(task: Task, start: int | None) -> End:
     steps = task.options.gauss_newton_steps
     fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
     seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
-    normal = best.equations.normal
-    varied = free & (normal.matrix.diagonal() > 0.0)
-    lost = not np.isfinite(normal.matrix).all()
-    errors = np.full(len(free), np.nan) if lost else np.sqrt(covariance(normal, varied).diagonal())
-    return End(cost=best.cost, point=best.point, errors=errors, seconds=seconds)
+    return End(cost=best.cost, point=best.point, errors=best.errors, seconds=seconds)
 
 
 def tasks() -> dict[str, Task]:

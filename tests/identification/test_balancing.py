@@ -21,11 +21,11 @@ DURATION = 10.0  # [s]
 STEP = 2.5e-3  # [s], inner step of the fits; it moves a cost by 1e-4 of itself
 
 
-def problem_of(*, seed: int, bounds: Bounds | None = None) -> Balancing:
+def problem_of(*, seed: int, bounds: Bounds | None = None, duration: float = DURATION) -> Balancing:
     """Return the fit of a noisy log; where there are bounds, of what they free, the rest held at the truth."""
     coordinates = scale_between(alten(), bounds=bounds)
     predictor = Predictor(robot=alten(), formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
-    log = noisy(balancing_log(duration=DURATION), seed=seed)
+    log = noisy(balancing_log(duration=duration), seed=seed)
     windows = cut_windows([log], wheel_count=3, duration=0.25)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1))
 
@@ -132,3 +132,14 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     # rise = ((p - p^) / error)^2, found to a tenth, which is a twentieth of the distance; sticking bends the rest
     assert found.point[place] - lower == pytest.approx(2.0 * independent, rel=0.15)
     assert upper - found.point[place] == pytest.approx(2.0 * independent, rel=0.15)
+
+
+def test_slopes_that_are_known_are_not_taken_again():
+    problem = problem_of(seed=2, duration=20.0)
+    point = problem.coordinates.scaled(1.2 * TRUTH)
+    some, own = problem.begin(point), problem.linearize(problem.begin(point))
+    # windows are worked on 64 at a time: none of the first ones lacks its slopes
+    some.slopes.known[:64] = True
+    of_some = problem.linearize(some)
+    assert len(own.g) > 64
+    np.testing.assert_array_equal(of_some.g[64:], own.g[64:])

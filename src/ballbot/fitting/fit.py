@@ -97,6 +97,13 @@ class Descended(Generic[At]):
         """The parameters' equations of each block there."""
         return self.experiment.equations(self.end)
 
+    @cached_property
+    def errors(self) -> NDArray[np.float64]:
+        """Clustered standard errors (p,) of the free parameters, scaled; NaN without influence, or if all are lost."""
+        normal, free = self.equations.normal, self.experiment.coordinates.free
+        varied = free & (normal.matrix.diagonal() > 0.0) & np.isfinite(normal.matrix).all()
+        return _roots(covariance(normal, varied))
+
 
 def descend(
     experiment: Experiment[At],
@@ -193,12 +200,7 @@ _AT_BOUND = 1e-9
 
 def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
     """Return whether two ends of a fit lie so many standard errors of the best one apart in some parameter."""
-    normal = best.equations.normal
-    if not np.isfinite(normal.matrix).all():  # some block's prediction was lost
-        return False
-    varied = best.experiment.coordinates.free & (normal.matrix.diagonal() > 0.0)
-    deviations = np.sqrt(covariance(normal, varied).diagonal())
-    return bool((np.abs(best.point - other.point) > errors * deviations).any())
+    return bool((np.abs(best.point - other.point) > errors * best.errors).any())
 
 
 def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -210,8 +212,8 @@ def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 #: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
 Search = Literal["multistart", "genetic"]
-#: steps from each start. Fewer from the starts that look worse lost the lower optimum of one log in four: it is reached
-#: late, and on part of the blocks it may be the higher one
+#: steps from each start. Fewer from those that look worse lost the lower optimum of one log in six, a figure of eight:
+#: it is reached late, and on part of the blocks it may be the higher one
 _SEARCH_STEPS = 9
 #: a genetic search ends early where this many generations together gain less than that; a descent follows
 _SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3

@@ -61,11 +61,11 @@ CHECKS: Mapping[str, Check] = {
         "is mounted at an angle or has a bias, the centre of mass lies off the axis, or the floor slopes. Subtract the "
         "mean, or correct the cause.", error=0.04, warning=0.025,
     ),
-    "stuck": Check(  # [s], of columns of a robot that moves meanwhile
+    "stuck": Check(  # [s], of columns of a robot that moves meanwhile: from 0.4 on, less the rounding of times
         "{names}: one value repeats for {lasting:.3g} s from row {row} (t = {t:.6g} s), and nearly all other rows "
         "differ: {cause}.", error=0.399, warning=-1,
     ),
-    "held": Check(  # delay by repeated values [s]; of duplicated rows, as many seconds as are too long
+    "held": Check(  # delay by repeated values [s]: from 0.04 on, less the rounding of times; duplicated rows: infinite
         "{names}: a new value comes only every {rows} rows, every {delay:.3g} s, and repeats in between: {cause}. "
         "Values are late by up to that time; keep one row of {rows}, interpolate, or log at their rate.",
         error=0.0399, warning=0,
@@ -109,11 +109,9 @@ CHECKS: Mapping[str, Check] = {
         "The log has values of {names}, but the robot has {count} wheels. Name the log's own robot.", error=0,
     ),
     "ball-axes": Check(
-        "The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping.", error=0,
+        _ROLLING := "The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping.", error=0,
     ),
-    "heading-sign": Check(
-        "The ball does not move as the wheels turn: {fault}. Correct the columns or the mapping.", error=0,
-    ),
+    "heading-sign": Check(_ROLLING, error=0),
     "wheels: unseen": Check(
         "The order and signs of the wheels cannot be checked: that needs the ten states, the speed of every wheel, and "
         "motion.", note=0,

@@ -10,7 +10,7 @@ answer. The commands are on the left: commands that sum to zero are no difficult
 wheels on all commands would be collinear, and a wheel's sign would be decided by noise.
 
 A dead band that the firmware adds is counted as less dry friction, which is the same while a wheel turns the way its
-duty drives it. No log tells the two apart: dry friction of a wheel that sticks has the sign of the duty, too. A log
+duty drives it. A log cannot distinguish the two: the dry friction of a sticking wheel also has the sign of the duty. It
 shows how often wheels turn against their duties, and so by how much a dead band of a likely size would change the
 torques (`likely_dead_band`).
 """

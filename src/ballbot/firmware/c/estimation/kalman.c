@@ -378,7 +378,8 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
             sample(record, memory, reading, wheels, attitude, gyro);
         } else {
             start(record, memory, gyro, attitude);
-            see(record, memory, reading, wheels, attitude, gyro, wheels);
+            const float at_rest[2] = {0.0f, 0.0f};
+            see(record, memory, reading, wheels, attitude, gyro, at_rest);
             memory->started = RUNNING;
         }
         memory->missed = (turned != 0) ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
