@@ -152,7 +152,18 @@ def _add_wheel(
     if scenario.compliance:
         add(element, "joint", name=f"play {index + 1}", axis="0 0 1")
     elif scenario.backlash > 0:
-        add(element, "joint", name=f"play {index + 1}", axis="0 0 1", limited="true", range=(-half, half))
+        # Teeth are stiff: with MuJoCo's default of 20 ms, the stops yield so slowly that the play loses much of its
+        # effect. Two timesteps are the shortest time that MuJoCo takes.
+        add(
+            element,
+            "joint",
+            name=f"play {index + 1}",
+            axis="0 0 1",
+            limited="true",
+            range=(-half, half),
+            solreflimit=(2.0 * scenario.timestep, 1.0),
+            solimplimit=_HARD,
+        )
     add(element, "inertial", pos="0 0 0", mass=parts.hub_mass, diaginertia=parts.hub_inertia)
     size = (robot.wheels.radius - 2 * scenario.rollers.radius, scenario.rollers.radius)
     add(element, "geom", type="cylinder", size=size, rgba="0.7 0.7 0.7 1")
