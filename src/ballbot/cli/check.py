@@ -87,8 +87,7 @@ def check(
     from ballbot.workflows.robot_check import check_robot, follow_reference
 
     findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
-    inputs = [robot, reference, controller, swinging.swing]
-    with open_result(out, doing="checking the robot", inputs=inputs) as result:
+    with open_result(out, doing="checking the robot") as result:
         checked = check_robot(
             hung,
             findings,

@@ -1,11 +1,11 @@
 """The command context: what every command needs around its own work.
 
-    with open_result(out, doing="aligning", inputs=[robot, log, mapping]) as result:
+    with open_result(out, doing="aligning") as result:
         found = align_log(run, film, progress=result.report)
         result.write(align_report(found))
 
-The provenance of a result is the command line itself (`main` records it). Logs and lists of seeds are read here, too,
-and a Dask cluster is found.
+The provenance of a result is the command line itself (`main` records it), and the files that it names. Logs and lists
+of seeds are read here, too, and a Dask cluster is found.
 """
 
 from __future__ import annotations
@@ -78,15 +78,14 @@ def command_line() -> str:
     return shell_line(["ballbot", *ARGV.get()])
 
 
-def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
-    """Return the files among what a command line names, each once: a preset's name is not a file."""
-    paths: dict[Path, None] = {}
-    for names in given:
-        for name in [names] if isinstance(names, str | Path) else names or ():
-            is_there = Path(name).is_file() or is_bag_folder(name)
-            if isinstance(name, Path) or (name not in Robot.presets() and is_there):
-                paths[Path(name)] = None
-    return list(paths)
+def input_files(words: Sequence[str], beside: Sequence[Path] = ()) -> list[Path]:
+    """Return the files that a command line names, each once, then those beside them.
+
+    A file may stand in a list with commas, after NAME= and before @ESTIMATOR or :NAME. A preset's name is not a file.
+    """
+    parts = [part.strip() for word in words for part in (word, *re.split(r"[=,]|[@:][^@:/]*$", word))]
+    named = [part for part in parts if Path(part).is_file() or is_bag_folder(part)]
+    return list(dict.fromkeys([*(Path(name) for name in named if name not in Robot.presets()), *beside]))
 
 
 #: a file's content, or what writes it at a path
@@ -161,15 +160,14 @@ def open_result(
     doing: str = "",  # what is being done; nothing is shown without it
     # the files that the command may write there besides report.html and results.json
     writes: Collection[str] = (),
-    # the files that the result is made from, as the command line names them: see `input_files`
-    inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
+    beside: Sequence[Path] = (),  # files that it is made from and the command line does not name
     seed: int | str = 0,  # for the provenance
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
-    files, console = input_files(*inputs), standard_output()
+    files, console = input_files(ARGV.get()[1:], beside), standard_output()
     origin = provenance(command=command_line(), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
     command = command or next(iter(ARGV.get()), "")

@@ -141,7 +141,6 @@ def design(
         out,
         doing="robust design" if robust else "designing the controller",
         writes=_WRITTEN,
-        inputs=[robot, search.scenario] if robust else [robot],
         seed=search.seed if robust else 0,
     ) as result:
         if robust:

@@ -92,8 +92,7 @@ def excite(
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
     bounds = read_bounds(identification.bounds) if identification.bounds else None
-    inputs = [robot, scenario, controller, identification.bounds]
-    with open_result(out, doing="excite", writes=_WRITTEN, inputs=inputs) as result:
+    with open_result(out, doing="excite", writes=_WRITTEN) as result:
         found = find(
             described,
             chosen,
@@ -106,7 +105,7 @@ def excite(
         )
         page = excitation_report(found)
         files = {
-            "reference.csv": partial(write_reference, found.design.sines.times, found.design.sines.poses()),
+            "reference.csv": partial(write_reference, found.sines.times, found.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
         named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand

@@ -111,9 +111,8 @@ def identify(
     # all logs together, as they are one robot's
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
-    inputs = [robot, logs, holdout, mapping, fit.bounds, fit.sweep]
     with (
-        open_result(out, doing="identifying", writes=["robot.toml"], inputs=inputs, seed=fit.seed) as result,
+        open_result(out, doing="identifying", writes=["robot.toml"], seed=fit.seed) as result,
         executor(cluster) as made_by,
     ):
         found, selection = identify_by_law(

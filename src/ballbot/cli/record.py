@@ -108,12 +108,12 @@ def record(
     if run.experiment == "balance":
         warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
-    doing, inputs = f"recording {job.duration:g} s", [robot, scenario, run.reference, chosen.controller]
+    doing = f"recording {job.duration:g} s"
     if seeds is not None:
         several, listed = f"recording {counted(len(seeds), 'run')} of {job.duration:g} s", str(random.seeds)
         with (
             workers(random.cluster) as made_by,
-            open_result(out, command="record --seeds", doing=several, inputs=inputs, seed=listed) as result,
+            open_result(out, command="record --seeds", doing=several, seed=listed) as result,
         ):
             runs = record_runs(job, seeds, out, workers=made_by, progress=result.report)
             made = " ".join(
@@ -122,7 +122,7 @@ def record(
             step = f"`ballbot {_NEXT[run.experiment]} {made} --out found`"
             result.write(recordings_report(job, runs, findings), next_step=step)
         return
-    with open_result(out, doing=doing, writes=RECORD_FILES, inputs=inputs, seed=job.seed) as result:
+    with open_result(out, doing=doing, writes=RECORD_FILES, seed=job.seed) as result:
         recording = record_run(job, in_stage(result.report, doing))
         files: dict[str, Content] = {
             f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()

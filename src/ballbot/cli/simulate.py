@@ -77,10 +77,7 @@ def simulate(
     if scenario is not None:
         words = f"Left out: {', '.join(left_out(scenario, identified=True))}."
         notice_output().print(words, markup=False, soft_wrap=True)
-    inputs = [robot, reference, chosen.controller, simulated.scenario]
-    with open_result(
-        out, doing=f"simulating {duration:g} s", writes=_WRITTEN, inputs=inputs, seed=simulated.seed
-    ) as result:
+    with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=simulated.seed) as result:
         log = run(
             Model(described, simulated.formulation),
             controller,

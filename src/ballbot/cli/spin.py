@@ -93,7 +93,7 @@ def spin(
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=camera.frame_rate)
-    with open_result(out, doing="looking", writes=_WRITTEN, inputs=[video, log, mapping]) as result:
+    with open_result(out, doing="looking", writes=_WRITTEN) as result:
         found = measure_spin(
             film, seam=seam, circle=circle, progress=lambda now: result.report(replace(now, note=video.stem))
         )

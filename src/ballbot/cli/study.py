@@ -99,9 +99,8 @@ def study(
             f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
-    inputs = [robot, logs, fit.mapping, fit.bounds, trial.scenario]
     with (
-        open_result(out, doing="reading", writes=STUDY_FILES, inputs=inputs, seed=seed) as result,
+        open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result,
         executor(cluster) as made_by,
     ):
         assert result.folder is not None

@@ -25,7 +25,7 @@ from ballbot.report.style import drawn_picture
 from ballbot.report.words import capital
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import counted, pole_words
-from ballbot.workflows.reference_check import MARGIN_HEADINGS, margin_rows, reference_verdict
+from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import MATRICES, MATRIX_EQUATIONS, CheckedRobot, PoleSpread
 
 
@@ -52,7 +52,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
         quantity, value, unit = swing.found.rows()[0]
         verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
     if following:
-        verdict.append((f"Following {following.name}", " ".join(reference_verdict(following))))
+        verdict.append((f"Following {following.name}", " ".join(following.verdict())))
         undecided.append(
             "How noise, delay and play change the run along the reference: `ballbot record` has them."
         )
@@ -117,7 +117,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         )
     if following := checked.following:
         caption = "Largest use of each limit."
-        limits = Sheet(MARGIN_HEADINGS, margin_rows(following), caption)
+        limits = Sheet(MARGIN_HEADINGS, [use.row() for use in following.uses], caption)
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(checked.linear, caption=caption)

@@ -32,7 +32,7 @@ from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import Derived, derived_quantities
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.reference_check import ReferenceMargins, check_reference, margin_results
+from ballbot.workflows.reference_check import ReferenceMargins, check_reference
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
 POLE_DRAWS = 800
@@ -174,7 +174,7 @@ class CheckedRobot:
             },
             "findings": finding_results(self.findings),
             "swing": self.swing.found.to_dict(self.swing.findings) if self.swing else None,
-            "reference": margin_results(self.following) if self.following else None,
+            "reference": self.following,
         }
 
 

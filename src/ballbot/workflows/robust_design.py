@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,12 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.rounding import percent
 from ballbot.schema import validate_table
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
-from ballbot.summary import Summary, plotted, report_summary, summarized
+from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.grid import LoopRobot, run_loop
+from ballbot.workflows.grid import LoopRobot
 from ballbot.workflows.robot_check import linearization_results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: the ball lies so far from where it is asked to be at the start [m]
 INITIAL_OFFSET = 0.3
@@ -153,12 +151,13 @@ class RunMeasures:
 def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
     """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
     robots = perturbed.robots * len(controllers)
-    batch = run_loop(
-        robots,
-        [one for one in controllers for _ in perturbed.robots],
+    batch = simulate_batch(
+        [robot.model for robot in robots],
+        [controller for controller in controllers for _ in perturbed.robots],
         hold(),
         duration=RUN,
-        starts=np.tile(perturbed.starts, (len(controllers), 1)),
+        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
+        imperfections=[robot.imperfections for robot in robots],
         every=_EVERY,
     )
     shape = (len(controllers), len(perturbed.robots))
@@ -233,9 +232,8 @@ class ComparedDesign:
     costs: NDArray[np.float64] = field(metadata=left_out)  #: (fresh robots,) J of each
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobustDesign:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobustDesign(Reported):
     """A gain found by search over perturbed robots, compared with the nominal one."""
 
     design: LqrDesign = field(metadata=left_out)
@@ -255,10 +253,6 @@ class RobustDesign:
         """The margins of the loop."""
         return loop_margins(self.controller)
 
-    def summary(self) -> Summary:
-        """Return how the gain compares with the nominal one on robots not used in the search."""
-        return report_summary(self)
-
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds of it."""
         return {
@@ -271,10 +265,6 @@ class RobustDesign:
             "linearization": linearization_results(frictionless_model(self.controller.robot)),
             **to_results(self),
         }
-
-    def plot(self) -> Figure:
-        """Return a figure of the search, and of each design's costs on robots that it did not use."""
-        return plotted(self)
 
 
 def robust_design(
