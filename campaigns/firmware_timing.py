@@ -21,7 +21,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.build import source_files
-from ballbot.firmware.emulator import CLOCK, CYCLES, Board, Image, Run, compile_image
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, EmulatedCall, Image, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
@@ -42,7 +42,7 @@ class Timing:
     """The calls of one function."""
 
     name: str
-    runs: tuple[Run, ...]
+    runs: tuple[EmulatedCall, ...]
     flash: int  #: of the function and all that it calls [bytes]
     ram: int  #: of its record and its memory [bytes]
     stack: int  #: at most [bytes]
@@ -80,7 +80,7 @@ def reachable(image: Image, name: str) -> set[str]:
     return found
 
 
-def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
+def timing(name: str, function: str, runs: list[EmulatedCall], ram: int) -> Timing:
     """Return the timing of calls of a function."""
     whole = image()
     return Timing(
@@ -94,7 +94,7 @@ def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
 
 def estimator_runs(
     name: EstimatorName, robot: Robot, *, samples: int, missing: float = 0.0, fixes: float = 0.0
-) -> Iterator[tuple[Run, bool]]:
+) -> Iterator[tuple[EmulatedCall, bool]]:
     """Return each call of an estimator, and whether state and memory are those of this computer bit for bit."""
     board, host = Board(image()), Compiled(name, robot, sample_time=_PERIOD)
     record, memory = board.place(host.record), board.place(host.memory)
@@ -113,7 +113,7 @@ def estimator_runs(
 
 def law_runs(
     controller: Controller, *, lanes: int, count: int, board: Board | None = None
-) -> Iterator[tuple[Run, bool]]:
+) -> Iterator[tuple[EmulatedCall, bool]]:
     """Return each call of a control law, and whether its torques are those of this computer bit for bit.
 
     A new board is taken if none is given.

@@ -45,7 +45,7 @@ _WANTED = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Mistake:
+class _Violation:
     """One of pydantic's errors, placed in the file."""
 
     error: ErrorDetails
@@ -100,7 +100,7 @@ def toml_line(key: str, value: object, comment: str = "") -> str:
 
 
 def _first_sentence(error: ValidationError, tree: object, keys: _Keys, of: str) -> str:
-    mistakes = [_Mistake(error=one, place=_place(one, tree)) for one in error.errors(include_url=False)]
+    mistakes = [_Violation(error=one, place=_place(one, tree)) for one in error.errors(include_url=False)]
     for mistake in mistakes:
         if mistake.error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             return _unknown_key(mistake, keys, of)
@@ -163,7 +163,7 @@ class _Keys:
         return [schema, *(member for one in inner for member in self._members(one))]
 
 
-def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
+def _sentence(mistakes: Sequence[_Violation], keys: _Keys, of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
     mistake = mistakes[0]
     given, place, context = mistake.error["input"], format_place(mistake.place), mistake.context
@@ -193,7 +193,7 @@ def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
     return f"{place} is {format_value(given)}; it must be {either(wanted)}{below}."
 
 
-def _unknown_key(mistake: _Mistake, keys: _Keys, of: str) -> str:
+def _unknown_key(mistake: _Violation, keys: _Keys, of: str) -> str:
     *above, last = mistake.place
     hint = suggest(str(last), keys.known(above), otherwise="the keys there are")
     return f"{format_place(mistake.place)} is not a key of {of}; {hint}"
@@ -206,7 +206,7 @@ def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
     return f"{place} is {format_value(given)}; {hint} must be {either(allowed)}."
 
 
-def _wanted(mistake: _Mistake) -> list[str]:
+def _wanted(mistake: _Violation) -> list[str]:
     """Return what the value must be, in one or several alternatives."""
     kind, message = mistake.error["type"], mistake.error["msg"]
     if kind == "literal_error":
@@ -217,7 +217,7 @@ def _wanted(mistake: _Mistake) -> list[str]:
     return [f"{message[0].lower()}{message[1:]}"]
 
 
-def _allowed(mistake: _Mistake) -> list[str]:
+def _allowed(mistake: _Violation) -> list[str]:
     """Return the allowed values of a Literal as the file writes them."""
     return re.split(r", | or ", str(mistake.context["expected"]))
 

@@ -136,8 +136,8 @@ EstimatorName = Literal["onboard", "kalman"]
 
 def checked_name(name: str) -> EstimatorName:
     """Return the name of an estimator; InputError if the name is unknown."""
-    for one in get_args(EstimatorName):
-        if name == one:
-            return one
+    for known in get_args(EstimatorName):
+        if name == known:
+            return known
     hint = suggest(name, get_args(EstimatorName), otherwise="the estimators are")
     raise InputError(f"There is no estimator {name!r}; {hint}")

@@ -131,7 +131,7 @@ class FilterModel(NamedTuple):
 
     def row(self) -> NDArray[np.float64]:
         """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
-        return np.concatenate([np.ravel(one) for one in self])
+        return np.concatenate([np.ravel(part) for part in self])
 
 
 class Numbers(NamedTuple):
@@ -311,9 +311,9 @@ SENSORS = (*_EVERY_SAMPLE, _FIX)
 #: of each seen number the states that it depends on
 SEEN = tuple(states for sensor in SENSORS for states in sensor.states)
 NUMBERS = len(SEEN)
-_STARTS = accumulate((len(one.states) for one in SENSORS), initial=0)
+_STARTS = accumulate((len(sensor.states) for sensor in SENSORS), initial=0)
 #: place of each sensor's first number, by its name
-FIRST = {one.name: start for one, start in zip(SENSORS, _STARTS, strict=False)}
+FIRST = {sensor.name: start for sensor, start in zip(SENSORS, _STARTS, strict=False)}
 #: sensors whose numbers a `Reading` has under their name, and the firmware's
 DIRECT = tuple(sensor for sensor in SENSORS if sensor.name not in ("wheels", "attitude", "fix"))
 #: place of each number's first entry
@@ -395,13 +395,13 @@ def _propagate(work, width):
         for i in range(STATES):
             row = [carried(i, f, column) for column in columns]
             for j in range(i + 1):
-                found = carried(j, f, row)
+                covariance = carried(j, f, row)
                 for b in range(BIAS, BIAS + 3):
                     if (i, b) in by_bias and (j, b) in by_bias:
-                        found = found + noise * (by_bias[i, b] * by_bias[j, b])
+                        covariance = covariance + noise * (by_bias[i, b] * by_bias[j, b])
                 if i == j:
-                    found = found + entry(work, _WALK + i, lane)
-                put(work, COVARIANCE + _triangle(i, j), lane, found)
+                    covariance = covariance + entry(work, _WALK + i, lane)
+                put(work, COVARIANCE + _triangle(i, j), lane, covariance)
 
 
 def _product(number, *factors):
@@ -431,10 +431,10 @@ def _compare(work, lane, sensor: Sensor):
     first, v = FIRST[sensor.name], restored(_TWO, work, _VELOCITY, lane)
     model, x, gyro = _inputs(work, lane)
     shown = restored((0.0,) * len(sensor.states), work, SHOWN + first, lane)
-    there = tuple(number == number for number in shown)
-    complete = tuple(where(yes, number, 0.0) for yes, number in zip(there, shown, strict=True))
+    present = tuple(number == number for number in shown)
+    complete = tuple(where(yes, number, 0.0) for yes, number in zip(present, shown, strict=True))
     residuals, entries = sensor.seen(model, x, complete, gyro, v)
-    residuals = tuple(where(yes, number, math.nan) for yes, number in zip(there, residuals, strict=True))
+    residuals = tuple(where(yes, number, math.nan) for yes, number in zip(present, residuals, strict=True))
     stored(work, _RESIDUAL + first, lane, residuals)
     stored(work, _ROWS_SEEN + ENTRY_OF[first], lane, entries)
     if sensor.name == "wheels":
@@ -445,7 +445,7 @@ def projected(number: int, h: Sequence, p: Callable, change: Sequence):
     """Return q = P h of a number, h^T q, and what h expects of the changes; p(i, j) is P's entry, i >= j."""
     states = SEEN[number]
     q = tuple(
-        summed([p(max(i, j), min(i, j)) * one for j, one in zip(states, h, strict=True)])
+        summed([p(max(i, j), min(i, j)) * partial for j, partial in zip(states, h, strict=True)])
         for i in range(STATES)
     )
     return q, inner(h, [q[j] for j in states]), inner(h, [change[j] for j in states])
@@ -464,11 +464,11 @@ def _take_in(work, lane, number):
         taken = both(taken, entry(work, PIVOTS, lane) == 0.0)
     k = scale(q, where(taken, 1.0 / s, 0.0))
     stored(work, _CHANGE, lane, add(change, scale(k, where(taken, residual, 0.0))))
-    rest = [one - s * gain for one, gain in zip(q, k, strict=True)]
+    rest = [value - s * gain for value, gain in zip(q, k, strict=True)]
     for i in range(STATES):
         for j in range(i + 1):
-            place = _triangle(i, j)
-            put(work, COVARIANCE + place, lane, p[place] - k[i] * q[j] - rest[i] * k[j])
+            index = _triangle(i, j)
+            put(work, COVARIANCE + index, lane, p[index] - k[i] * q[j] - rest[i] * k[j])
 
 
 @traced

@@ -29,7 +29,7 @@ from ballbot.mechanics.engine.arrays import (
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.parameters import Exact, Formulation, Parameters, Pivoting, Thesis, pack, selector
+from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, RobotNumbers, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
 from ballbot.summary import Summary, pole_words, summarized
@@ -171,7 +171,7 @@ class Model:
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
-    def _parameters(self) -> Parameters:
+    def _parameters(self) -> RobotNumbers:
         return unpacked(self.selected, self.packed.item)
 
     def summary(self) -> Summary:

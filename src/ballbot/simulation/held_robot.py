@@ -137,8 +137,8 @@ class HeldRobot:
                 simulate_driveline(line, [torque], sample_time=h, initial_speed=speed)
                 for line, torque, speed in zip(self._lines, acting, self._speeds, strict=True)
             ]
-            self._speeds = np.array([one.speeds[0] for one in motions])
-            self._angles = self._angles + [one.angles[0] for one in motions]
+            self._speeds = np.array([motion.speeds[0] for motion in motions])
+            self._angles = self._angles + [motion.angles[0] for motion in motions]
         else:
             self._turn_ball(self._limits.within(torques + noise, self._speeds), h)
         self._t = round(self._t + h, 9)

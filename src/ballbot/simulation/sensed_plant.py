@@ -164,12 +164,12 @@ class SensedPlant:
 
     def _measure(self) -> Measurement:
         """Read every sensor once."""
-        one, t = self.imperfections, round(self._sample * self._sample_time, 9)
+        given, t = self.imperfections, round(self._sample * self._sample_time, 9)
         truth, rate = self._block.states[0].copy(), self._block.gyros[0].copy()
-        missing = one.missing_from <= self._sample < one.missing_from + one.missing
+        missing = given.missing_from <= self._sample < given.missing_from + given.missing
         body_velocity = np.array([truth[5], truth[6], 0.0, *rate])
         reading = self._sensors.read(t, truth, body_velocity, self.motor_angles)
-        perfect = one.sensors is None
+        perfect = given.sensors is None
         state = truth.copy() if perfect else self._estimator.update(reading)
         if missing:
             state[0] = np.nan

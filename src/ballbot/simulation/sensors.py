@@ -222,9 +222,9 @@ class SensorSuite:
             for now, last in zip((velocity, rate), before, strict=True)
         )
         self._before = (velocity.copy(), rate.copy())
-        place = np.array(self._accelerometer.position)
+        position = np.array(self._accelerometer.position)
         force = rotation(*angles).T @ (acceleration + self._gravity)
-        force += np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
+        force += np.cross(turning, position) + np.cross(rate, np.cross(rate, position))
         return force + self._accelerometer.noise * self._shaking.standard_normal(3)
 
     def _read_fix(self, t: float, truth: NDArray[np.float64]) -> Fix | None:

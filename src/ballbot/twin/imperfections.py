@@ -100,8 +100,8 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
 
 def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: EstimatorName) -> SensedPlant:
     """Return a model with its own friction behind a scenario's sensors, drive and floor."""
-    found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
-    identified = with_identified(found, model.robot.friction)
+    resolved = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
+    identified = with_identified(resolved, model.robot.friction)
     return SensedPlant(model, imperfections_of(identified), estimator=estimator)
 
 
@@ -116,11 +116,11 @@ def true_model(robot: Robot, scenario: Scenario) -> Model:
 
 def loaded_body(body: Body, payload: Payload) -> Body:
     """Return a body with a payload, about the axis through their common centre of mass."""
-    place = np.array(payload.position)
+    position = np.array(payload.position)
     mass = body.mass + payload.mass
-    moment = payload.mass * place + [0.0, 0.0, body.mass * body.center_of_mass]
+    moment = payload.mass * position + [0.0, 0.0, body.mass * body.center_of_mass]
     inertia = body.inertia_about_ball_center() + payload.mass * (
-        (place @ place + 0.4 * payload.radius**2) * np.eye(3) - np.outer(place, place)
+        (position @ position + 0.4 * payload.radius**2) * np.eye(3) - np.outer(position, position)
     )
     turn = rotation_to(moment)
     J = turn.T @ inertia @ turn

@@ -66,7 +66,7 @@ def number_text(values: float | Iterable[float]) -> str:
 
 def add(parent: ET.Element, tag: str, **attributes: str | float | Iterable[float]) -> ET.Element:
     """Return a new element with attributes that are texts or numbers."""
-    texts = {name: one if isinstance(one, str) else number_text(one) for name, one in attributes.items()}
+    texts = {name: raw if isinstance(raw, str) else number_text(raw) for name, raw in attributes.items()}
     return ET.SubElement(parent, tag, texts)
 
 

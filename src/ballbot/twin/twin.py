@@ -22,7 +22,7 @@ from ballbot.mechanics.geometry import angle_rates, quaternion_of, rotation, tra
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
-from ballbot.twin.driveline import Driveline, Shafts
+from ballbot.twin.driveline import Shafts, TwinDriveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
@@ -128,13 +128,13 @@ class UnevenFloor:
         self._numbers = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
         self._amplitude = roughness.height * np.sqrt(2.0 / _WAVES)
 
-    def height(self, place: NDArray[np.float64]) -> float:
+    def height(self, position: NDArray[np.float64]) -> float:
         """Return h(x, y) [m]."""
-        return float(self._amplitude * np.sin(self._numbers @ place + self._phases).sum())
+        return float(self._amplitude * np.sin(self._numbers @ position + self._phases).sum())
 
-    def slope(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return grad h (2,) at a place (2,) [m]."""
-        return self._amplitude * np.cos(self._numbers @ place + self._phases) @ self._numbers
+        return self._amplitude * np.cos(self._numbers @ position + self._phases) @ self._numbers
 
 
 def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -176,7 +176,7 @@ class Twin:
         self.engine = Engine(twin_mjcf(robot, self.scenario))
         sensors = self.scenario.sensors
         self._substeps = round(sensors.sample_time / self.scenario.timestep)
-        self._driveline = Driveline(robot, self.scenario, self.engine)
+        self._driveline = TwinDriveline(robot, self.scenario, self.engine)
         self._shafts = Shafts(robot, self.scenario, self.engine)
         self._disturbances = Disturbances(robot, self.scenario, self.engine)
         self._timing: TimingModel | None = None

@@ -85,7 +85,7 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
     InputError if no colour stands out enough.
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
-    sample = _Sample.of(pictures, inside, around)
+    sample = _PixelSample.of(pictures, inside, around)
     by_level = 1.0 / (np.median(sample.levels, axis=0) + _FLOOR)  # of the logarithm
     noise = np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2
     noise += np.outer(by_level, by_level) * _REFLECTION**2
@@ -120,7 +120,7 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Sample:
+class _PixelSample:
     """What the discriminant is learned from."""
 
     logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
@@ -130,11 +130,11 @@ class _Sample:
     levels: NDArray[np.uint8]  #: (n, 3) of the pixels chosen, of all pictures
 
     @staticmethod
-    def of(pictures: Sequence[NDArray[np.uint8]], inside: Bools, around: int) -> _Sample:
+    def of(pictures: Sequence[NDArray[np.uint8]], inside: Bools, around: int) -> _PixelSample:
         step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
         chosen = np.zeros_like(inside)
         chosen[::step, ::step] = inside[::step, ::step]
-        return _Sample(
+        return _PixelSample(
             logs=[
                 np.asarray(cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR), np.float32)
                 for picture in pictures

@@ -234,9 +234,9 @@ class Lanes:
             lanes = lanes if index is None else np.size(index)
         row_of = np.empty((lanes, len(tables)), np.int64)
         for column, (name, (rows, index)) in enumerate(tables.items()):
-            own = np.zeros(lanes, np.int64) if len(rows) == 1 else np.arange(lanes)
+            default = np.zeros(lanes, np.int64) if len(rows) == 1 else np.arange(lanes)
             row_of[:, column] = index_array(
-                own if index is None else index, name, count=len(rows), length=lanes
+                default if index is None else index, name, count=len(rows), length=lanes
             )
         return row_of
 

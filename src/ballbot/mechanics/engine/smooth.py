@@ -180,22 +180,22 @@ def _dry_friction(selected, work, width):
     if selected.own_wheel:
         for wheel in range(len(selected.wheels)):
             for lane in lanes(0, width):
-                one = load(selected, work, lane).wheels[wheel]
+                driveline = load(selected, work, lane).wheels[wheel]
                 speed, direction = entry(work, SPEEDS + wheel, lane), entry(work, _SIGNS + wheel, lane)
-                put(work, _DRY + wheel, lane, directed_friction(one, speed, direction))
+                put(work, _DRY + wheel, lane, directed_friction(driveline, speed, direction))
         return
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
-            one = load(selected, work, lane).wheels[wheel]
-            put(work, _DRY + wheel, lane, decay_exponent(one, entry(work, SPEEDS + wheel, lane)))
+            driveline = load(selected, work, lane).wheels[wheel]
+            put(work, _DRY + wheel, lane, decay_exponent(driveline, entry(work, SPEEDS + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
             put(work, _DRY + wheel, lane, power_of_two(entry(work, _DRY + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
-            one = load(selected, work, lane).wheels[wheel]
+            driveline = load(selected, work, lane).wheels[wheel]
             power, direction = entry(work, _DRY + wheel, lane), entry(work, _SIGNS + wheel, lane)
-            put(work, _DRY + wheel, lane, with_decay(one, power, direction))
+            put(work, _DRY + wheel, lane, with_decay(driveline, power, direction))
 
 
 def _forces(selected, work, width):
