@@ -72,12 +72,12 @@ def image() -> Image:
 
 def reachable(image: Image, name: str) -> set[str]:
     """Return the names of a function and of all that it calls, directly or through others."""
-    found, left = {name}, [name]
+    names, left = {name}, [name]
     while left:
-        new = image.calls(left.pop()) - found
-        found |= new
+        new = image.calls(left.pop()) - names
+        names |= new
         left += new
-    return found
+    return names
 
 
 def timing(name: str, function: str, runs: list[EmulatedCall], ram: int) -> Timing:
@@ -86,7 +86,7 @@ def timing(name: str, function: str, runs: list[EmulatedCall], ram: int) -> Timi
     return Timing(
         name=name,
         runs=tuple(runs),
-        flash=sum(len(whole.functions[one]) for one in reachable(whole, function)),
+        flash=sum(len(whole.functions[callee]) for callee in reachable(whole, function)),
         ram=ram,
         stack=whole.stack_bound(function),
     )
@@ -107,8 +107,8 @@ def estimator_runs(
         board.write(given, taken)
         run = board.call(f"ballbot_{name}_update", record, memory, robot.wheel_count, given, answer)
         expected = host.take(taken)[0].astype(np.float32)
-        found, kept = board.read(answer, state), board.read(memory, host.memory)
-        yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
+        result, kept = board.read(answer, state), board.read(memory, host.memory)
+        yield run, result.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
 
 
 def law_runs(
@@ -156,7 +156,7 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         If a number is not that of this computer bit for bit.
     """
     robot = Robot.load("alten")
-    found = []
+    table = []
     cases: list[tuple[str, EstimatorName, float]] = [
         ("Kalman filter", "kalman", 0.0),
         ("Kalman filter, with fixes", "kalman", 0.05),
@@ -167,14 +167,14 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         _check(label, rows)
         host = Compiled(name, robot)
         ram = host.record.nbytes + host.memory.nbytes
-        found.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
+        table.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
     for label, design in controllers().items():
         if label.startswith("without") or label.endswith("alone"):  # those of the test of each part
             continue
         rows = list(law_runs(design(), lanes=10, count=count))
         _check(label, rows)
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
-        found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
+        table.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
 
     ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
     for label, controller in presets().items():
@@ -182,9 +182,9 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         _check(label, updates_of)
         takes_fixes = controller.estimator == "kalman"
         for suffix, with_fix in (("", False), (", with fixes", True))[: 1 + takes_fixes]:
-            runs = [one.run for one, _ in updates_of if one.has_fix == with_fix]
-            found.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
-    return found
+            runs = [update.run for update, _ in updates_of if update.has_fix == with_fix]
+            table.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
+    return table
 
 
 def presets() -> dict[str, Controller]:
@@ -192,14 +192,14 @@ def presets() -> dict[str, Controller]:
     robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
     compensations: tuple[Compensation, ...] = ("none", "full", "partial")
     estimators: tuple[EstimatorName, ...] = ("onboard", "kalman")
-    found = {
+    by_name = {
         f"nominal {compensation}, {estimator}": nominal_controller(
             robot, compensation=compensation
         ).with_estimator(estimator)
         for compensation in compensations
         for estimator in estimators
     }
-    return found | {"precise, kalman": precise_controller(robot)}
+    return by_name | {"precise, kalman": precise_controller(robot)}
 
 
 def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
@@ -213,7 +213,7 @@ def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
 def campaign() -> Section:
     """Return the table."""
     whole = image()
-    found = timings(samples=_SAMPLES, count=_UPDATES)
+    table = timings(samples=_SAMPLES, count=_UPDATES)
     return Section(
         title="The firmware on the processor",
         before="The estimators and controllers of the firmware on an emulated Cortex-M4F, compiled by Clang with -O2: "
@@ -225,6 +225,6 @@ def campaign() -> Section:
             "update", "instructions", "largest", "cycles", "share", "highest rate, Hz",
             "flash, B", "RAM, B", "stack, B",
         ],
-        rows=[one.cells() for one in found],
+        rows=[row.cells() for row in table],
         after=f"The whole library takes {whole.flash:,} bytes of flash and {whole.ram} bytes of variables.",
     )  # fmt: skip
