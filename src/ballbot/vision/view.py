@@ -193,45 +193,21 @@ def _on_circle(circle: tuple[float, float, float]) -> Floats:
 
 
 def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
-    """Return circles (x, y, radius) that edges vote for, and about the same centres those of the strongest edges."""
+    """Return circles (x, y, radius) that edges of the brightness or of a colour vote for."""
     factor = min(1.0, _VOTED_SIZE / max(still.shape[:2]))
     small = np.asarray(cv2.resize(still, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
     shorter = min(small.shape[:2])
-    smallest, largest = int(_SMALLEST * shorter), int(_LARGEST * shorter)
-    circles: list[Floats] = []
+    circles = []
     for channel in (
         cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
         *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
     ):
         found = cv2.HoughCircles(
             cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=_VOTES,
-            minRadius=smallest, maxRadius=largest,
+            minRadius=int(_SMALLEST * shorter), maxRadius=int(_LARGEST * shorter),
         )  # fmt: skip
-        if found is not None:
-            circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
-    distinct: list[Floats] = []
-    for circle in circles:
-        for radius in (circle[2], *_strongest(small, circle[0], circle[1], smallest, largest)):
-            one = np.array([circle[0], circle[1], radius])
-            if all(np.abs(one - other).max() > 0.03 * shorter for other in distinct):
-                distinct.append(one)
-    return [((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in distinct]
-
-
-def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, largest: int) -> list[float]:
-    """Return the radii of the circles about a place on which colour changes most, all around, up to three."""
-    shares = np.arange(smallest, largest)
-    angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
-    columns = (x + np.outer(np.cos(angle), shares)).astype(np.float32)
-    rows = (y + np.outer(np.sin(angle), shares)).astype(np.float32)
-    colours = cv2.remap(
-        picture.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    change = np.median(np.linalg.norm(colours[:, 2:] - colours[:, :-2], axis=2), axis=0)
-    peaks = (
-        np.flatnonzero((change[1:-1] >= change[:-2]) & (change[1:-1] > change[2:]) & (change[1:-1] > 2.0)) + 1
-    )
-    return [float(shares[peak] + 1) for peak in peaks[np.argsort(-change[peaks])][:3]]
+        circles += [] if found is None else np.reshape(found, (-1, 3))[:_VOTED].tolist()
+    return [((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in circles]
 
 
 def _refined(
