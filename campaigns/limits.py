@@ -16,7 +16,7 @@ from ballbot.fitting.run import Run
 from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, leaning_state, twin_limits
+from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, twin_limits
 from campaigns.section import Section, write_picture
 
 #: compensation and torque limit [N m]
@@ -99,8 +99,7 @@ def _row(one: Case) -> list[str]:
 
 def _cost(one: Case) -> str:
     """Say whether outcomes change by cutting runs short."""
-    region, direction = one.model.plane.lower, one.model.plane.direction
-    lean, rate = (grid.ravel() for grid in np.meshgrid(region.across, region.along, indexing="ij"))
-    whole = one.loop.recovers(leaning_state(direction, lean, rate), cut_short=False)
-    differing = int((whole != region.kept.ravel()).sum())
+    plane = one.model.plane
+    whole = one.loop.recovers(plane.starts(), cut_short=False)
+    differing = int((whole != plane.lower.ravel()).sum())
     return f"Of {len(whole)} of the runs, {differing} end otherwise when they are not cut short."
