@@ -1,7 +1,7 @@
 """The state from the robot's own sensors, and from a fix where there is one.
 
 `OnboardState` is the thesis's way. `ballbot.estimation.kalman.KalmanFilter`, the better one, is compiled and comes
-from its own file, so that only who uses it loads Numba; `named_estimator` makes either.
+from its own file, so that Numba is loaded only if it is used; `named_estimator` makes either.
 """
 
 from ballbot.estimation.interface import Estimator, EstimatorName, Fix, Reading, checked_name

@@ -1,7 +1,7 @@
 """The Kalman filter's model of robot and sensors, with the noise it assumes and its two linear steps.
 
     14 states     b        (3) gyro bias, body frame [rad/s]
-                  r        how fast the AHRS's heading runs away [rad/s]
+                  r        drift rate of the AHRS's heading [rad/s]
                   a        (2) slow error of the AHRS's g [-]
                   g        (2) x and y of the upward direction in the body's frame, its lean [-]
                   s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
@@ -20,9 +20,9 @@
     a fix         x, y, psi
 
 C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
-with the robot. With velocity or lean in the world frame, each linearisation at another estimate would draw a little
-knowledge of the heading out of nothing (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3
-to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
+with the robot. With velocity or lean in the world frame, each new linearisation point would create
+spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was wrong by 3 to
+6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
 
 The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
 for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
@@ -69,13 +69,13 @@ class FilterNoise:
 
     gyro: float  #: of each sample [rad/s]
     attitude: float  #: white part of the AHRS's angles [rad]
-    heading_drift: float  #: how fast the AHRS's heading may run away [rad/s]
+    heading_drift: float  #: drift rate of the AHRS's heading [rad/s]
     heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
     heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
     gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
     gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
     lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
-    lean_error_time: float = 10.0  #: over which that forgets itself [s]
+    lean_error_time: float = 10.0  #: correlation time of that error [s]
     push: float = 0.02  #: of the momentum, by what pushes from outside [m/s/sqrt(s)]
     rolling: float = 1e-3  #: of the distance by the wheels: rollers, play, slip [m/sqrt(s)]
     pivoting: float = 5e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
@@ -89,7 +89,7 @@ class FilterNoise:
 
     @staticmethod
     def of(robot: Robot) -> FilterNoise:
-        """Return what goes with a robot's own sensors; a perfect sensor is taken as a very good one."""
+        """Return the noise of a robot's own sensors; a perfect sensor gets a very small noise."""
         sensors = robot.sensors
         return FilterNoise(
             gyro=max(sensors.gyro_noise, 1e-5),

@@ -92,7 +92,7 @@ def run_tool(*command: str | Path, name: str = "The compiler") -> None:
     """Run a compiler or a linker; raise InputError with what it prints if it fails or does not end."""
     words = [str(word) for word in command]
     environment = dict(os.environ)
-    if tuple(words[: len(ZIG)]) == ZIG:  # which waits for ever where it cannot write
+    if tuple(words[: len(ZIG)]) == ZIG:  # it hangs if its cache cannot be written
         environment.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_cache_folder("zig")))
     try:
         done = subprocess.run(

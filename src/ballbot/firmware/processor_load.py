@@ -1,4 +1,4 @@
-"""What a controller takes on its processor: instructions of an update, flash, RAM and stack.
+"""The load of a controller on its processor: instructions of an update, flash, RAM and stack.
 
 The library is compiled for a Cortex-M4F and takes a rehearsal of some hundred samples on the emulator
 (`ballbot.firmware.emulator`): a robot that sways, turns and rolls, a reference that stands, moves and jumps, and now
@@ -91,7 +91,7 @@ class ProcessorLoad:
 
 
 def what_to_install() -> str:
-    """Return one sentence on what a measurement needs and lacks; empty if all is there."""
+    """Return one sentence on what is missing for a measurement; empty if nothing is."""
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     return (
         f"Not measured: instructions, cycles, flash and stack need `pip install {' '.join(missing)}`."
@@ -114,7 +114,7 @@ def measure_load(
     *,
     clock: float = CLOCK,  # of the processor [Hz]
 ) -> ProcessorLoad:
-    """Return what an exported controller takes on its processor, measured on the emulator.
+    """Return the load of an exported controller on its processor, measured on the emulator.
 
     InputError if `ziglang` or `unicorn` is not installed.
     """

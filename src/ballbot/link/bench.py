@@ -49,7 +49,7 @@ def stir(robot: LiveRobot, seed: int) -> Callable[[float], NDArray[np.float64]]:
 
 @contextmanager
 def held_parameters(robot: LiveRobot) -> Iterator[None]:
-    """Let a robot that is held have any lean and the on-board state while the block runs, then its own parameters."""
+    """Lift the lean limit and select the on-board state while the block runs, then restore the robot's parameters."""
     original = robot.parameters
     changed = original.copy()
     changed["safety"]["lean"] = _ANY_LEAN

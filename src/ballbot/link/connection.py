@@ -57,7 +57,7 @@ class Monitor:
                 self._live.stop()
 
     def states_of(self, robot: LiveRobot) -> Callable[[State], None]:
-        """Return what shows each state of a robot, armed or not."""
+        """Return a callback that shows each state of a robot, armed or not."""
         return lambda state: self.show(
             1e-6 * (state.time % 2**32), lambda: state_line(state, wheel_count=robot.wheel_count)
         )
@@ -95,7 +95,7 @@ class Connection:
 
     @property
     def provenance(self) -> dict[str, object]:
-        """On which robot a log is made, with which parameters, in which session."""
+        """The robot, parameters and session of a log."""
         return {
             "robot": self.described.name if self.described else None,
             "port": self.address,

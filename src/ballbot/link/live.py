@@ -1,4 +1,4 @@
-"""A live robot from arming to disarming: what it is to do, sample after sample, and the log of it.
+"""A live robot from arming to disarming: its references or torques, sample by sample, and its log.
 
     robot = LiveRobot(session)
     robot.test()
@@ -6,11 +6,11 @@
     ending = robot.run(FollowReference(reference), duration=32.0, record=recorder.append)
     robot.disarm()
 
-A `Commander` is asked after every sample for what is to be sent: a reference for the controller on the robot, or
+After every sample a `Commander` gives what is sent: a reference for the controller on the robot, or
 torques of a program on this computer. A row of the log is a sample from arming on, in the frame of the start
 (`ballbot.link.references`): measurements and estimate of a time, and the torques held from there on.
 
-Every end is one sentence (`Ending`): the time is over, the driver ends it, the robot's safety layer stops, or the link
+Every run ends with one sentence (`Ending`): the time is over, the driver or the safety layer stops it, or the link
 is lost. A robot whose link is lost stops by itself.
 """
 
@@ -42,7 +42,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wh
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
 _PATIENCE = 0.1
-#: for which a robot that has taken the arming may take to show it [s]
+#: longest time from an accepted arming until the robot shows it [s]
 _ARMING_TIME = 0.5
 #: after which a reference that the robot does not show is sent again [s]
 _REFERENCE_TIME = 0.05
@@ -132,7 +132,7 @@ class Commander(Protocol):
         ...
 
     def command(self, session: Session, sample: RobotSample) -> NDArray[np.float64] | None:
-        """Send what the robot is to have at its next sample.
+        """Send the reference or the torques of the robot's next sample.
 
         Returns
         -------
@@ -274,7 +274,7 @@ class LiveRobot:
         return f"{self.welcome.session % 2**32:08x}"
 
     def parameter_lines(self) -> list[str]:
-        """Return what the robot is and runs, in lines."""
+        """Return lines on the robot, its estimator and its controller."""
         record = self.parameters
         estimator = {number: name for name, number in ESTIMATORS.items()}[int(record["estimator"][0])]
         parts = [name for name in KINDS if record["law"][name]["on"][0]]
@@ -329,7 +329,7 @@ class LiveRobot:
     ) -> SelfTestOutcome:
         """Run the self-test and return its result: PASSED, or IMU_PASSED before the motors' test.
 
-        InputError if it fails, in one sentence; or the link is lost.
+        InputError if it fails or the link is lost.
         """
 
         def move(position: SelfTestOutcome) -> None:
@@ -381,7 +381,7 @@ class LiveRobot:
         record: Callable[[Sequence[float]], None],  # takes each sample's row
         watch: Callable[[RobotSample], None],  # takes each sample, for a monitor
     ) -> Ending:
-        """Let an armed robot do what a commander says, until the time is over or something ends it."""
+        """Send an armed robot the commander's references or torques until the time is over or the run ends."""
         samples: Samples | None = None
         t, began = 0.0, self._clock()
         try:
@@ -425,7 +425,7 @@ def _why_disarmed(state: State, t: float) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LiveRun:
-    """What became of a run."""
+    """A run's log and how it ended."""
 
     ending: Ending
     log: Log | None  #: None if the run ended before its first sample
@@ -448,7 +448,7 @@ def recorded_run(
     watch: Callable[[RobotSample], None],  # takes each sample
     recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
 ) -> LiveRun:
-    """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
+    """Test and arm a robot, run it with a commander, disarm it, and return the log.
 
     The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written stops
     the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.

@@ -95,7 +95,7 @@ def check_no_recording(path: Path) -> None:
 
 
 def _new_file(path: Path) -> int:
-    """Return the descriptor of a new file, whose name is on the disk where the system can tell."""
+    """Return the descriptor of a new file; on POSIX systems its folder entry is on the disk, too."""
     check_file(path)
     check_no_recording(path)
     try:

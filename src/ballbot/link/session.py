@@ -280,7 +280,7 @@ class Session:
         self,
         *,
         timeout: float = 3.0,  # for motors and encoders, by the robot's clock [s]
-        # asks a person for the position that the robot waits for; without it that is the result
+        # asks a person to move the robot into a position; without it the test ends with the request
         move: Callable[[SelfTestOutcome], None] | None = None,
         motors: bool = True,  # whether the motors' test follows that of the IMU's axes
         watch: Callable[[State], None] = lambda _: None,  # takes every state meanwhile
@@ -327,7 +327,7 @@ class Session:
         controller: ControllerPlace = ControllerPlace.ROBOT,  # whose torques the robot obeys
         ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
     ) -> AnswerResult:
-        """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
+        """Arm in two steps: ask the robot, then confirm with the number that it returned.
 
         InputError if the ramp is negative or longer than a minute. LinkError if the robot does not answer.
 
@@ -341,7 +341,7 @@ class Session:
         asked, _ = self._request(Arm(nonce=0, controller=controller, ramp=ramp))
         if asked.result != AnswerResult.CONFIRM or not confirm():
             return AnswerResult(asked.result)
-        self._heard = self._clock()  # nobody listened while the person thought
+        self._heard = self._clock()  # the link was not read while the person decided
         answer, resent = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
         if resent and answer.result == AnswerResult.ACTIVE:
             return AnswerResult.OK  # the answer to the first was lost

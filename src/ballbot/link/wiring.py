@@ -109,7 +109,7 @@ def _turned(before: State, after: State) -> NDArray[np.float64]:
 
 
 def _counted(before: State, after: State) -> NDArray[np.int64]:
-    """Return how far the counters have gone, which wrap around."""
+    """Return the change of counters that wrap around."""
     return (after.wheel_counts.astype(np.int64) - before.wheel_counts + 2**31) % 2**32 - 2**31
 
 

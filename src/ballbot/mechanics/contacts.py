@@ -120,7 +120,7 @@ def half_turned(selected, state, a, w, h):
 
 
 class Ahead(NamedTuple):
-    """Where a step would end but for the friction that is still to be found, and what that can be."""
+    """Where a step would end without the friction that is still unknown, and the limits of that friction."""
 
     v: tuple
     w: tuple
@@ -139,7 +139,7 @@ def first_ahead(selected, P, start, free, h):
 
 
 class FirstForces(NamedTuple):
-    """What the first forces of a step were found to be, in the units of forces: kappa_i = 1/(h G_ii) times speeds."""
+    """The first forces of a step; speeds are in units of forces, times kappa_i = 1/(h G_ii)."""
 
     forces: tuple  #: lambda of the contacts
     probes: tuple  #: s = lambda + kappa C nu

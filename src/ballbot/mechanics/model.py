@@ -280,7 +280,7 @@ def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for (*_, name), array in zip(arguments, arrays, strict=True))
+        shapes = ", ".join(f"{name} {part.shape}" for (*_, name), part in zip(arguments, arrays, strict=True))
         raise InputError(f"The shapes do not match: {shapes}.") from None
     return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 

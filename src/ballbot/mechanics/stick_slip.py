@@ -153,7 +153,7 @@ def largest_of(numbers):
 
 @traced
 def _best_between(forces, target, G, b, rates, limits, rolling_force):
-    """Return what has the least energy of these forces and of those allowed on the way to the forces found."""
+    """Return what has the least energy of these forces and of those allowed on the way to the forces `target`."""
     best, least_energy = forces, _energy(forces, G, b, rates)
     for share in _SHARES:
         way = tuple(force + share * (other - force) for force, other in zip(forces, target, strict=True))

@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OutcomeBounds:
-    """When a lane's outcome counts as known, so that it need not be run on.
+    """Bounds beyond which a lane's outcome is known and its run stops.
 
     InputError if the bounds are not rows of ten numbers, or a limit is not above zero.
     """
@@ -55,8 +55,8 @@ class OutcomeBounds:
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
     #: infinite numbers if a lane is never to count as settled
     settled: NDArray[np.float64]
-    lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
-    grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
+    lost: float  #: lean [rad] beyond which the robot cannot recover
+    grip: float = math.inf  #: friction coefficient of wheels on ball; a lane that needs more ends
 
     def __post_init__(self) -> None:
         what = "The array of bounds within which a robot counts as settled"
@@ -107,8 +107,8 @@ def simulate_batch(
         One for all lanes or one for each; of one formulation and inner step, and a pivoting ball in all or in none.
         A ball that pivots starts without spin.
     controller : Controller, "nominal", "precise", controller file or your own, or a sequence of them
-        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. Where
-        one is your own, as `simulate` takes it, all lanes run one after another, one period at a time.
+        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. If
+        one is written in Python, as `simulate` takes it, all lanes run one after another, one period at a time.
     reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
@@ -120,9 +120,9 @@ def simulate_batch(
         state, and drives have no limits but the controllers' own. The state is that of the estimator that each
         controller is made for. If there is one for all lanes, its seed is that of the first, and the others' follow it.
     verdict : OutcomeBounds, optional
-        Leaves lanes as soon as their outcome is known; all are run to the end by default.
+        Stops each lane as soon as its outcome is known; by default all run to the end.
     every : int
-        Record every so many samples, the first of them included; 0 records the first only, and `finals`.
+        Record every `every`-th sample, beginning with the first; 0 records the first only, and `finals`.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
@@ -167,7 +167,7 @@ def simulate_batch(
     elif verdict is None:
         out = _one_by_one(lanes, models, controllers, initial, by_lane, sampling, as_reference(reference))
     else:
-        raise InputError("A verdict needs controllers of Ballbot in every lane; your own run to the end.")
+        raise InputError("A verdict needs Ballbot's own controllers in all lanes; others run to the end.")
     leans = np.array([lane.fallen_lean for lane in by_lane] or [LARGEST_LEAN])
     return _result(out, sampling, leans)
 

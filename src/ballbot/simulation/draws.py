@@ -1,4 +1,4 @@
-"""What the compiled loop needs beside its records: pushes, what is random in each run, and room for the outcome."""
+"""Inputs of the compiled loop beside its records: pushes, random numbers, and arrays for the outcome."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def push_table(by_lane: Sequence[Imperfections], sample_time: float) -> NDArray[
 def draws_of(
     runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
 ) -> Draws:
-    """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
+    """Return the random numbers of a block's runs, each drawn from its seed as `SensedPlant` draws them."""
     by_lane = {id(lane): lane for lane, _ in runs}.values()
     noisy, faulty = (
         any(lane.random for lane in by_lane),
@@ -53,7 +53,7 @@ def draws_of(
 
 
 def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
-    """Return the arrays for the outcome of so many lanes, which so far run to the end."""
+    """Return the arrays for the outcome of lanes, filled as if all run to the end."""
     return Outcome(
         states=np.empty((lanes, records, 10)),
         finals=np.empty((lanes, 10)),

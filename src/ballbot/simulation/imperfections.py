@@ -2,8 +2,8 @@
 
 A robot on a floor of slope s = grad h is stepped in the floor's frame, in which gravity is not along z. A body whose
 centre of mass is off its axis by (d_x, d_y), forward and to the left, is stepped in the frame whose z axis goes through
-it, and so the wheels sit on it a little askew: the ball's rolling turns them as a body's that leans. Both are exact but
-for what is shown: the lean of the body in the world's frame is that of its frame on the floor and, to first order,
+it, so its wheels are slightly tilted: the ball's rolling turns them as those of a leaning body. Both are exact except
+for the lean shown, that of the body in the world's frame: the lean of its frame on the floor and, to first order,
 
     (theta, phi) + (s_y, -s_x) + (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
 
@@ -14,7 +14,7 @@ An ellipsoidal roller, as round as the wheel at its middle, falls short of the w
 
     D(x) = (r_w - r) r_w / (8 r) x^4           x: the wheel's angle from the roller's middle
 
-and the force N between wheel and ball, that at rest, turns the wheel by N D'(x), away from the middle. Halfway between
+and the force N between wheel and ball at rest turns the wheel by N D'(x), away from the middle. Halfway between
 two rollers both touch. Their contacts are springs that give way by y under N, with dampers of a time constant t_c, so
 the nearer bears the share
 
@@ -22,10 +22,10 @@ the nearer bears the share
 
 of N, at least none and at most all, where p is the angle from a roller to the next. The dampers make this a friction
 that grows with the wheel's speed: on the BBR's twin 0.005 N m s/rad, a third of the drivelines' viscous one. Rollers of
-both rings then disagree about the wheel's speed: they creep over the ball, and slip where the lesser of them grips no
-more, which brakes the ball's turning about n. On the twin this is most of what rollers do: of two rows 6 mm apart,
-0.15 N m in a third of the wheel's positions. (MuJoCo's convex friction, unlike Coulomb's, presses what slips apart, and
-so the lesser contact harder: at slow motion rows 22 mm apart brake a third more there than here, rows 6 mm apart 9 %.)
+both rings then impose different speeds on the wheel: they creep over the ball, and the less loaded one slips beyond its
+grip, which brakes the ball's turning about n. On the twin this is most of what rollers do: of two rows 6 mm apart,
+0.15 N m in a third of the wheel's positions. (MuJoCo's convex friction pushes sliding contacts apart, which loads
+the lesser contact more: at slow motion rows 22 mm apart brake a third more there than here, rows 6 mm apart 9 %.)
 
 Dry friction of a driveline may follow the force between wheel and ball: 1 - f + f N / N_0 of it, with N from the
 accelerations at the sample's start (`ballbot.simulation.model_plant`).

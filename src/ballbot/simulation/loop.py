@@ -5,11 +5,11 @@ A sample of a robot is, in this order:
     measure     its true state, on its floor; encoders count, the AHRS is noisy, late, biased and drifts
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
-    drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
+    drive       the torques wait for the delay; noise and the limits of driver and supply apply
     move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, rollers
                 that come and go under the wheels; in the frame of a floor that slopes
 
-What is random is drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
+Random numbers are drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
 estimator and controller in Python, and gives the same results to rounding.
 """
 
@@ -95,7 +95,7 @@ class Inputs(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """What is random in the runs of a block, a row for each of its robots; without columns where nothing is."""
+    """The random numbers of a block's runs, a row for each robot; without columns if none are needed."""
 
     noise: NDArray[
         np.float64
@@ -141,7 +141,7 @@ class Outcome(NamedTuple):
 
 
 class Block(NamedTuple):
-    """What the loop remembers of each robot of a block from sample to sample."""
+    """The loop's memory of each robot of a block, from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
     by_steps: bool  #: whether the torques of any robot change within a sample

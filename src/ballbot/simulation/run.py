@@ -43,7 +43,7 @@ _MAX_INITIAL_LEAN = 0.02
 
 
 def initial_state_of(seed: int) -> NDArray[np.float64]:
-    """Return the state (10,) in which runs start unless told otherwise: at rest at the origin, leaning a little.
+    """Return the default initial state (10,): at rest at the origin, leaning a little.
 
     theta and phi ~ U(-0.02, 0.02) rad. Exactly upright, a robot needs no controller.
     """

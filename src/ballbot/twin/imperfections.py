@@ -4,7 +4,7 @@
     simulate_batch(model, controller, reference, duration=20.0, imperfections=imperfections)
 
 `true_model` has what belongs to the robot, friction and payload; `imperfections_of` its sensors, drive, floor and
-pushes. What the equations of motion do not have is left out, and `left_out` names it, for a report to say so.
+pushes. Faults that the equations of motion do not have are left out; `left_out` names them for a report.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _DAMPED = 2.0
 
 
 def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
-    """Return a scenario of the equations with friction that was identified by them: wheels touch in a point.
+    """Return a scenario with friction that the equations of motion identified: wheels touch in a point.
 
-    The friction contains what rollers take, which a robot with rollers would have twice.
+    The identified friction contains the losses of the rollers, which would otherwise count twice.
     """
     return replace(scenario, friction=friction, wheel_contact="point")
 

@@ -32,7 +32,7 @@ and R = (1 - d)/d m, where d is the impedance and m the sum of the two bodies' i
 
     f = K r + C v - a/R        K = k d / R        C = b / R
 
-a spring, a damper, and a mass 1/R = d/(1 - d) / m that is not there; a small d keeps that small (some 0.3 kg for each
+a spring, a damper, and a spurious mass 1/R = d/(1 - d) / m; a small d keeps it small (some 0.3 kg for each
 of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction has the same R, a damper of its own and a
 high ratio of impedances, so that a wheel that grips creeps little.
 """

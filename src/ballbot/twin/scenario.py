@@ -123,7 +123,7 @@ class Scenario:
     )
 
     def summary(self) -> Summary:
-        """Return the faults that are on with their sizes, and what is not as in most scenarios."""
+        """Return the faults that are on, with their sizes, and the sensors."""
         rows = []
         for field in fields(self):
             value = getattr(self, field.name)
@@ -243,9 +243,9 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
 
 
 def _check_friction(scenario: Scenario, robot: Robot) -> None:
-    for parameter in parameters_of(Friction):
-        values = getattr(scenario.friction, parameter.name)
-        if parameter.shape == "list" and len(values) != robot.wheel_count and values != parameter.default:
+    for row in parameters_of(Friction):
+        values = getattr(scenario.friction, row.name)
+        if row.shape == "list" and len(values) != robot.wheel_count and values != row.default:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."

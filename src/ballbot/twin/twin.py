@@ -223,7 +223,7 @@ class Twin:
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        The sensors are read at each sample; noise, torque limit and supply limit come upon the torques. InputError if
+        The sensors are read at each sample; noise, torque limit and supply limit act on the torques. InputError if
         they are not n finite numbers, or the duration is not a whole number of sample times.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")

@@ -99,7 +99,7 @@ def _tidy(folder: str, digest: str) -> None:
 
 
 class _Notice(Listener):
-    """Says, once, that Ballbot's code is compiled; nothing is compiled where all is on disk."""
+    """Prints once that Ballbot's code is being compiled; nothing is compiled if all of it is on disk."""
 
     def on_start(self, event: Event) -> None:
         assert event.data is not None

@@ -58,7 +58,7 @@ ROUNDS = 5
 
 
 def first_probe(speeds, held, rests, limits, rolling_force):
-    """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
+    """Return the initial probe: contacts that move are taken to slide on, the others to stick with the forces `held`.
 
     `speeds` are those of the contacts at the step's start, `rests` those of the boxes below which they are at rest.
     """
@@ -121,7 +121,7 @@ def convex_problem(selected, P, state, u, h):
 
 
 def second_pass(selected, P, state, u, problem, first, forces, s, h):
-    """Return the second `ConvexPass` of a step of whose first these are the forces and their probe s."""
+    """Return the second `ConvexPass` of a step, from the forces of the first and their probe s."""
     end = less_response(first.free, problem.Y, forces, h)
     before, middle = attitude_of(problem.before), attitude_of(problem.middle)
     start = StepStart(ball_velocity(state), body_velocity(state), before, middle)

@@ -6,9 +6,9 @@ takes the step. (A sign that changes between the last stage and the end, which d
 step.) A ball that does not spin stays so while pivoting friction can hold it, and that is smooth as well.
 
 `smooth_block` takes the step for the lanes of a block, part by part: attitudes, dry friction, forces, accelerations. A
-processor looks a few hundred instructions ahead. Of a short loop these are several turns, which it works on together
-while each waits for its own results; of a long one a single turn, and it stands still. So a part is a loop of its own
-wherever it passes on few numbers.
+processor looks a few hundred instructions ahead. In a short loop these are several iterations, which overlap
+while each waits for its own results; in a long one they are a single iteration, and the processor stalls. So a part is
+a loop of its own wherever it passes on few numbers.
 """
 
 from ballbot.mechanics.engine.compiled import inlined
