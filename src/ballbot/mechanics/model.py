@@ -111,6 +111,11 @@ class Model:
     ------
     InputError
         If the formulation is unknown, or the step or the pivoting friction is not allowed.
+
+    Examples
+    --------
+    >>> print(f"The robot falls by {Model('alten').linearize().poles()[0].real:.2f}/s.")
+    The robot falls by 5.20/s.
     """
 
     robot: Robot

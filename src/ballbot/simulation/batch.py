@@ -134,6 +134,12 @@ def simulate_batch(
     ------
     InputError
         If lanes, models, wheels or sample times disagree, or the reference asks for a lean or a rate.
+
+    Examples
+    --------
+    >>> starts = [[0.0, 0.0, lean, *7 * [0.0]] for lean in (0.02, 0.9)]
+    >>> simulate_batch("alten", "nominal", "hold", duration=3.0, initial_states=starts).survived.tolist()
+    [True, False]
     """
     models = _models(model)
     robots = [prepared.robot for prepared in models]

@@ -99,6 +99,12 @@ def simulate(
     InputError
         If the duration or the initial state is invalid, the controller returns anything but n numbers, or a plant
         that is no model is given a scenario.
+
+    Examples
+    --------
+    >>> log = simulate("alten", "nominal", "square", duration=1.0)
+    >>> len(log), log.ended
+    (200, None)
     """
     active = _active(plant, controller, scenario)
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)

@@ -170,7 +170,11 @@ class Scenario:
 
     @staticmethod
     def named(name: str, robot: RobotLike) -> Scenario:
-        """Return the scenario of that name for a robot; raise InputError if the name is unknown."""
+        """Return the scenario of that name for a robot; raise InputError if the name is unknown.
+
+        >>> Scenario.named("ideal", "alten").backlash
+        0.0
+        """
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")

@@ -47,6 +47,9 @@ def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
     InputError if there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+
+    >>> load_scenario("ideal", "alten").backlash
+    0.0
     """
     if source in Scenario.names():
         return Scenario.named(str(source), robot)

@@ -155,6 +155,13 @@ class Twin:
     ------
     InputError
         If the scenario does not fit the robot, or MuJoCo is not installed.
+
+    Examples
+    --------
+    >>> twin = Twin("alten", "ideal")
+    >>> start = twin.reset(seed=1)
+    >>> round(twin.step([0.1, 0.1, 0.1], 0.005).t, 6)
+    0.005
     """
 
     def __init__(

@@ -95,7 +95,11 @@ def replay_page(
     autoplay: bool = True,
     lead: str = "",
 ) -> str:
-    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`."""
+    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`.
+
+    >>> replay_page({}, "alten", title="A robot at rest")[:15]
+    '<!doctype html>'
+    """
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
     style = part.style + web_file("page.css")
     return _document(
