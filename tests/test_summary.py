@@ -23,7 +23,7 @@ from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES, scenario_of
 from ballbot.workflows.controller_design import design_controller
-from ballbot.workflows.limits import LimitBounds, Plane, Region, RobotLimits
+from ballbot.workflows.limits import POINTS, LimitBounds, Plane, RobotLimits
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.screen import assert_fits_a_screen
@@ -52,14 +52,14 @@ def driveline() -> DrivelineFit:
 
 
 def limits() -> RobotLimits:
-    edge = np.linspace(-1.0, 1.0, 33)
-    region = Region(across=edge, along=edge, kept=edge[:, None] ** 2 + edge**2 < 0.5)
+    edge = np.linspace(-1.0, 1.0, POINTS)
+    kept = edge[:, None] ** 2 + edge**2 < 0.5
     return RobotLimits(
         directions=np.arange(3.0),
         heights=np.arange(9.0),
         lean=LimitBounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3)),
         impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0)),
-        plane=Plane(direction=0.0, lower=region, upper=region),
+        plane=Plane(direction=0.0, lean=1.0, rate=1.0, lower=kept, upper=kept),
     )
 
 

@@ -2,7 +2,8 @@
 
 A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
 and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in
-`ballbot.report.plots`: figures stand in packages that the result's own package must not import.
+`ballbot.report.plots`: figures stand in packages that the result's own package must not import. A result whose
+sentences stand there too is `Reported`.
 
 Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
 """
@@ -131,17 +132,34 @@ def plotted(value: object) -> Figure:
     return import_module("ballbot.report.style").plotted(draw, value)
 
 
-def report_summary(value: object) -> Summary:
-    """Return the summary of a value whose report has its sentences, as `plotted` returns its figure."""
-    return _result(value).summary()
+class Reported:
+    """Base of results whose report has their sentences, their figure and what results.json holds of them."""
+
+    def summary(self) -> Summary:
+        """Return the verdict on one screen."""
+        return _page(self).summary()
+
+    def plot(self) -> Figure:
+        """Return the figure that shows the result best; see `plotted`."""
+        return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return written_results(self)
+
+    def __repr__(self) -> str:
+        return repr(self.summary())
+
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
 
 
 def written_results(value: object) -> dict[str, object]:
     """Return what results.json holds of a value whose report knows it."""
-    return _result(value).to_dict()
+    return _page(value).to_dict()
 
 
-def _result(value: object) -> Any:
+def _page(value: object) -> Any:
     """Return the `ballbot.report.blocks.Result` of a value."""
     return import_module("ballbot.report.plots").RESULTS[type(value).__name__](value)
 

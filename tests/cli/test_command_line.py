@@ -116,4 +116,6 @@ def test_input_files_are_named_once_and_presets_are_none(tmp_path: Path) -> None
     log = tmp_path / "log.csv"
     log.write_text("t\n")
     assert Robot.presets()
-    assert input_files("alten", [log, log], None, str(log), "nominal") == [log]
+    assert input_files(["alten", str(log), f"mine={log}@kalman", f"--mapping={log},{log}", "nominal"]) == [
+        log
+    ]

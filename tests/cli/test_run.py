@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.cli.robot_link import TerminalOperator
 from ballbot.control.file import write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
+from ballbot.link.operators import TerminalOperator
 from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.support.processes import PATIENCE, Child
@@ -114,7 +114,7 @@ def test_nobody_but_a_person_at_a_terminal_confirms(monkeypatch, tmp_path):
         answers.seek(0)
         monkeypatch.setattr(sys, "stdin", answers)
         with pytest.raises(InputError, match="confirmed at a terminal"):
-            TerminalOperator().confirm_arming()
+            TerminalOperator(print).confirm_arming()
 
 
 @pytest.mark.parametrize(("typed", "confirmed"), [("arm", True), ("yes", False), ("", False)])
@@ -125,5 +125,5 @@ def test_confirmation_is_typed(typed, confirmed, monkeypatch):
     os.write(driver, f"{typed}\n".encode())
     with open(own) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
-        assert TerminalOperator().confirm_arming() is confirmed
+        assert TerminalOperator(print).confirm_arming() is confirmed
     os.close(driver)

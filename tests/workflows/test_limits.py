@@ -11,8 +11,8 @@ from ballbot.control.references import change_pose, circle, square
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits
-from ballbot.workflows.limits import Loop, map_region, reach
-from ballbot.workflows.reference_check import check_reference, path_demand, reference_verdict
+from ballbot.workflows.limits import Loop, reach
+from ballbot.workflows.reference_check import check_reference, path_demand
 from tests.support.control_examples import FRICTION, alten
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
@@ -100,23 +100,6 @@ def test_sensors_leave_the_limit_and_delay_takes_from_it():
     assert not hopeless.recovers(limits.leaning_state(DIRECTIONS, 0.02)).any()
 
 
-def test_area_of_a_map_is_that_of_its_shape():
-    def crescent(points):
-        return (np.hypot(points[:, 0], points[:, 1]) < 1.0) & (
-            np.hypot(points[:, 0] - 0.7, points[:, 1]) > 0.5
-        )
-
-    def start_of(a, b):
-        return np.stack([a, b, *np.zeros((8, len(a)))], axis=1)
-
-    region = map_region(crescent, start_of, ends=(1.5, 2.0))
-    # the disc less the lens that it has in common with the other, radii 1 and 1/2 and 0.7 apart
-    halves = np.arccos((0.49 + 0.25 - 1.0) / 0.7), np.arccos((0.49 + 1.0 - 0.25) / 1.4)
-    kite = 0.5 * np.sqrt((1.5**2 - 0.49) * (0.49 - 0.5**2))
-    # cells of 0.04 by 0.05 along an edge of 8
-    assert region.area == pytest.approx(np.pi - (0.25 * halves[0] + halves[1] - kite), rel=0.02)
-
-
 def test_a_ray_stops_at_the_first_loss():
     def banded(points):
         return (points[:, 0] < 0.3) | (points[:, 0] > 0.5)
@@ -161,9 +144,9 @@ def test_margins_name_infeasible_references_and_the_reason():
     controller = nominal_controller(robot)
     slow = check_reference(robot, controller, circle(), name="circle", duration=10.0)
     assert slow.can_be_followed
-    assert reference_verdict(slow)[0].startswith("The robot can follow circle")
+    assert slow.verdict()[0].startswith("The robot can follow circle")
     fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
-    words = " ".join(reference_verdict(fast))
+    words = " ".join(fast.verdict())
     assert not fast.can_be_followed
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
@@ -172,4 +155,4 @@ def test_margins_name_infeasible_references_and_the_reason():
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed
     far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
-    assert "falls at t = " in " ".join(reference_verdict(far))
+    assert "falls at t = " in " ".join(far.verdict())

@@ -45,7 +45,7 @@ def align(
     run, film = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
-    with open_result(out, doing="aligning", writes=["aligned.csv"], inputs=[log, mocap, mapping]) as result:
+    with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
         try:
             alignment = align_log(run, film)
         except InputError as error:

@@ -87,7 +87,7 @@ def check_log(
     if out and others and not proposes:
         raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()
-    with open_result(out, writes=writes, inputs=[files, mapping, robot]) as result:
+    with open_result(out, writes=writes) as result:
         if robot and described and proposes:
             stated = Stated(
                 command=command,

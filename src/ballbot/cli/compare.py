@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words, workers
 from ballbot.cli.controllers import warn_of_idle_compensation
@@ -57,13 +59,12 @@ def compare(
     courses = choose_courses(scenarios, described, plant)
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
-    files = [word.strip() for word in scenarios.split(",") if word.strip().endswith(".toml")]
-    files += [one.reference_spec.name for one in courses if is_reference_file(one.reference_spec.name)]
-    inputs = [robot, [one.file for one in candidates if one.file], files]
     warn_of_idle_compensation(made)
+    references = [course.reference_spec.name for course in courses]
+    beside = [Path(name) for name in references if is_reference_file(name)]
     doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
-        open_result(out, doing=doing, inputs=inputs, seed=seeds) as result,
+        open_result(out, doing=doing, beside=beside, seed=seeds) as result,
         workers(cluster, processes=processes) as made_by,
     ):
         league = run_league(

@@ -1,11 +1,11 @@
 """The command context: what every command needs around its own work.
 
-    with open_result(out, doing="aligning", inputs=[robot, log, mapping]) as result:
+    with open_result(out, doing="aligning") as result:
         found = align_log(run, film, progress=result.report)
         result.write(align_report(found))
 
-The provenance of a result is the command line itself (`main` records it). Logs and lists of seeds are read here, too,
-and a Dask cluster is found.
+The provenance of a result is the command line itself (`main` records it), and the files that it names. Logs and lists
+of seeds are read here, too, and a Dask cluster is found.
 """
 
 from __future__ import annotations
@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 
-#: the robot file beside a log
-ROBOT_BESIDE = "robot.toml"
-
 _MAX_SEEDS = 100_000
 
 
@@ -73,20 +70,14 @@ def robot_words(source: str, changes: Sequence[str] | None) -> str:
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
-def command_line() -> str:
-    """Return the command line that makes the running command's result, for its provenance."""
-    return shell_line(["ballbot", *ARGV.get()])
+def input_files(words: Sequence[str], beside: Sequence[Path] = ()) -> list[Path]:
+    """Return the files that a command line names, each once, then those beside them.
 
-
-def input_files(*given: str | Path | Sequence[str | Path] | None) -> list[Path]:
-    """Return the files among what a command line names, each once: a preset's name is not a file."""
-    paths: dict[Path, None] = {}
-    for names in given:
-        for name in [names] if isinstance(names, str | Path) else names or ():
-            is_there = Path(name).is_file() or is_bag_folder(name)
-            if isinstance(name, Path) or (name not in Robot.presets() and is_there):
-                paths[Path(name)] = None
-    return list(paths)
+    A file may stand in a list with commas, after NAME= and before @ESTIMATOR or :NAME. A preset's name is not a file.
+    """
+    parts = [part.strip() for word in words for part in (word, *re.split(r"[=,]|[@:][^@:/]*$", word))]
+    named = [part for part in parts if Path(part).is_file() or is_bag_folder(part)]
+    return list(dict.fromkeys([*(Path(name) for name in named if name not in Robot.presets()), *beside]))
 
 
 #: a file's content, or what writes it at a path
@@ -161,16 +152,15 @@ def open_result(
     doing: str = "",  # what is being done; nothing is shown without it
     # the files that the command may write there besides report.html and results.json
     writes: Collection[str] = (),
-    # the files that the result is made from, as the command line names them: see `input_files`
-    inputs: Sequence[str | Path | Sequence[str | Path] | None] = (),
+    beside: Sequence[Path] = (),  # files that it is made from and the command line does not name
     seed: int | str = 0,  # for the provenance
 ) -> Iterator[CommandResult]:
     """Hold a command's folder while the block runs, and show how far the work is.
 
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
-    files, console = input_files(*inputs), standard_output()
-    origin = provenance(command=command_line(), files=files, seed=seed)
+    files, console = input_files(ARGV.get()[1:], beside), standard_output()
+    origin = provenance(command=shell_line(["ballbot", *ARGV.get()]), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
     command = command or next(iter(ARGV.get()), "")
     held = result_folder(out, command=command, names=names, inputs=files) if out else None
@@ -186,7 +176,7 @@ def executor(cluster: str | None) -> AbstractContextManager[Executor]:
 
     InputError if there is no such cluster.
     """
-    return nullcontext(Threads()) if cluster is None else _cluster(cluster)
+    return nullcontext(Threads()) if cluster is None else dask_cluster(cluster)
 
 
 def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
@@ -196,10 +186,11 @@ def workers(cluster: str | None, *, processes: int | None = None) -> AbstractCon
     """
     from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
 
-    return nullcontext(Processes(count=processes)) if cluster is None else _cluster(cluster)
+    return nullcontext(Processes(count=processes)) if cluster is None else dask_cluster(cluster)
 
 
-def _cluster(address: str) -> Cluster:
+def dask_cluster(address: str) -> Cluster:
+    """Return the workers of a Dask scheduler; InputError if there is none."""
     from ballbot.fitting.cluster import Cluster
 
     return Cluster(address)

@@ -49,9 +49,7 @@ def export(
     findings = check_robot(described, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
-    with open_result(
-        out, doing="writing the firmware", writes=exported_names(), inputs=[robot, controller]
-    ) as result:
+    with open_result(out, doing="writing the firmware", writes=exported_names()) as result:
         exported = export_controller(read, lean=lean)
         to_install = what_to_install()
         if not to_install:

@@ -66,7 +66,7 @@ def identify_driveline(
     of_sweep = in_file(log, sweep_findings(described, sweeps))
     of_log = bench_findings(described, {str(log): read})
     findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
-    with open_result(out, doing="sweep", writes=["robot.toml"], inputs=[robot, log, mapping]) as result:
+    with open_result(out, doing="sweep", writes=["robot.toml"]) as result:
         fits = [
             fit_driveline(one, run=Run(progress=in_stage(result.report, f"wheel {one.wheel}")))
             for one in sweeps
@@ -116,8 +116,7 @@ def identify_upside_down(
     ]
     findings = stop_or_show([*bench_findings(described, by_path), *of_ball], accept=accept)
     check_seed(seed)
-    inputs = [logs, mapping, robot]
-    with open_result(out, doing="identifying", writes=["robot.toml"], inputs=inputs, seed=seed) as result:
+    with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         found = find_friction(described, list(named.values()), window=window, run=run)
         page = upside_down_report(found, described, named, findings=findings)
@@ -171,8 +170,7 @@ def identify_geometry(
         for finding in in_file(path, encoder_findings(described, log, like=_RADII))
     ]
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
-    inputs = [on_wheels, runs, films, mapping, robot]
-    with open_result(out, doing="identifying the geometry", writes=["robot.toml"], inputs=inputs) as result:
+    with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         found = survey_geometry(
             described,
             upside_down=of_ball,
@@ -231,7 +229,7 @@ def identify_axis(
         for finding in in_file(path, record_findings(one))
     ]
     findings = stop_or_show(of_records, accept=accept)
-    with open_result(out, doing="identifying the axis", inputs=[paths]) as result:
+    with open_result(out, doing="identifying the axis") as result:
         found = axis.identify_axis(
             read[: len(fitted)],
             options=method,

@@ -60,8 +60,7 @@ def limits(
     truth = load_scenario(scenario, described)
     models: dict[str, RobotLimits] = {}
     twins: dict[str, Sequence[TwinLimit]] = {}
-    inputs = [robot, [one.file for one in candidates if one.file], scenario]
-    with open_result(out, doing="limits", inputs=inputs, seed=seed) as result:
+    with open_result(out, doing="limits", seed=seed) as result:
         for name, controller in chosen.items():
 
             def report(now: Progress, name: str = name) -> None:

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import closing
-from hashlib import sha256
+from contextlib import AbstractContextManager, closing
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
-from cyclopts import App
-from numpy.typing import NDArray
+from cyclopts import App, Parameter
 
-from ballbot.cli import options
-from ballbot.cli.context import CommandResult, Content, open_result
+from ballbot.cli import OUTPUT, options
+from ballbot.cli.context import Content, open_result
 from ballbot.cli.output import emit, notice_output, standard_output
-from ballbot.cli.robot_link import Connection, LinkOptions, Monitor, Port, connected
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs, export_controller
-from ballbot.link.bench import bench_log, bench_parameters, check_balancing_parameters, stir, sweep_of
-from ballbot.link.lines import bench_line, counts_line, sample_line
-from ballbot.link.live import Commander, FollowReference, LiveRun, Sample, TorqueProgram, recorded_run
+from ballbot.fitting.run import check_seed
+from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
+from ballbot.link.connection import Connection, Monitor, connect_emulated, connect_port
+from ballbot.link.live import Commander, FollowReference, LiveRun, TorqueProgram
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns
@@ -29,10 +28,12 @@ from ballbot.report.comparison import alternation_report
 from ballbot.report.run import live_run_report, wiring_report
 from ballbot.results import to_results
 from ballbot.robot import Robot
-from ballbot.simulation.held_robot import SWEEP_PERIOD
+from ballbot.simulation.held_robot import SWEEP_PERIOD, Hold
+from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.alternation import MIN_RUNS, alternate
 from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
-from ballbot.workflows.metrics import SETTLE, Performance, performance_of, settled
+from ballbot.workflows.courses import PlantName
+from ballbot.workflows.metrics import SETTLE, Performance, settled
 
 ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
@@ -43,6 +44,69 @@ Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
 Example: ballbot run wiring --emulated
 """
+
+run = App(name="run", help=ABOUT)
+
+#: of an emulated robot whose file is not given
+_EMULATED_ROBOT = "alten"
+
+#: the robot's port
+Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?baud=921600.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LinkOptions:
+    """The robot at the other end."""
+
+    emulated: Annotated[bool, Parameter(negative="")] = False
+    """An emulated robot instead of one at a port: the firmware, compiled for this computer, with a simulated body."""
+
+    plant: PlantName = "model"
+    """The body of an emulated robot: the equations of motion (model) or the physics engine (twin)."""
+
+    robot: str | None = None
+    """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
+
+    scenario: options.Scenario = "nominal"
+
+    seed: options.WholeNumber = 1
+    """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
+
+    @property
+    def name(self) -> str:
+        """The robot's name or file, as a command line has it."""
+        return self.robot or (_EMULATED_ROBOT if self.emulated else "ROBOT")
+
+    @property
+    def described(self) -> Robot | None:
+        """The robot's description; None if it is not known."""
+        return Robot.load(self.name) if self.robot or self.emulated else None
+
+    def connect(
+        self, port: str | None, *, hold: Hold = "on_ball", real_time: bool = False, imu_checked: bool = True
+    ) -> AbstractContextManager[Connection]:
+        """Hold the link to a robot while a block runs; the options are an emulated one's.
+
+        InputError if there is no such robot, both or neither of port and --emulated are given, or the link fails.
+        """
+        if self.emulated == (port is not None):
+            both = f", not both: {port} would be a port" if port else ""
+            raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
+        if port is not None:
+            return connect_port(port, self.described, say=_notice)
+        check_seed(self.seed)
+        described = Robot.load(self.name)
+        return connect_emulated(
+            described,
+            load_scenario(self.scenario, described),
+            plant=self.plant,
+            seed=self.seed,
+            hold=hold,
+            real_time=real_time,
+            imu_checked=imu_checked,
+        )
+
 
 run = App(name="run", help=ABOUT)
 
@@ -97,14 +161,14 @@ def balance(
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
-        connected(port, link, real_time=reference == KEYBOARD) as connection,
+        link.connect(port, real_time=reference == KEYBOARD) as connection,
     ):
         robot = connection.robot
         if parameters is not None:
             robot.use_parameters(parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
-        _record(connection, commander, duration, out, then, ramp=ramp, controller=controller)
+        _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp)
 
 
 @run.command
@@ -121,14 +185,14 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
         How long [s]; Ctrl-C ends it as well.
     """
     console = standard_output()
-    with connected(port, link, real_time=console.is_terminal) as connection:
+    with link.connect(port, real_time=console.is_terminal) as connection:
         robot = connection.robot
         lines = robot.parameter_lines()
         emit({"parameters": lines})
         for line in lines:
             console.print(line, soft_wrap=True)
-        with Monitor(console) as shown:
-            robot.watch(shown.states_of(robot), duration=duration)
+        with _monitor().shown() as monitor:
+            robot.watch(monitor.states_of(robot), duration=duration)
 
 
 @run.command
@@ -145,14 +209,14 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
         The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
-    with connected(port, link, imu_checked=False) as connection:
+    with link.connect(port, imu_checked=False) as connection:
         robot = connection.robot
-        with Monitor(console) as shown:
-            turns = measure_turns(robot, connection.operator, watch=shown.states_of(robot))
+        with _monitor().shown() as monitor:
+            turns = measure_turns(robot, connection.operator, watch=monitor.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
         page = wiring_report(check, about=connection.words)
         printed = [*page.parts(), *map(finding_line, check.findings)]
-        with open_result(out, command="run wiring", inputs=[link.robot, link.scenario]) as result:
+        with open_result(out, command="run wiring") as result:
             result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
@@ -187,9 +251,12 @@ def sweep(
     torque
         Its largest torque [N m].
     """
-    with connected(port, link, hold="in_air") as connection:
+    with link.connect(port, hold="in_air") as connection, held_parameters(connection.robot):
+        commander = TorqueProgram(
+            sweep_of(connection.robot, torque), sample_time=connection.robot.sample_time
+        )
         then = f"identify-driveline {link.name} LOG --out driveline"
-        _bench(connection, sweep_of(connection.robot, torque), duration, out, then)
+        _record(connection, commander, duration, out, then, seed=link.seed)
 
 
 @run.command
@@ -210,26 +277,10 @@ def upside_down(
     duration
         Length of the run [s].
     """
-    with connected(port, link, hold="upside_down") as connection:
+    with link.connect(port, hold="upside_down") as connection, held_parameters(connection.robot):
+        commander = TorqueProgram(stir(connection.robot, link.seed), sample_time=connection.robot.sample_time)
         then = f"identify-upside-down {link.name} LOG --out identified"
-        _bench(connection, stir(connection.robot, link.seed), duration, out, then)
-
-
-def _bench(
-    connection: Connection,
-    torques: Callable[[float], NDArray[np.float64]],
-    duration: float,
-    out: Path,
-    then: str,
-) -> None:
-    """Record given torques of a robot that is held, without a limit of its lean; then restore the limit."""
-    robot, own = connection.robot, connection.robot.parameters
-    robot.use_parameters(bench_parameters(own))
-    try:
-        _record(connection, TorqueProgram(torques, sample_time=robot.sample_time), duration, out, then)
-    finally:
-        if robot.session.connected:
-            robot.use_parameters(own)
+        _record(connection, commander, duration, out, then, seed=link.seed)
 
 
 @run.command
@@ -271,27 +322,28 @@ def compare(
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
     with open_result(
-        out,
-        command="run compare",
-        writes=[f"{name}.csv" for name in names],
-        inputs=[prediction, files, link.robot, link.scenario],
-        seed=link.seed,
+        out, command="run compare", writes=[f"{name}.csv" for name in names], beside=files, seed=link.seed
     ) as result:
         logs = []
-        with connected(port, link) as connection:
-            about = _about_run(connection, result) | {"robot": described.name}
+        with link.connect(port) as connection:
+            about = to_results(result.origin) | connection.provenance | {"robot": described.name}
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
-                parameters = export_controller(controllers[k % 2], lean=lean).parameters
-                connection.robot.use_parameters(parameters)
+                connection.robot.use_parameters(export_controller(controllers[k % 2], lean=lean).parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
-                recording = out / f"{name}{SUFFIX}"
-                made = _made(connection, commander, duration=predicted.course.duration, recording=recording)
+                made = connection.run(
+                    commander,
+                    _monitor(),
+                    duration=predicted.course.duration,
+                    recording=out / f"{name}{SUFFIX}",
+                )
                 _finish(connection, made)
                 result.console.print(made.ending.text, soft_wrap=True)
                 logs.append(made.whole_log())
-        performances = [performance_of(log, controllers[k % 2]) for k, log in enumerate(logs)]
+        performances = [
+            Performance.of(log, torque_limit=controllers[k % 2].torque_limit) for k, log in enumerate(logs)
+        ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
         page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
@@ -315,17 +367,16 @@ def _record(
     out: Path | None,
     then: str,  # the command that takes the log, LOG, next
     *,
+    seed: int,
     ramp: float = 0.0,
-    controller: Path | None = None,
 ) -> None:
     """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost."""
-    recording, link = None if out is None else out / f"log{SUFFIX}", connection.link
+    recording, held = None if out is None else out / f"log{SUFFIX}", isinstance(commander, TorqueProgram)
     if recording is not None:
         check_no_recording(recording)
-    files = [link.robot, controller, link.scenario]
-    with open_result(out, command="run", writes=["log.csv"], inputs=files, seed=link.seed) as result:
-        made = _made(connection, commander, duration=duration, ramp=ramp, recording=recording)
-        log, held = made.whole_log(), isinstance(commander, TorqueProgram)
+    with open_result(out, command="run", writes=["log.csv"], seed=seed) as result:
+        made = connection.run(commander, _monitor(), duration=duration, ramp=ramp, recording=recording)
+        log = made.whole_log()
         summary: dict[str, object] = {}
         if held:
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
@@ -338,11 +389,11 @@ def _record(
             "ended": made.ending.kind,
             "reason": made.ending.text,
             **summary,
-            "provenance": _about_run(connection, result),
+            "provenance": to_results(result.origin) | connection.provenance,
         }
         page = live_run_report(
             log,
-            link.described,
+            connection.described,
             held=held,
             ending=made.ending.text,
             about=connection.words,
@@ -355,54 +406,15 @@ def _record(
     _finish(connection, made)
 
 
-def _made(
-    connection: Connection,
-    commander: Commander,
-    *,
-    duration: float,
-    ramp: float = 0.0,
-    recording: Path | None = None,
-) -> LiveRun:
-    """Make a run, watched by the monitor; see `recorded_run`."""
-    monitor = Monitor(standard_output())
-    line = bench_line if isinstance(commander, TorqueProgram) else sample_line
-
-    def watch(sample: Sample) -> None:
-        monitor.show(sample.t, lambda: line(sample, torque_limit=connection.robot.torque_limit))
-        if connection.camera is not None:
-            connection.camera.watch(sample.t)
-
-    with monitor:
-        return recorded_run(
-            connection.robot,
-            commander,
-            operator=connection.operator,
-            duration=duration,
-            ramp=ramp,
-            watch=watch,
-            recording=recording,
-        )
+def _monitor() -> Monitor:
+    return Monitor(None if OUTPUT.get().quiet else standard_output())
 
 
-def _about_run(connection: Connection, result: CommandResult) -> dict[str, object]:
-    """Return the provenance of a log: how it was made, on which robot, with which parameters, in which session."""
-    described = connection.link.described
-    return to_results(result.origin) | {
-        "robot": described.name if described else None,
-        "port": connection.address,
-        "session": connection.robot.session_name,
-        "parameters_sha256": sha256(connection.robot.parameters.tobytes()).hexdigest(),
-    }
+def _notice(sentence: str) -> None:
+    notice_output().print(sentence, soft_wrap=True)
 
 
 def _finish(connection: Connection, made: LiveRun) -> None:
     """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
-    if made.trouble:
-        notice_output().print(made.trouble, style="yellow", soft_wrap=True)
-    if made.ending.kind == "interrupt":
-        raise KeyboardInterrupt("interrupted; the robot is disarmed.")
-    if made.ending.kind == "link":
-        raise InputError(made.ending.text)
-    refused = counts_line(connection.robot.session.counts.refused, connection.robot.refused_frames())
-    if refused:
-        notice_output().print(refused, style="yellow", soft_wrap=True)
+    for trouble in connection.troubles(made):
+        notice_output().print(trouble, style="yellow", soft_wrap=True)

@@ -61,7 +61,7 @@ def _validate_prediction(
         findings=found,
         steps=steps,
     )
-    with open_result(out, inputs=[results, file, controller, mapping]) as result:
+    with open_result(out, beside=[controller]) as result:
         result.write(page, next_step=" ".join(steps))
     show_findings(found)
 
@@ -129,8 +129,7 @@ def validate(
     fitted = fitted_findings(models, named)
     show_findings(fitted)
     found = by_severity([*fitted, *found])
-    inputs = [logs, controller, mapping]
-    with open_result(out, doing="validating", inputs=inputs, seed=seed) as result:
+    with open_result(out, doing="validating", seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         parts = validate_logs(models, named, controller=driver, run=run)
         validation = replace(join_validations(tuple(parts.values())), log_findings=found)

@@ -1,6 +1,6 @@
 """Torques of a robot that is held: a sweep of its free wheels, and torques that stir the ball upside down.
 
-The firmware's safety layer stays on, with two differences while the robot is held (`bench_parameters`): the lean is not
+The firmware's safety layer stays on, with two differences while the robot is held (`held_parameters`): the lean is not
 limited, because the robot may lie on its side or upside down, and the estimator is the on-board state, which any
 attitude suits. The command restores the robot's own parameters at the end. If it is killed before that, the robot keeps
 these until it is switched off, and `check_balancing_parameters` refuses to balance with them.
@@ -8,7 +8,8 @@ these until it is switched off, and `check_balancing_parameters` refuses to bala
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +47,19 @@ def stir(robot: LiveRobot, seed: int) -> Callable[[float], NDArray[np.float64]]:
     return lambda t: multisine_at(np.array([t]), robot.wheel_count, seed=seed)[0]
 
 
-def bench_parameters(parameters: NDArray[np.void]) -> NDArray[np.void]:
-    """Return a robot's parameters (1,) as they are while it is held: any lean, and the on-board state."""
-    changed = parameters.copy()
+@contextmanager
+def held_parameters(robot: LiveRobot) -> Iterator[None]:
+    """Lift the lean limit and select the on-board state while the block runs, then restore the robot's parameters."""
+    original = robot.parameters
+    changed = original.copy()
     changed["safety"]["lean"] = _ANY_LEAN
     changed["estimator"] = ESTIMATORS["onboard"]
-    return changed
+    robot.use_parameters(changed)
+    try:
+        yield
+    finally:
+        if robot.session.connected:
+            robot.use_parameters(original)
 
 
 def check_balancing_parameters(parameters: NDArray[np.void]) -> None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.simulation.held_robot import CAMERA_NOISE, HeldRobot
 
@@ -69,6 +71,36 @@ class Operator(Protocol):
 
 #: angle of the emulated operator's movements about x, y and z [rad]
 _ANGLES = (math.radians(15.0), math.radians(15.0), math.radians(45.0))
+
+
+#: what is typed at the terminal to let the robot arm
+_CONFIRMATION = "arm"
+
+
+class TerminalOperator:
+    """The person at the terminal."""
+
+    def __init__(
+        self,
+        say: Callable[[str], None],  # prints a line
+    ) -> None:
+        self._say = say
+
+    def confirm_arming(self) -> bool:
+        """Let the person type the confirmation; nobody else can give it. InputError if the input is not a terminal."""
+        if not sys.stdin.isatty():
+            raise InputError("Arming is confirmed at a terminal, and the input of this command is none.")
+        self._say("The motors will be enabled. Is the robot where it should be, and is nobody in its way?")
+        self._say(f"Type {_CONFIRMATION} and press Enter within 10 s; anything else leaves it disarmed.")
+        return sys.stdin.readline().strip() == _CONFIRMATION
+
+    def hold_upright(self) -> None:
+        """Print what to do."""
+        self._say(UPRIGHT)
+
+    def move(self, movement: Movement) -> None:
+        """Print what to do."""
+        self._say(movement.prompt)
 
 
 class EmulatedOperator:

@@ -88,7 +88,7 @@ def gain_sentence(gain: float) -> str:
 def _followed_series(result: Excitation) -> TimeSeries:
     """Return reference, lean and torques over time on the loop, with the limits."""
     limits, log = result.task.limits, result.on_loop["designed"].log
-    x, y, psi = result.design.sines.poses()[: len(log), :3].T
+    x, y, psi = result.sines.poses()[: len(log), :3].T
     asked = [Line("x [m]", x, "fifth"), Line("y [m]", y, "sixth"), Line("ψ [rad]", psi, "quiet")]
     lean, most = Line("lean", np.degrees(leans(log)), "measured"), float(np.degrees(limits.lean))
     torques, torque = wheel_lines(list(log.torques.T)), limits.torque

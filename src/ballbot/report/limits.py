@@ -42,9 +42,9 @@ def planes_figure(limits: Mapping[str, RobotLimits]) -> Figure:
     for axes in panels.flat[len(limits) :]:
         axes.set_visible(False)
     for axes, (name, one) in zip(panels.flat, limits.items(), strict=False):
-        for region, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
-            lean, rate = np.degrees(region.across), np.degrees(region.along)
-            kept = region.kept.T.astype(np.float64)
+        lean, rate = np.degrees(one.plane.leans), np.degrees(one.plane.rates)
+        for recovers, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
+            kept = recovers.T.astype(np.float64)
             axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
             axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)

@@ -27,7 +27,7 @@ hold?
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -52,8 +52,8 @@ from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.grid import Condition, Grid, LoopRobot, run_grid, run_loop
-from ballbot.workflows.metrics import lean_of
+from ballbot.workflows.grid import Condition, Grid, LoopRobot, run_grid
+from ballbot.workflows.metrics import lean_of, true_place
 
 #: the laws whose parameters an experiment can be designed for
 Law = Literal["viscous", "coulomb", "stribeck"]
@@ -62,10 +62,14 @@ Law = Literal["viscous", "coulomb", "stribeck"]
 WINDOW = 0.25
 #: the limits must hold with friction of so many times the assumed size
 FRICTIONS = (1.0, 0.5, 1.5)
-#: runs of each reference on the loop with each friction, by their seeds
+#: of the runs with sensors, with each friction
 _SEEDS = (1, 2, 3)
 #: the square that the design is compared with: its side [m], if the floor has room for it, and its period [s]
 _SIDE, _PERIOD = 0.5, 32.0
+#: a parameter assumed at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
+_INSIDE = 0.02
+#: share of the limits that a fall counts as
+_FALLS = 3.0
 
 _UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
 
@@ -80,10 +84,10 @@ class Extent:
 
     @staticmethod
     def of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> Extent:
-        """Return that of states (..., 10) and torques (..., n), of runs that begin at the origin."""
+        """Return that of states (N, 10) and torques (N, n), of a run that begins at the origin."""
         return Extent(
-            lean=float(lean_of(states[..., 2], states[..., 3]).max()),
-            floor=float(np.hypot(states[..., 0], states[..., 1]).max()),
+            lean=float(lean_of(states[:, 2], states[:, 3]).max()),
+            floor=float(np.hypot(states[:, 0], states[:, 1]).max()),
             torque=float(np.abs(torques).max()),
         )
 
@@ -96,34 +100,17 @@ class Extent:
         return [name for name, share in self.used_of(limits).items() if share > 1.0]
 
 
-def check_limits(limits: Extent) -> None:
-    """Raise InputError unless every limit is positive, and the lean below a quarter of a turn."""
-    for name, value in vars(limits).items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"The {name} limit is {value:g} {_UNITS[name]}; it must be positive.")
-    if limits.lean >= 0.5 * math.pi:
-        raise InputError(
-            f"The lean limit is {math.degrees(limits.lean):.4g} degrees; it must be below 90 degrees."
-        )
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExcitationTask:
     """A robot with nominal friction, its controller, limits, and parameters to estimate; made by `task`."""
 
-    robots: tuple[Robot, ...]  #: with the assumed friction, then with less and with more
+    robot: Robot  #: with the assumed friction
     controller: Controller
     limits: Extent
     duration: float  #: [s]
-    predictor: Predictor  #: its step is the simulation's
     coordinates: Coordinates
     point: NDArray[np.float64]  #: (p,), scaled, the assumed parameters
     deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
-
-    @property
-    def robot(self) -> Robot:
-        """With the assumed friction."""
-        return self.robots[0]
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -140,10 +127,6 @@ class ExcitationTask:
         return scaled * self.coordinates.slopes(self.point)[self.coordinates.free]
 
 
-#: a parameter assumed at a bound is taken so far within, scaled: s = 0 would hide v_s and delta
-_INSIDE = 0.02
-
-
 def task(
     robot: Robot,
     controller: Controller,
@@ -155,25 +138,17 @@ def task(
     bounds: Bounds | None = None,
 ) -> ExcitationTask:
     """Return what to design an experiment for, with each state's deviation (10,); other arguments as of `excite`."""
-    if deviations.shape != (10,) or not np.all(np.isfinite(deviations) & (deviations > 0.0)):
-        raise InputError("The states' deviations must be ten positive numbers, one for each state.")
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
     scaled, friction = coordinates.scaled(coordinates.nominal), robot.friction
     if not any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
     held = coordinates.scaled(coordinates.lower)
     point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
-    assumed = coordinates.layout.robot_of(robot, coordinates.physical(point))
     return ExcitationTask(
-        robots=tuple(
-            assumed.replace(friction=scaled_friction(assumed.friction, factor)) for factor in FRICTIONS
-        ),
+        robot=coordinates.layout.robot_of(robot, coordinates.physical(point)),
         controller=controller,
         limits=limits,
         duration=duration,
-        predictor=Predictor(
-            robot=robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
-        ),
         coordinates=coordinates,
         point=point,
         deviations=deviations,
@@ -182,9 +157,9 @@ def task(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceRuns:
-    """Runs of a reference with each friction: one on the model, or one for each seed on the loop."""
+    """Runs of a reference with each friction: one on the model, or one for each seed on the loop with sensors."""
 
-    log: Log  #: of the first run, on the loop with its truth
+    log: Log  #: of the first run, with its truth
     peaks: Extent  #: the worst of all runs: true lean and place, torques as commanded
     ended: str | None  #: why a run ended early
 
@@ -193,20 +168,41 @@ class ReferenceRuns:
         return _FALLS if self.ended else max(self.peaks.used_of(limits).values())
 
 
-def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRuns:
-    """Follow a reference on the model."""
-    plants = [
-        LoopRobot(model=Model(robot, step=task.predictor.step), imperfections=Imperfections())
-        for robot in task.robots
+def _follow(
+    reference: Reference,
+    controller: Controller,
+    plant_of: Callable[[float], LoopRobot],  # from the factor on the friction
+    *,
+    duration: float,
+    seeds: Sequence[int] = (0,),
+    start: NDArray[np.float64] | None = None,
+    run: Run = DEFAULT_RUN,
+) -> ReferenceRuns:
+    conditions = [
+        Condition(plant=plant, reference=lambda: reference, duration=duration, seed=seed, start=start)
+        for plant in map(plant_of, FRICTIONS)
+        for seed in seeds
     ]
-    batch = run_loop(
-        plants, [task.controller], reference, duration=task.duration, starts=np.zeros(10), threads=1
-    )
+    logs = run_grid(
+        Grid(controllers={"": controller}, conditions=conditions), lambda _, log: log, run=run
+    ).answers
+    extents = [list(vars(Extent.of(true_place(log).states, log.torques)).values()) for log in logs]
     return ReferenceRuns(
-        log=batch.log(0),
-        peaks=Extent.of(batch.next_states, batch.torques),
-        ended="fallen" if np.isfinite(batch.ended).any() else None,
+        log=logs[0],
+        peaks=Extent(**dict(zip(_UNITS, np.max(extents, axis=0).tolist(), strict=True))),
+        ended=next((log.ended for log in logs if log.ended), None),
     )
+
+
+def run_on_model(task: ExcitationTask, reference: Reference) -> ReferenceRuns:
+    """Follow a reference on the model, from rest."""
+
+    def plant_of(factor: float) -> LoopRobot:
+        friction = scaled_friction(task.robot.friction, factor)
+        model = Model(task.robot.replace(friction=friction), step=INNER_STEP)
+        return LoopRobot(model=model, imperfections=Imperfections())
+
+    return _follow(reference, task.controller, plant_of, duration=task.duration, start=np.zeros(10))
 
 
 #: least information on a scaled parameter with the others known; below it the parameter has no influence
@@ -221,20 +217,24 @@ def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.flo
     Logs are simulated with the assumed parameters, without noise.
     Infinite if they have no information on a parameter.
     """
-    windows = windows_for(task.predictor, task.coordinates.upper, logs, duration=WINDOW)
+    coordinates = task.coordinates
+    predictor = Predictor(
+        robot=task.robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
+    )
+    windows = windows_for(predictor, coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
     off = replace(
         windows, initial=windows.initial + task.deviations, measured=windows.measured + task.deviations
     )
     experiment = Balancing(
-        predictor=task.predictor,
+        predictor=predictor,
         windows=off,
-        coordinates=task.coordinates,
+        coordinates=coordinates,
         reference=task.deviations**2,
         executor=Threads(count=1),
     )
     H = experiment.linearize_widely(task.point, windows.initial).equations.normal.matrix
-    H = H[np.ix_(task.coordinates.free, task.coordinates.free)]
+    H = H[np.ix_(coordinates.free, coordinates.free)]
     known = H.diagonal() > _MIN_INFORMATION
     errors = np.full(len(H), np.inf)
     if known.any():
@@ -278,6 +278,11 @@ class Multisine:
         share = np.clip(np.minimum(self.times, end - self.times) / fade, 0.0, 1.0)
         return ((0.5 - 0.5 * np.cos(np.pi * share)) * (self.amplitudes[..., None] * waves).sum(axis=1)).T
 
+    @property
+    def reference(self) -> Reference:
+        """What the controller is given."""
+        return sampled_reference(self.times, self.poses())
+
 
 def largest_sines(
     robot: Robot, controller: Controller, *, limits: Extent, duration: float, fastest: float
@@ -314,35 +319,19 @@ MARGIN = 0.85
 #: levels tried for a reference, the share of the limits aimed at and the least that will do, and the highest level:
 #: friction eats some of the motion, so that amplitudes may be some times what the linear loop without it allows
 _LEVELS, _AIM, _CLOSE, _MAX_LEVEL = 4, 0.97, 0.92, 4.0
-#: share of the limits that a fall counts as
-_FALLS = 3.0
 _MAX_ERROR = 1e9
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ExcitationDesign:
-    """A reference and what is expected of it; errors are in shares of the width of each parameter's bounds."""
-
-    sines: Multisine
-    peaks: Extent  #: on the model, the worst over less and more friction too
-    errors: NDArray[np.float64]  #: (f,), expected
-
-    @property
-    def reference(self) -> Reference:
-        """What the controller is given."""
-        return sampled_reference(self.sines.times, self.sines.poses())
-
-
-def design(task: ExcitationTask) -> ExcitationDesign:
-    """Return the most informative multisine that stays within the limits on the model.
+def design(task: ExcitationTask) -> tuple[Multisine, ReferenceRuns, NDArray[np.float64]]:
+    """Return the most informative multisine that stays within the limits on the model, its runs and expected errors.
 
     InputError if none keeps within the limits, or none within them identifies every parameter.
     """
     limits = Extent(**{name: MARGIN * value for name, value in vars(task.limits).items()})
     tried = [_fitted(task, limits, fastest) for fastest in FASTEST]
-    kept = [(sines, run) for sines, run in tried if not run.ended and not run.peaks.exceeding(limits)]
+    kept = [(sines, runs) for sines, runs in tried if runs.used_of(limits) <= 1.0]
     if not kept:
-        _, gentlest = min(tried, key=lambda one: one[1].used_of(limits))
+        _, gentlest = min(tried, key=lambda candidate: candidate[1].used_of(limits))
         if gentlest.ended:
             raise InputError(
                 "With this controller the robot falls on every reference. Give a controller that balances the "
@@ -353,18 +342,17 @@ def design(task: ExcitationTask) -> ExcitationDesign:
             f"No reference stays within {MARGIN:g} of the limits: the {name} reaches "
             f"{getattr(gentlest.peaks, name):.3g} of {getattr(limits, name):.3g} {_UNITS[name]}. Raise that limit."
         )
-    made = [
-        ExcitationDesign(sines=sines, peaks=run.peaks, errors=expected_errors(task, [run.log]))
-        for sines, run in kept
-    ]
-    best = min(made, key=lambda one: criterion(one.errors))
-    if unknown := [label for label, error in zip(task.labels, best.errors, strict=True) if np.isinf(error)]:
+    sines, runs, errors = min(
+        ((sines, runs, expected_errors(task, [runs.log])) for sines, runs in kept),
+        key=lambda candidate: criterion(candidate[2]),
+    )
+    if unknown := [label for label, error in zip(task.labels, errors, strict=True) if np.isinf(error)]:
         raise InputError(
             f"Within {task.limits.lean:.3g} rad of lean, {task.limits.floor:.3g} m of floor and "
             f"{task.limits.torque:.3g} N m the robot hardly moves, and no reference makes {', '.join(unknown)} "
             "identifiable. Raise the limits or the duration."
         )
-    return best
+    return sines, runs, errors
 
 
 def criterion(errors: NDArray[np.float64]) -> float:
@@ -378,18 +366,18 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
     largest = largest_sines(
         task.robot, task.controller, limits=task.limits, duration=task.duration, fastest=fastest
     )
-    level, found = 1.0, []
+    level, tried = 1.0, list[tuple[float, Multisine, ReferenceRuns]]()
     for _ in range(_LEVELS):
         sines = replace(largest, amplitudes=level / largest.frequencies.size * largest.amplitudes)
-        run = run_on_model(task, sampled_reference(sines.times, sines.poses()))
-        used = run.used_of(limits)
-        found.append((used, sines, run))
+        runs = run_on_model(task, sines.reference)
+        used = runs.used_of(limits)
+        tried.append((used, sines, runs))
         if _CLOSE <= used <= 1.0:
             break
         level = min(level * float(np.clip(_AIM / max(used, 1e-9), 0.4, 3.0)), _MAX_LEVEL)
     # within the limits the fuller is better, beyond them the gentler
-    _, sines, run = max(found, key=lambda one: one[0] if one[0] <= 1.0 else -one[0])
-    return sines, run
+    _, sines, runs = max(tried, key=lambda candidate: candidate[0] if candidate[0] <= 1.0 else -candidate[0])
+    return sines, runs
 
 
 def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
@@ -406,53 +394,19 @@ def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 
 
-def _on_loop(
-    robot: Robot, scenario: Scenario, controller: Controller, reference: Reference, duration: float, run: Run
-) -> ReferenceRuns:
-    conditions = [
-        Condition(
-            plant=LoopRobot.of(
-                robot.replace(friction=scaled_friction(scenario.friction, factor)), scenario, known=robot
-            ),
-            reference=lambda: reference,
-            duration=duration,
-            seed=seed,
-        )
-        for factor in FRICTIONS
-        for seed in _SEEDS
-    ]
-    made = run_grid(
-        Grid(controllers={"": controller}, conditions=conditions),
-        lambda _, log: (log, Extent.of(log.truth().states, log.torques)),
-        run=replace(run, progress=in_stage(run.progress, "runs with sensors")),
-    ).answers
-    worst = np.max([list(vars(peaks).values()) for _, peaks in made], axis=0).tolist()
-    return ReferenceRuns(
-        log=made[0][0],
-        peaks=Extent(**dict(zip(_UNITS, worst, strict=True))),
-        ended=next((log.ended for log, _ in made if log.ended), None),
-    )
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Excitation:
-    """A designed experiment with its expected errors and its runs on the loop, beside a square."""
+    """A designed experiment with its expected errors and its runs, beside a square."""
 
     task: ExcitationTask
-    design: ExcitationDesign
+    sines: Multisine
     peaks: Mapping[str, Extent]  #: of "square" and "designed" on the model
     errors: Mapping[str, NDArray[np.float64]]  #: (f,) of each, expected, scaled; infinite without information
-    on_loop: Mapping[str, ReferenceRuns]  #: of each
-
-    @property
-    def limits_held(self) -> bool:
-        """Whether all runs on the loop kept within the limits along the design."""
-        runs = self.on_loop["designed"]
-        return runs.ended is None and not runs.peaks.exceeding(self.task.limits)
+    on_loop: Mapping[str, ReferenceRuns]  #: of each, with sensors
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
-        task, sines = self.task, self.design.sines
+        task, sines, designed = self.task, self.sines, self.on_loop["designed"]
 
         def by_label(values: NDArray[np.float64]) -> dict[str, float]:
             return dict(zip(task.labels, values.tolist(), strict=True))
@@ -472,10 +426,14 @@ class Excitation:
             },
             "peaks_on_model": self.peaks,
             "on_loop": {
-                name: {"ended": one.ended, "peaks": one.peaks, "exceeded": one.peaks.exceeding(task.limits)}
-                for name, one in self.on_loop.items()
+                name: {
+                    "ended": runs.ended,
+                    "peaks": runs.peaks,
+                    "exceeded": runs.peaks.exceeding(task.limits),
+                }
+                for name, runs in self.on_loop.items()
             },
-            "limits_held_on_loop": self.limits_held,
+            "limits_held_on_loop": designed.used_of(task.limits) <= 1.0,
             "sines": {
                 "axes": ["x", "y", "psi"],
                 "frequencies": sines.frequencies,
@@ -522,28 +480,35 @@ def excite(
         If a limit is not positive, no level keeps within the limits, or none identifies every parameter.
     """
     robot = as_robot(robot)
-    check_limits(limits)
+    for name, value in vars(limits).items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"The {name} limit is {value:g} {_UNITS[name]}; it must be positive.")
+    if limits.lean >= 0.5 * math.pi:
+        raise InputError(
+            f"The lean limit is {math.degrees(limits.lean):.4g} degrees; it must be below 90 degrees."
+        )
+
+    def plant_of(factor: float) -> LoopRobot:
+        friction = scaled_friction(scenario.friction, factor)
+        return LoopRobot.of(robot.replace(friction=friction), scenario, known=robot)
+
+    def on_loop(reference: Reference) -> ReferenceRuns:
+        watched = replace(run, progress=in_stage(run.progress, "runs with sensors"))
+        return _follow(reference, controller, plant_of, duration=duration, seeds=_SEEDS, run=watched)
+
     plain = square(side=min(_SIDE, limits.floor / math.sqrt(2.0)), period=min(_PERIOD, duration))
-    along_square = _on_loop(robot, scenario, controller, plain, duration, run)
+    along_square = on_loop(plain)
     true = robot.replace(friction=scenario.friction)
+    deviations = deviations_in(along_square.log.without_truth(), true)
     asked = task(
-        robot,
-        controller,
-        limits=limits,
-        duration=duration,
-        deviations=deviations_in(along_square.log.without_truth(), true),
-        law=law,
-        bounds=bounds,
+        robot, controller, limits=limits, duration=duration, deviations=deviations, law=law, bounds=bounds
     )
     run.progress(Progress(stage="design"))
-    made, driven = design(asked), run_on_model(asked, plain)
+    (sines, designed, errors), driven = design(asked), run_on_model(asked, plain)
     return Excitation(
         task=asked,
-        design=made,
-        peaks={"square": driven.peaks, "designed": made.peaks},
-        errors={"square": expected_errors(asked, [driven.log]), "designed": made.errors},
-        on_loop={
-            "square": along_square,
-            "designed": _on_loop(robot, scenario, controller, made.reference, duration, run),
-        },
+        sines=sines,
+        peaks={"square": driven.peaks, "designed": designed.peaks},
+        errors={"square": expected_errors(asked, [driven.log]), "designed": errors},
+        on_loop={"square": along_square, "designed": on_loop(sines.reference)},
     )

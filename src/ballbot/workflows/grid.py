@@ -5,7 +5,7 @@ through the compiled loop, many side by side. All others, on the twin or with a 
 are made one period at a time by workers: processes, threads or a Dask cluster. The answer of a run follows from its
 controller, plant, course and seed alone, wherever and in whatever order it is computed.
 
-Questions that need no logs, of thousands of short runs (robust design, limits), ask the loop itself: `run_loop`.
+Questions that need no logs, of thousands of short runs (robust design, limits), ask the loop itself: `simulate_batch`.
 """
 
 from __future__ import annotations
@@ -35,8 +35,7 @@ from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.robot import Robot
-from ballbot.simulation.batch import Verdict, simulate_batch
-from ballbot.simulation.batch_result import ClosedLoopBatch
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, simulate
@@ -216,31 +215,6 @@ def run_grid(
     return GridTable(runs=tuple(runs), answers=tuple(found[place] for place in range(len(runs))))
 
 
-def run_loop(
-    plants: Sequence[LoopRobot],  # one, or one for each lane
-    controllers: Sequence[Controller],  # one, or one for each lane
-    reference: Reference,
-    *,
-    duration: float,
-    starts: NDArray[np.float64],
-    verdict: Verdict | None = None,
-    every: int = 1,
-    threads: int | None = None,
-) -> ClosedLoopBatch:
-    """Run robots side by side on the compiled loop; the arguments are those of `simulate_batch`."""
-    return simulate_batch(
-        [one.model for one in plants],
-        controllers,
-        reference,
-        duration=duration,
-        initial_states=starts,
-        imperfections=[one.imperfections for one in plants],
-        verdict=verdict,
-        every=every,
-        threads=threads,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class InThreads:
     """Make runs in threads of this process: MuJoCo's steps run side by side, and processes take seconds to begin."""
@@ -287,18 +261,16 @@ def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
 def _ask_block(ask: Callable[[GridRun, Log], Answer], runs: Sequence[GridRun]) -> list[Answer]:
     """Make runs of one course on the loop, and ask each."""
     conditions = [one.condition for one in runs]
-    batch = run_loop(
-        [
-            replace(one.plant, imperfections=replace(one.plant.imperfections, seed=one.seed))
-            for one in conditions
-            if isinstance(one.plant, LoopRobot)
-        ],
-        [one.controller for one in runs if isinstance(one.controller, Controller)],
+    plants = [one.plant for one in conditions if isinstance(one.plant, LoopRobot)]
+    batch = simulate_batch(
+        [one.model for one in plants],
+        [one.controller for one in runs],
         conditions[0].reference(),
         duration=conditions[0].duration,
-        starts=np.array(
-            [initial_state_of(one.seed) if one.start is None else one.start for one in conditions]
-        ),
+        initial_states=[initial_state_of(one.seed) if one.start is None else one.start for one in conditions],
+        imperfections=[
+            replace(plant.imperfections, seed=one.seed) for plant, one in zip(plants, conditions, strict=True)
+        ],
         threads=1,
     )
     return [ask(one, batch.log(lane)) for lane, one in enumerate(runs)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +19,11 @@ from ballbot.fitting.sweep import ALL_CORES, Workers
 from ballbot.log import Log
 from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
-from ballbot.summary import Summary, plotted, report_summary, summarized
+from ballbot.summary import Reported
 from ballbot.workflows.courses import Course
 from ballbot.workflows.grid import Condition, Grid, GridRun, run_grid
 from ballbot.workflows.metrics import Metric, Score, score_results, true_place
 from ballbot.workflows.statistics import Estimate, Paired, fraction_with_interval, mean_with_interval
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
@@ -41,9 +37,8 @@ def track_of(log: Log) -> Log:
     return Log(columns, ended=log.ended)
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class League:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class League(Reported):
     """The results of every run."""
 
     robot: str  #: its name
@@ -53,14 +48,6 @@ class League:
     #: by course and controller, in the order of the seeds
     scores: Mapping[tuple[str, str], tuple[Score, ...]]
     tracks: Mapping[tuple[str, str], Log]  #: where the robot really was with the first seed
-
-    def summary(self) -> Summary:
-        """Return the most accurate controller, and each one's errors and torques over the first one's."""
-        return report_summary(self)
-
-    def plot(self) -> Figure:
-        """Return a figure of each controller's path on the first course."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds of it: standings with their intervals, and every run's score."""

@@ -24,7 +24,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,18 +38,15 @@ from ballbot.fitting.sweep import Processes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
-from ballbot.progress import Progress
-from ballbot.results import left_out, reported
+from ballbot.progress import Progress, in_stage
+from ballbot.results import left_out, reported, to_results
 from ballbot.robot import Robot
-from ballbot.simulation.batch import Verdict
+from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
-from ballbot.summary import Summary, plotted, report_summary, summarized
+from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
 from ballbot.validation.models import recoverable_leans
-from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid, run_loop
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
 
 #: a robot that has not fallen after this time [s] has recovered: a fall grows e times in a fifth of a second. Of 3840
 #: runs of three controllers with sensors none ended differently after 5 s
@@ -97,12 +94,12 @@ class Loop:
         return self.plant.model
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> OutcomeBounds:
         """When a run's outcome is known; the state alone does not determine the future of a loop that is late."""
         borne = self.plant.imperfections
         late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
         settled = settled_rows(self.model, self.controller, grip=self.grip)
-        return Verdict(
+        return OutcomeBounds(
             settled=np.full((1, 10), np.inf) if late else settled, lost=lost_lean(self.model), grip=self.grip
         )
 
@@ -111,12 +108,13 @@ class Loop:
         whole = replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN)
         kept = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
         if kept.any():
-            kept[kept] = run_loop(
-                [self.plant],
-                [self.controller],
+            kept[kept] = simulate_batch(
+                self.model,
+                self.controller,
                 hold(),
                 duration=DURATION,
-                starts=starts[kept],
+                initial_states=starts[kept],
+                imperfections=self.plant.imperfections,
                 verdict=self.verdict if cut_short else whole,
                 every=0,
             ).survived
@@ -187,36 +185,6 @@ def reach(
     return kept
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Region:
-    """From which starts of a plane a robot recovers."""
-
-    across: NDArray[np.float64]  #: (a,), the first coordinate
-    along: NDArray[np.float64]  #: (b,), the second
-    kept: NDArray[np.bool_]  #: (a, b)
-
-    @property
-    def area(self) -> float:
-        """The area of recovery, in the product of both coordinates' units."""
-        cell = (self.across[1] - self.across[0]) * (self.along[1] - self.along[0])
-        return float(self.kept.sum() * cell)
-
-
-def map_region(
-    recovers: Recovers,
-    start_of: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    ends: tuple[float, float],
-) -> Region:
-    """Return from which starts of a rectangle from minus to plus the ends a robot recovers.
-
-    `start_of` leads from both coordinates (k,) to starts (k, 10).
-    """
-    across, along = (np.linspace(-end, end, POINTS) for end in ends)
-    starts = start_of(np.repeat(across, POINTS), np.tile(along, POINTS))
-    return Region(across=across, along=along, kept=recovers(starts).reshape(POINTS, POINTS))
-
-
 def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> NDArray[np.float64]:
     """Return states (..., 10) that lean [rad] towards a direction on the floor [rad], at that rate, the ball at rest.
 
@@ -265,36 +233,44 @@ class LimitBounds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plane:
-    """The states of lean [rad] and lean rate [rad/s] in one direction from which a robot recovers."""
+    """The states of lean and lean rate in one direction from which a robot recovers."""
 
     direction: float  #: on the floor [rad]
-    lower: Region = field(metadata=left_out)  #: no wheel slips
-    upper: Region = field(metadata=left_out)  #: if wheels never slip
+    lean: float  #: largest of the plane, to both sides [rad]
+    rate: float  #: the same of the lean's rate [rad/s]
+    lower: NDArray[np.bool_] = field(metadata=left_out)  #: (leans, rates): no wheel slips
+    upper: NDArray[np.bool_] = field(metadata=left_out)  #: if wheels never slip
 
-    @reported
-    def lean(self) -> float:
-        """Largest lean of the plane [rad]."""
-        return float(self.lower.across[-1])
+    @property
+    def leans(self) -> NDArray[np.float64]:
+        """The leans (`POINTS`,) [rad]."""
+        return np.linspace(-self.lean, self.lean, POINTS)
 
-    @reported
-    def rate(self) -> float:
-        """Largest lean rate of the plane [rad/s]."""
-        return float(self.lower.along[-1])
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """The lean rates (`POINTS`,) [rad/s]."""
+        return np.linspace(-self.rate, self.rate, POINTS)
+
+    def starts(self) -> NDArray[np.float64]:
+        """Return the states (leans * rates, 10)."""
+        return leaning_state(self.direction, np.repeat(self.leans, POINTS), np.tile(self.rates, POINTS))
 
     @reported
     def lower_area(self) -> float:
         """Area of recovery in which no wheel slips [rad^2/s]."""
-        return self.lower.area
+        return self._area(self.lower)
 
     @reported
     def upper_area(self) -> float:
         """Area of recovery if wheels never slip [rad^2/s]."""
-        return self.upper.area
+        return self._area(self.upper)
+
+    def _area(self, kept: NDArray[np.bool_]) -> float:
+        return float(kept.sum() * (self.leans[1] - self.leans[0]) * (self.rates[1] - self.rates[0]))
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobotLimits:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobotLimits(Reported):
     """The limits of one closed loop."""
 
     directions: NDArray[np.float64]  #: (d,) on the floor, from x towards y [rad]
@@ -306,16 +282,11 @@ class RobotLimits:
     @property
     def central_impulse(self) -> LimitBounds:
         """The impulses (d,) [N s] at the height of the centre of mass."""
-        one = self.impulse
-        return LimitBounds(lower=one.lower[_CENTER], upper=one.upper[_CENTER])
+        return LimitBounds(lower=self.impulse.lower[_CENTER], upper=self.impulse.upper[_CENTER])
 
-    def summary(self) -> Summary:
-        """Return the largest tilt and impulse that are recovered from in every direction."""
-        return report_summary(self)
-
-    def plot(self) -> Figure:
-        """Return a figure of the tilts and tilt rates that are recovered from, in the worst direction."""
-        return plotted(self)
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds of it."""
+        return to_results(self)
 
 
 Kind = Literal["lean", "impulse"]
@@ -356,20 +327,24 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
         _FASTEST * (loop.robot.ball.mass + loop.robot.body.mass),
     )
     run.progress(Progress(stage="tilts and tilt rates"))
-    worst = float(directions[lean.lower.argmin()])
-    widest = float(lean.upper[lean.lower.argmin()])
+    worst = int(lean.lower.argmin())
+    widest = float(lean.upper[worst])
     growth = float(loop.model.linearize().poles().real.max())
-    ends = (min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest)
-    lower, upper = (
-        map_region(one.recovers, lambda a, b: leaning_state(worst, a, b), ends=ends)
-        for one in (loop, unlimited)
+    none = np.zeros((POINTS, POINTS), bool)
+    plane = Plane(
+        direction=float(directions[worst]),
+        lean=min(1.6 * widest, LARGEST_LEAN),
+        rate=2.2 * growth * widest,
+        lower=none,
+        upper=none,
     )
+    lower, upper = (each.recovers(plane.starts()).reshape(none.shape) for each in (loop, unlimited))
     return RobotLimits(
         directions=directions,
         heights=heights,
         lean=lean,
         impulse=impulse,
-        plane=Plane(direction=worst, lower=lower, upper=upper),
+        plane=replace(plane, lower=lower, upper=upper),
     )
 
 
@@ -384,51 +359,43 @@ def twin_limits(
 ) -> list[TwinLimit]:
     """Return the twin's limits beside the loop's, by bisection between zero and 1.1 times the loop's upper bound.
 
-    The loop has a scenario; its lean of a fall is replaced by the model's. `directions` are places among those found.
+    The loop has a scenario; its lean of a fall is replaced by the model's. `directions` are indices of those found.
     """
     assert loop.scenario is not None
     scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
     bounds: dict[Kind, LimitBounds] = {"lean": found.lean, "impulse": found.central_impulse}
-    rays: list[tuple[Kind, int]] = [(kind, place) for place in directions for kind in bounds]
-    lower, upper = (
-        np.array([getattr(bounds[kind], side)[place] for kind, place in rays]) for side in ("lower", "upper")
-    )
+    rays = [
+        TwinLimit(
+            kind=kind,
+            direction=float(found.directions[index]),
+            lower=float(each.lower[index]),
+            twin=0.0,
+            upper=float(each.upper[index]),
+        )
+        for index in directions
+        for kind, each in bounds.items()
+    ]
 
-    def tried(kind: Kind, direction: float, size: float) -> GridRun:
-        start, pushes, duration = np.zeros(10), (), DURATION
-        if kind == "lean":
-            start = leaning_state(direction, size)
-        else:
-            force = size / PUSH_DURATION * np.array([math.cos(direction), math.sin(direction), 0.0])
+    def tried(ray: TwinLimit, size: float) -> GridRun:
+        start, pushes, duration = leaning_state(ray.direction, size), (), DURATION
+        if ray.kind == "impulse":
+            force = size / PUSH_DURATION * np.array([math.cos(ray.direction), math.sin(ray.direction), 0.0])
             height = loop.robot.body.center_of_mass
             push = Push(time=_PUSH_TIME, duration=PUSH_DURATION, force=(*force.tolist(),), height=height)
-            pushes, duration = (push,), _PUSH_TIME + DURATION
+            start, pushes, duration = np.zeros(10), (push,), _PUSH_TIME + DURATION
         plant = TwinRobot(robot=loop.robot, scenario=replace(scenario, pushes=pushes), known=loop.robot)
         condition = Condition(plant=plant, reference=hold, duration=duration, seed=run.seed, start=start)
-        return GridRun(candidate=kind, controller=loop.controller, condition=condition)
+        return GridRun(candidate=ray.kind, controller=loop.controller, condition=condition)
 
-    low, high = np.zeros(len(rays)), 1.1 * upper
+    low, high = np.zeros(len(rays)), 1.1 * np.array([ray.upper for ray in rays])
     for halving in range(_TWIN_HALVINGS):
         middle = 0.5 * (low + high)
-
-        def report(now: Progress, before: int = halving * len(rays)) -> None:
-            run.progress(
-                replace(
-                    now, stage="limits on the twin", done=before + now.done, total=_TWIN_HALVINGS * len(rays)
-                )
-            )
-
-        runs = [
-            tried(kind, float(found.directions[place]), size)
-            for (kind, place), size in zip(rays, middle.tolist(), strict=True)
-        ]
-        # in this process: twins in threads wait for each other's Python
-        here, reported_run = Processes(count=1), replace(run, progress=report)
-        asked = run_grid(runs, lambda _, log: log.ended is None, workers=here, run=reported_run)
-        low, high = np.where(asked.answers, middle, low), np.where(asked.answers, high, middle)
-    return [
-        TwinLimit(kind=kind, direction=float(found.directions[place]), lower=least, twin=twin, upper=most)
-        for (kind, place), least, twin, most in zip(
-            rays, lower.tolist(), low.tolist(), upper.tolist(), strict=True
-        )
-    ]
+        stage = f"limits on the twin, step {halving + 1} of {_TWIN_HALVINGS}"
+        kept = run_grid(
+            [tried(ray, size) for ray, size in zip(rays, middle.tolist(), strict=True)],
+            lambda _, log: log.ended is None,
+            workers=Processes(count=1),  # twins in threads wait for each other's Python
+            run=replace(run, progress=in_stage(run.progress, stage)),
+        ).answers
+        low, high = np.where(kept, middle, low), np.where(kept, high, middle)
+    return [replace(ray, twin=size) for ray, size in zip(rays, low.tolist(), strict=True)]

@@ -17,25 +17,24 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
-from ballbot.arrays import real_array
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
-from ballbot.results import left_out, reported, to_results
+from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.rounding import percent, unit_heading
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.grid import run_loop
 from ballbot.workflows.limits import Loop, lost_lean
 from ballbot.workflows.metrics import lean_of
 
@@ -64,11 +63,6 @@ class Demand:
         """Return states and torques with the wheels' speeds."""
         speeds = model.wheel_speed(states[:, :5], states[:, 5:])
         return Demand(t=t, states=states, torques=torques, wheel_speeds=speeds)
-
-    @property
-    def power(self) -> NDArray[np.float64]:
-        """Mechanical power of all motors (N,) [W]."""
-        return (self.torques * self.wheel_speeds).sum(axis=1)
 
 
 def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
@@ -144,6 +138,20 @@ _RUNS = 5  # of the closed loop
 _GRIP = 1.0  # friction coefficient of the wheels on the ball, as of the loop
 _NO_LOAD = 100.0  # a wheel that needs a larger friction coefficient carries no load
 
+#: what exceeds a limit, by the quantity
+_REASONS = {
+    "torque": "wheel {wheel} needs {value:.3g} N m at t = {t:.2f} s, and its motor gives {limit:.3g} N m",
+    "wheel speed": (
+        "wheel {wheel} has to turn at {value:.3g} rad/s at t = {t:.2f} s, and the supply allows {limit:.3g} rad/s"
+    ),
+    "lean": (
+        "the robot has to lean by {value:.3g} degrees at t = {t:.2f} s, and beyond {limit:.3g} degrees full torque "
+        "does not bring it back"
+    ),
+    "grip": "a wheel needs a friction coefficient of {value:.3g} on the ball at t = {t:.2f} s, and has {limit:.3g}",
+    "no load": "a wheel lifts off the ball at t = {t:.2f} s",
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Use:
@@ -160,6 +168,32 @@ class Use:
     def share(self) -> float:
         """Share of the limit; above 1 the limit is exceeded."""
         return self.value / self.limit
+
+    @property
+    def reason(self) -> str:
+        """What exceeds the limit."""
+        lifted = self.quantity == "grip" and self.value > _NO_LOAD
+        value, limit, _ = self._in_degrees
+        return _REASONS["no load" if lifted else self.quantity].format(
+            value=value, limit=limit, t=self.t, wheel=self.wheel
+        )
+
+    def row(self) -> list[str]:
+        """Return its row of a table: see `MARGIN_HEADINGS`."""
+        value, limit, unit = self._in_degrees
+        name = self.quantity if self.wheel is None else f"{self.quantity}, wheel {self.wheel}"
+        shown, share = ("lifted", "-") if value > _NO_LOAD else (f"{value:.3g}", percent(self.share))
+        return [unit_heading(name, unit), shown, f"{limit:.3g}", share, f"{self.t:.2f}"]
+
+    @property
+    def _in_degrees(self) -> tuple[float, float, str]:
+        """Value, limit and unit, of an angle in degrees."""
+        if self.unit != "rad":
+            return self.value, self.limit, self.unit
+        return np.degrees(self.value), np.degrees(self.limit), "deg"
+
+
+MARGIN_HEADINGS = ("quantity", "at most", "limit", "used", "when [s]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +214,53 @@ class ReferenceMargins:
     @reported
     def can_be_followed(self) -> bool:
         """Whether no limit is exceeded and the robot does not fall."""
-        return self.ended == np.inf and all(use.share <= 1.0 for use in self.uses)
+        return not self.reasons
+
+    @reported
+    def reasons(self) -> list[str]:
+        """Why the robot cannot follow the reference; a robot that falls leans too far: that is no second reason."""
+        fell = self.ended < np.inf
+        reasons = [
+            use.reason for use in self.uses if use.share > 1.0 and not (use.quantity == "lean" and fell)
+        ]
+        if fell:
+            reasons.append(
+                f"in closed loop it falls at t = {self.ended:.2f} s, after its torques were {self._limited}"
+            )
+        return reasons
+
+    def verdict(self) -> list[str]:
+        """Return whether the robot can follow the reference, and why not, in sentences."""
+        lines = [f"The robot cannot follow {self.name}:", *(f"- {reason};" for reason in self.reasons)]
+        lines[-1] = f"{lines[-1][:-1]}."
+        if self.can_be_followed:
+            tightest = max(self.uses, key=lambda use: use.share)
+            margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
+            used = f"{tightest.quantity}, {percent(tightest.share)} used"
+            lines = [f"The robot can follow {self.name}; {margin} is {used}."]
+        if self.ended == np.inf:
+            lines.append(
+                f"With this controller its largest distance from the reference is {self.peak_error:.3f} m, and its "
+                f"torques are {self._limited}."
+            )
+        if self.jumps:
+            t, size = self.jumps[0]
+            more = f" and {len(self.jumps) - 1} more" if len(self.jumps) > 1 else ""
+            lines.append(
+                f"The reference jumps (by {size:.3g} at t = {t:g} s{more}). No robot follows a jump exactly, so only "
+                "the closed loop is evaluated."
+            )
+        return [
+            *lines,
+            f"The motors deliver at most {self.peak_power:.3g} W, {self.peak_power / self.supply_voltage:.3g} A at "
+            f"{self.supply_voltage:g} V, without the losses of the windings. Compare that with your supply: a robot "
+            "file states no limit.",
+        ]
+
+    @property
+    def _limited(self) -> str:
+        share = self.share_at_torque_limit
+        return f"at their limit {percent(share)} of the time" if share > 0.0 else "never at their limit"
 
 
 def check_reference(
@@ -202,12 +282,13 @@ def check_reference(
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)
     jumps = np.flatnonzero(changes > JUMP)
-    run = run_loop(
-        [loop.plant],
-        [controller],
+    run = simulate_batch(
+        loop.model,
+        controller,
         reference,
         duration=duration,
-        starts=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
+        initial_states=np.array([initial_state_of(seed) for seed in range(_RUNS)]),
+        imperfections=loop.plant.imperfections,
     )
     ends, states = run.t + sample_time, run.next_states
     going = ends <= run.ended[:, None] + 1e-9
@@ -222,7 +303,7 @@ def check_reference(
         name=name,
         jumps=tuple((float((k + 1) * sample_time), float(changes[k])) for k in jumps),
         uses=_uses(Model(robot), controller, path),
-        peak_power=float(path.power.max()),
+        peak_power=float((path.torques * path.wheel_speeds).sum(axis=1).max()),
         supply_voltage=robot.drive.supply_voltage,
         ended=float(run.ended.min()),
         peak_error=float(error.max()),
@@ -232,127 +313,30 @@ def check_reference(
 
 def _uses(model: Model, controller: Controller, path: Demand) -> tuple[Use, ...]:
     """Return the largest use of each limit along a path."""
-    robot, limit, top = model.robot, controller.torque_limit, model.robot.drive.top_speed
+    top = model.robot.drive.top_speed
     # the torque that is left in its direction: none at the motors' highest speed
     forward = path.wheel_speeds * np.sign(path.torques)
-    left = limit * np.clip((top - forward) / (FALLING_PART * top), 1e-3, 1.0)
+    left = controller.torque_limit * np.clip((top - forward) / (FALLING_PART * top), 1e-3, 1.0)
     needed = np.empty(len(path.t))
-    seen = real_array(path.states, (len(path.t), 10), "The array of states")
-    given = real_array(path.torques, (len(path.t), robot.wheel_count), "The array of torques")
-    friction_needed_along(model.selected, model.packed, pack_contacts(robot), seen, given, needed)
-
-    def most(quantity: str, values: NDArray[np.float64], limits: ArrayLike, unit: str) -> Use:
-        """Return the largest share of a limit, of values (N,) or (N, n)."""
-        limits = np.broadcast_to(limits, values.shape)
-        place = np.unravel_index(int((values / limits).argmax()), values.shape)
-        return Use(
-            quantity=quantity,
-            value=float(values[place]),
-            limit=float(limits[place]),
-            unit=unit,
-            t=float(path.t[place[0]]),
-            wheel=int(place[1]) + 1 if values.ndim == 2 else None,
+    states, torques = np.ascontiguousarray(path.states), np.ascontiguousarray(path.torques)
+    friction_needed_along(model.selected, model.packed, pack_contacts(model.robot), states, torques, needed)
+    uses = []
+    for quantity, values, limit, unit in (
+        ("torque", np.abs(path.torques), left, "N m"),
+        ("wheel speed", np.abs(path.wheel_speeds), top, "rad/s"),
+        ("lean", lean_of(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
+        ("grip", needed, _GRIP, ""),
+    ):
+        limits = np.broadcast_to(limit, values.shape)
+        worst = np.unravel_index(int((values / limits).argmax()), values.shape)
+        uses.append(
+            Use(
+                quantity=quantity,
+                value=float(values[worst]),
+                limit=float(limits[worst]),
+                unit=unit,
+                t=float(path.t[worst[0]]),
+                wheel=int(worst[1]) + 1 if values.ndim == 2 else None,
+            )
         )
-
-    return (
-        most("torque", np.abs(path.torques), left, "N m"),
-        most("wheel speed", np.abs(path.wheel_speeds), top, "rad/s"),
-        most("lean", lean_of(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
-        most("grip", needed, _GRIP, ""),
-    )
-
-
-MARGIN_HEADINGS = ("quantity", "at most", "limit", "used", "when [s]")
-
-
-def reference_verdict(margins: ReferenceMargins) -> list[str]:
-    """Return whether the robot can follow the reference, and why not."""
-    reasons, name = _reasons(margins), margins.name
-    if reasons:
-        lines = [f"The robot cannot follow {name}:", *(f"- {reason};" for reason in reasons)]
-        lines[-1] = lines[-1][:-1] + "."
-    else:
-        tightest = max(margins.uses, key=lambda use: use.share)
-        margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
-        lines = [
-            f"The robot can follow {name}; {margin} is {tightest.quantity}, {percent(tightest.share)} used."
-        ]
-    if margins.ended == np.inf:
-        lines.append(
-            f"With this controller its largest distance from the reference is {margins.peak_error:.3f} m, and "
-            f"its torques are {_time_at_limit(margins)}."
-        )
-    if margins.jumps:
-        t, size = margins.jumps[0]
-        more = f" and {len(margins.jumps) - 1} more" if len(margins.jumps) > 1 else ""
-        lines.append(
-            f"The reference jumps (by {size:.3g} at t = {t:g} s{more}). No robot follows a jump exactly, so "
-            "only the closed loop is evaluated."
-        )
-    power = margins.peak_power
-    lines.append(
-        f"The motors deliver at most {power:.3g} W, {power / margins.supply_voltage:.3g} A at "
-        f"{margins.supply_voltage:g} V, without the losses of the windings. Compare that with "
-        "your supply: a robot file states no limit."
-    )
-    return lines
-
-
-def _time_at_limit(margins: ReferenceMargins) -> str:
-    share = margins.share_at_torque_limit
-    return f"at their limit {percent(share)} of the time" if share > 0.0 else "never at their limit"
-
-
-def margin_results(margins: ReferenceMargins) -> dict[str, object]:
-    """Return a reference's margins as results.json holds them."""
-    return {"reasons": _reasons(margins), **to_results(margins)}
-
-
-def _reasons(margins: ReferenceMargins) -> list[str]:
-    fell = margins.ended < np.inf
-    # a robot that falls leans beyond its limit: that is no second reason
-    exceeded = [one for one in margins.uses if one.share > 1.0 and not (one.quantity == "lean" and fell)]
-    reasons = [_reason(one) for one in exceeded]
-    if fell:
-        reasons.append(
-            f"in closed loop it falls at t = {margins.ended:.2f} s, after its torques were {_time_at_limit(margins)}"
-        )
-    return reasons
-
-
-_REASONS = {
-    "torque": "wheel {wheel} needs {value:.3g} N m at t = {t:.2f} s, and its motor gives {limit:.3g} N m",
-    "wheel speed": (
-        "wheel {wheel} has to turn at {value:.3g} rad/s at t = {t:.2f} s, and the supply allows {limit:.3g} rad/s"
-    ),
-    "lean": (
-        "the robot has to lean by {value:.3g} degrees at t = {t:.2f} s, and beyond {limit:.3g} degrees full torque "
-        "does not bring it back"
-    ),
-    "grip": "a wheel needs a friction coefficient of {value:.3g} on the ball at t = {t:.2f} s, and has {limit:.3g}",
-}
-
-
-def _reason(use: Use) -> str:
-    if use.quantity == "grip" and use.value > _NO_LOAD:
-        return f"a wheel lifts off the ball at t = {use.t:.2f} s"
-    value, limit, _ = _in_degrees(use)
-    return _REASONS[use.quantity].format(value=value, limit=limit, t=use.t, wheel=use.wheel)
-
-
-def _in_degrees(use: Use) -> tuple[float, float, str]:
-    """Return value, limit and unit, of an angle in degrees."""
-    if use.unit != "rad":
-        return use.value, use.limit, use.unit
-    return np.degrees(use.value), np.degrees(use.limit), "deg"
-
-
-def margin_rows(margins: ReferenceMargins) -> list[list[str]]:
-    """Return the table's rows, one of each limit."""
-    rows = []
-    for use in margins.uses:
-        value, limit, unit = _in_degrees(use)
-        name = use.quantity if use.wheel is None else f"{use.quantity}, wheel {use.wheel}"
-        shown, share = ("lifted", "-") if value > _NO_LOAD else (f"{value:.3g}", percent(use.share))
-        rows.append([unit_heading(name, unit), shown, f"{limit:.3g}", share, f"{use.t:.2f}"])
-    return rows
+    return tuple(uses)

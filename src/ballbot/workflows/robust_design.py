@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,14 +41,12 @@ from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.rounding import percent
 from ballbot.schema import validate_table
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
-from ballbot.summary import Summary, plotted, report_summary, summarized
+from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.grid import LoopRobot, run_loop
+from ballbot.workflows.grid import LoopRobot
 from ballbot.workflows.robot_check import linearization_results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: the ball lies so far from where it is asked to be at the start [m]
 INITIAL_OFFSET = 0.3
@@ -96,19 +94,14 @@ class PerturbationRanges:
             raise InputError(f"--perturb {text!r}: {error}") from None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PerturbedRobots:
-    """Robots with what their loops bear, and where they start."""
-
-    robots: tuple[LoopRobot, ...]
-    #: (robots, 10), the ball `INITIAL_OFFSET` away from the origin in any direction, upright at rest
-    starts: NDArray[np.float64]
-
-
 def draw_perturbed(
     robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
-) -> PerturbedRobots:
-    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise."""
+) -> tuple[list[LoopRobot], NDArray[np.float64]]:
+    """Draw robots from the ranges, under a scenario, and where each starts (robots, 10).
+
+    The same seed gives the same robots and the same noise. The ball starts `INITIAL_OFFSET` away from the origin in any
+    direction, upright at rest.
+    """
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
     for lane in range(count):
@@ -132,36 +125,38 @@ def draw_perturbed(
         )
         robots.append(replace(made, imperfections=borne))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
-    return PerturbedRobots(robots=tuple(robots), starts=starts)
+    return robots, starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunMeasures:
-    """How controllers did, on each of the robots."""
+    """How controllers did on each of the robots: arrays (controllers, robots)."""
 
-    #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
-    error: NDArray[np.float64]
-    roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
-    ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
+    error: NDArray[np.float64]  #: root mean square once settled [m]; NaN of one that fell
+    roughness: NDArray[np.float64]  #: torque's change from sample to sample [N m]
+    ended: NDArray[np.float64]  #: when it fell [s]; infinity where it stood
 
     @property
     def fell(self) -> NDArray[np.bool_]:
-        """Whether it fell (controllers, robots)."""
+        """Whether it fell."""
         return np.isfinite(self.ended)
 
 
-def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
+def measure_runs(
+    controllers: Sequence[Controller], robots: Sequence[LoopRobot], starts: NDArray[np.float64]
+) -> RunMeasures:
     """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
-    robots = perturbed.robots * len(controllers)
-    batch = run_loop(
-        robots,
-        [one for one in controllers for _ in perturbed.robots],
+    shape = (len(controllers), len(robots))
+    lanes = [*robots] * len(controllers)
+    batch = simulate_batch(
+        [robot.model for robot in lanes],
+        [controller for controller in controllers for _ in robots],
         hold(),
         duration=RUN,
-        starts=np.tile(perturbed.starts, (len(controllers), 1)),
+        initial_states=np.tile(starts, (len(controllers), 1)),
+        imperfections=[robot.imperfections for robot in lanes],
         every=_EVERY,
     )
-    shape = (len(controllers), len(perturbed.robots))
     late = batch.t >= RUN - SETTLED  # as the rows' ends are beyond it
     error = np.sqrt((batch.next_states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
     return RunMeasures(
@@ -186,10 +181,8 @@ class CostUnits:
                 f"The nominal gain falls with {percent(share)} of the perturbed robots, so costs "
                 "cannot be compared with its cost. Reduce the perturbation."
             )
-        stood = ~nominal.fell
-        return CostUnits(
-            error=float(np.median(nominal.error[stood])), roughness=float(np.median(nominal.roughness[stood]))
-        )
+        roughness = float(np.median(nominal.roughness[~nominal.fell]))
+        return CostUnits(error=float(np.nanmedian(nominal.error)), roughness=roughness)
 
     def costs(self, seen: RunMeasures) -> NDArray[np.float64]:
         """Return J (controllers, robots)."""
@@ -198,9 +191,9 @@ class CostUnits:
 
 
 def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
+    """Return the mean of the largest tenth of costs (..., robots), of one robot at least; NaN of no robot."""
     count = max(1, round(TAIL * costs.shape[-1]))
-    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
+    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1) if costs.size else np.array(np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,9 +226,8 @@ class ComparedDesign:
     costs: NDArray[np.float64] = field(metadata=left_out)  #: (fresh robots,) J of each
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobustDesign:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class RobustDesign(Reported):
     """A gain found by search over perturbed robots, compared with the nominal one."""
 
     design: LqrDesign = field(metadata=left_out)
@@ -255,10 +247,6 @@ class RobustDesign:
         """The margins of the loop."""
         return loop_margins(self.controller)
 
-    def summary(self) -> Summary:
-        """Return how the gain compares with the nominal one on robots not used in the search."""
-        return report_summary(self)
-
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds of it."""
         return {
@@ -271,10 +259,6 @@ class RobustDesign:
             "linearization": linearization_results(frictionless_model(self.controller.robot)),
             **to_results(self),
         }
-
-    def plot(self) -> Figure:
-        """Return a figure of the search, and of each design's costs on robots that it did not use."""
-        return plotted(self)
 
 
 def robust_design(
@@ -292,24 +276,24 @@ def robust_design(
     drive and play. The run's seed fixes the result. InputError if the nominal gain falls with half of the robots.
     """
     robot = as_robot(robot)
-    perturbed = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
+    drawn = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...]) -> Controller:
         gain = design_gain(robot, state_weights=weights).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
     nominal = controller_of(NOMINAL_STATE_WEIGHTS)
-    units = CostUnits.of(measure_runs([nominal], perturbed))
+    units = CostUnits.of(measure_runs([nominal], *drawn))
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
         made: dict[int, Controller] = {}
-        for place, candidate in enumerate(candidates):
+        for row, candidate in enumerate(candidates):
             # weights may be so far apart that the equations have no solution in these digits
             with suppress(InputError):
-                made[place] = controller_of(weights_of(candidate))
+                made[row] = controller_of(weights_of(candidate))
         if made:
-            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), perturbed)))
+            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), *drawn)))
         return costs
 
     found = evolve(
@@ -319,8 +303,7 @@ def robust_design(
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
-    seen = measure_runs(list(controllers.values()), fresh)
-    costs = units.costs(seen)
+    seen = measure_runs(list(controllers.values()), *fresh)
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -330,25 +313,22 @@ def robust_design(
         history=found.history,
         compared={
             name: ComparedDesign(
-                gain=one.gain,
-                worst_tenth=float(worst_tenth(costs[place])),
-                mean=float(costs[place].mean()),
-                worst_error=_worst_standing(seen.error[place], seen.fell[place]),
-                worst_roughness=_worst_standing(seen.roughness[place], seen.fell[place]),
-                falls=int(seen.fell[place].sum()),
-                costs=costs[place],
+                gain=controller.gain,
+                worst_tenth=float(worst_tenth(costs)),
+                mean=float(costs.mean()),
+                worst_error=float(worst_tenth(error[~fell])),
+                worst_roughness=float(worst_tenth(roughness[~fell])),
+                falls=int(fell.sum()),
+                costs=costs,
             )
-            for place, (name, one) in enumerate(controllers.items())
+            for (name, controller), costs, error, roughness, fell in zip(
+                controllers.items(), units.costs(seen), seen.error, seen.roughness, seen.fell, strict=True
+            )
         },
         fresh=effort.fresh,
         spread=spread,
         scenario=scenario.name,
     )
-
-
-def _worst_standing(values: NDArray[np.float64], fell: NDArray[np.bool_]) -> float:
-    """Return the mean of the largest tenth of the robots that stood; NaN if none did."""
-    return math.nan if fell.all() else float(worst_tenth(values[~fell]))
 
 
 def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:

@@ -15,7 +15,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import design_gain
@@ -31,7 +30,7 @@ from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import Model
 from ballbot.progress import in_stage
 from ballbot.robot import Robot, RobotLike, as_robot
-from ballbot.summary import Summary, plotted, report_summary, summarized, written_results
+from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.validation import ModelPair, Validation, join_validations, validate_logs
@@ -49,9 +48,6 @@ from ballbot.workflows.controller_choice import (
 )
 from ballbot.workflows.controller_prediction import Prediction, predict
 from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: robots that candidates can be compared on
 MAX_DRAWS = 10_000
@@ -86,9 +82,8 @@ class StudyOptions:
 DEFAULT_STUDY = StudyOptions()
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Study:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Study(Reported):
     """Everything a study found."""
 
     robot: Robot  #: as given
@@ -110,18 +105,6 @@ class Study:
     def log_findings(self) -> tuple[Finding, ...]:
         """What the checks of the logs found, errors first."""
         return self.found.log_findings
-
-    def summary(self) -> Summary:
-        """Return the friction, how much better the model with it predicts, and what the controllers gain."""
-        return report_summary(self)
-
-    def plot(self) -> Figure:
-        """Return a figure of each candidate's path on the course, on one of the plants."""
-        return plotted(self)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it."""
-        return written_results(self)
 
 
 def study(

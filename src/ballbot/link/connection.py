@@ -1,0 +1,196 @@
+"""A robot at the other end of a link, the person beside it, and what a terminal shows while it runs."""
+
+from __future__ import annotations
+
+import io
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from ballbot.errors import InputError
+from ballbot.link.emulated import emulated_robot
+from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
+from ballbot.link.live import Commander, LiveRobot, LiveRun, RobotSample, TorqueProgram, recorded_run
+from ballbot.link.messages import State
+from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
+from ballbot.link.session import Session
+from ballbot.link.transport import Transport, open_transport
+from ballbot.robot import Robot
+from ballbot.simulation.held_robot import Hold
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.courses import PlantName
+
+#: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
+_PICTURE, _LINE = 0.1, 5.0
+
+
+class Monitor:
+    """Shows a robot while it runs: a line that changes on a terminal, or a line every five seconds elsewhere."""
+
+    def __init__(
+        self,
+        console: Console | None,  # nothing is shown without one
+    ) -> None:
+        self._live, self._quiet = None, console is None
+        if console is not None and console.is_terminal:
+            self._live = Live(console=console, auto_refresh=False, transient=True)
+            # the first picture takes longer to draw than a robot waits; nobody sees this one
+            Console(file=io.StringIO()).print(Text(""))
+        #: when the next picture is due, by the clock; or the next line, by the robot's time [s]
+        self._next = 0.0
+
+    @contextmanager
+    def shown(self) -> Iterator[Monitor]:
+        """Remove the line from the terminal when the block ends."""
+        try:
+            yield self
+        finally:
+            if self._live is not None:
+                self._live.stop()
+
+    def states_of(self, robot: LiveRobot) -> Callable[[State], None]:
+        """Return a callback that shows each state of a robot, armed or not."""
+        return lambda state: self.show(
+            1e-6 * (state.time % 2**32), lambda: state_line(state, wheel_count=robot.wheel_count)
+        )
+
+    def show(self, t: float, line: Callable[[], str]) -> None:
+        """Show a line that is made at the robot's time t [s], if the last one is old."""
+        now, interval = (t, _LINE) if self._live is None else (time.monotonic(), _PICTURE)
+        # the robot's time begins again after 71 minutes
+        if self._quiet or self._next - interval <= now < self._next:
+            return
+        self._next = now + interval
+        if self._live is None:
+            print(f"ballbot: {line()}", file=sys.stderr, flush=True)
+        else:
+            self._live.start()  # not before there is something to show: the person may have to type first
+            self._live.update(Text(line()), refresh=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Connection:
+    """A robot at the other end of a link, and the person beside it."""
+
+    robot: LiveRobot
+    described: Robot | None  #: its description, if it is known
+    operator: Operator
+    address: str  #: port or "emulated"
+    camera: EmulatedCamera | None = None  #: above an emulated robot that is upside down
+
+    @property
+    def words(self) -> str:
+        """Which robot it is, and where, in a sentence."""
+        name = "A robot" if self.described is None else f"The robot {self.described.name}"
+        where = ", emulated on this computer" if self.address == "emulated" else f" at {self.address}"
+        return f"{name}{where}."
+
+    @property
+    def provenance(self) -> dict[str, object]:
+        """The robot, parameters and session of a log."""
+        return {
+            "robot": self.described.name if self.described else None,
+            "port": self.address,
+            "session": self.robot.session_name,
+            "parameters_sha256": sha256(self.robot.parameters.tobytes()).hexdigest(),
+        }
+
+    def run(
+        self,
+        commander: Commander,
+        monitor: Monitor,
+        *,
+        duration: float,  # [s]
+        ramp: float = 0.0,
+        recording: Path | None = None,
+    ) -> LiveRun:
+        """Make a run, watched by the monitor; see `recorded_run`."""
+        line = bench_line if isinstance(commander, TorqueProgram) else sample_line
+
+        def watch(sample: RobotSample) -> None:
+            monitor.show(sample.t, lambda: line(sample, torque_limit=self.robot.torque_limit))
+            if self.camera is not None:
+                self.camera.watch(sample.t)
+
+        with monitor.shown():
+            return recorded_run(
+                self.robot,
+                commander,
+                operator=self.operator,
+                duration=duration,
+                ramp=ramp,
+                watch=watch,
+                recording=recording,
+            )
+
+    def troubles(self, made: LiveRun) -> Iterator[str]:
+        """Yield what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+        if made.trouble:
+            yield made.trouble
+        if made.ending.kind == "interrupt":
+            raise KeyboardInterrupt("interrupted; the robot is disarmed.")
+        if made.ending.kind == "link":
+            raise InputError(made.ending.text)
+        refused = counts_line(self.robot.session.counts.refused, self.robot.refused_frames())
+        if refused:
+            yield refused
+
+
+@contextmanager
+def _robot_at(transport: Transport, clock: Callable[[], float]) -> Iterator[LiveRobot]:
+    session = Session(transport, clock=clock)
+    try:
+        session.connect()
+        yield LiveRobot(session, clock=clock)
+    finally:
+        session.close()
+
+
+@contextmanager
+def connect_port(port: str, described: Robot | None, *, say: Callable[[str], None]) -> Iterator[Connection]:
+    """Hold the link to a robot at a port while the block runs; `say` prints what its operator is to do."""
+    with _robot_at(open_transport(port), time.monotonic) as robot:
+        yield Connection(robot=robot, described=described, operator=TerminalOperator(say), address=port)
+
+
+@contextmanager
+def connect_emulated(
+    described: Robot,
+    scenario: Scenario,
+    *,
+    plant: PlantName,
+    seed: int,
+    # how it is held; in the air and upside down it stays so when it arms
+    hold: Hold,
+    # whether it runs no faster than a real one, for a person who drives or watches it
+    real_time: bool,
+    imu_checked: bool,  # whether the IMU's axes count as checked
+) -> Iterator[Connection]:
+    """Hold the link to an emulated robot while the block runs; see `emulated_robot`."""
+    emulated = emulated_robot(
+        described,
+        scenario,
+        plant=plant,
+        hold=hold,
+        seed=seed,
+        real_time=real_time,
+        imu_checked=imu_checked,
+    )
+    with _robot_at(emulated, emulated.clock) as robot:
+        camera = None
+        if hold == "upside_down":
+            camera = EmulatedCamera(
+                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=seed
+            )
+        operator = EmulatedOperator(emulated.hand)
+        yield Connection(
+            robot=robot, described=described, operator=operator, address="emulated", camera=camera
+        )
