@@ -422,17 +422,15 @@ def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
         for one in stiffness.gains
         for variant, trial in one.trials.items()
     ]
-    verdicts = []
-    for observer in (False, True):
-        stiffest = stiffness.stiffest(Variant(compensation=False, observer=observer))
-        pays = [one.position_gain for one in stiffness.pays_over(observer=observer)]
-        verdicts.append(
-            {
-                "observer": observer,
-                "stiffest": stiffest and stiffest.position_gain,
-                "compensation_pays_over": pays,
-            }
-        )
+    verdicts = [
+        {
+            "observer": observer,
+            "stiffest": stiffest and stiffest.position_gain,
+            "compensation_pays_over": [one.position_gain for one in stiffness.pays_over(observer=observer)],
+        }
+        for observer in (False, True)
+        for stiffest in [stiffness.stiffest(Variant(compensation=False, observer=observer))]
+    ]
     return {"course": stiffness.course, "gains": gains, "verdicts": verdicts}
 
 
