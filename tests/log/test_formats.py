@@ -24,8 +24,7 @@ from ballbot.log.formats import (
     read_variables,
     write_columns,
 )
-from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.formats.text import read_text_table
+from ballbot.log.formats.text import infer_text_table, read_text_table
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)

@@ -1,6 +1,6 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-A table of text is read by its `TextLayout` (`text`), which a mapping states or its lines show (`inference`).
+A table of text is read by its `TextLayout`, which a mapping states or its lines show (`text`).
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from ballbot.log.columns import (
     mark_missing,
     native_columns,
 )
-from ballbot.log.formats.inference import (
-    ForeignTable,
-    infer_text_table,
-    read_head,
-    read_inferred,
-)
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
 from ballbot.log.formats.ros import read_bag
 from ballbot.log.formats.text import (
-    OWN_LAYOUT,
+    ForeignTable,
     TextLayout,
+    infer_text_table,
+    read_head,
+    read_inferred,
     read_text_table,
     write_text_table,
 )
@@ -160,7 +157,7 @@ def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) 
     columns = _table(one, Path(path))
     if names is not None:
         raise InputError(f"{path} has names of its own; --columns is for tables of text.")
-    return ForeignTable(layout=OWN_LAYOUT, columns=columns, named=True, notes=())
+    return ForeignTable(columns=columns)
 
 
 def write_columns(path: str | Path, columns: Mapping[str, Floats]) -> None:
