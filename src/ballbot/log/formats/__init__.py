@@ -139,14 +139,13 @@ def read_columns(
     return rows_with_times(read, "t", notes) if "t" in read else read
 
 
-def read_variables(path: str | Path) -> Columns:
-    """Read all variables of a file by name, of any length; InputError as for `read_columns`."""
-    return _read(_format_of(path), Path(path))
+def read_variables(path: str | Path) -> tuple[Columns, Mapping[str, str]]:
+    """Read all variables of a file by name, of any length, and their units, as a row below a text's header has them.
 
-
-def read_units(path: str | Path) -> dict[str, str]:
-    """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return dict(read_head(path).units) if _format_of(path) is _TEXT else {}
+    InputError as for `read_columns`.
+    """
+    kind = _format_of(path)
+    return _read(kind, Path(path)), read_head(path).units if kind is _TEXT else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:

@@ -24,7 +24,7 @@ from pydantic import NonNegativeInt, PositiveInt
 
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
-from ballbot.files import LARGEST_TABLE, check_regular, decode_text, read_text, write_text
+from ballbot.files import LARGEST_TABLE, read_text, write_text
 from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, Floats, mark_missing, native_columns
 from ballbot.summary import counted
 
@@ -83,11 +83,10 @@ class ForeignTable:
 #: cells without a value, in small letters
 MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 _TOO_LONG = f"a cell has more than {csv.field_size_limit()} characters."
-_EMPTY = "is empty; a log needs a line of column names and rows of numbers."
 OWN_LAYOUT = TextLayout()
 #: the beginning of a number that is no number
 _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
-#: lines examined to find the separator, and bytes of a file in which its layout must show
+#: lines examined to find the separator, and characters of a file in which its layout must show
 _EXAMINED, _HEAD = 200, 100_000
 #: units, of which a row below the header consists: alone, in products, quotients and powers, or in brackets
 _OTHER_UNITS = "n mn kn knm cm um µm km kg g w mw hz khz k c °c pa bar min h u inc"
@@ -108,10 +107,7 @@ def read_text_table(
     file is not such a table.
     """
     notes = [] if notes is None else notes
-    text = read_text(path, largest=LARGEST_TABLE)
-    if not text.strip():
-        raise InputError(f"{path} {_EMPTY}")
-    lines = text.split("\n")
+    lines = _text_of(path).split("\n")
     names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
     rows, cut, damaged = _whole_rows(path, lines, layout, len(names))
@@ -156,6 +152,13 @@ def read_text_table(
     return {names[i]: np.ascontiguousarray(table[:, i]) for i in np.flatnonzero(~omitted)}
 
 
+def _text_of(path: str | Path) -> str:
+    text = read_text(path, largest=LARGEST_TABLE)
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    return text
+
+
 def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
     """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
 
@@ -198,20 +201,9 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
 
 def read_head(path: str | Path) -> Head:
     """Return what the first lines of a table show; InputError if the file cannot be read or is empty."""
-    check_regular(path)
-    try:
-        with open(path, "rb") as stream:
-            start = stream.read(_HEAD)
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
-    if not start.strip():
-        raise InputError(f"{path} {_EMPTY}")
-    # a character, and the last line, may be cut
-    lines = decode_text(start, source=str(path), errors="replace").split("\n")
-    return _head_of(lines[:-1] if len(start) == _HEAD and len(lines) > 1 else lines)
-
-
-def _head_of(lines: list[str]) -> Head:
+    text = _text_of(path)
+    lines = text[:_HEAD].split("\n")
+    lines = lines[:-1] if len(text) > _HEAD and len(lines) > 1 else lines  # the last is cut
     layout = _likely_layout(lines)
     mark = SEPARATORS[layout.separator]
     cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
