@@ -75,12 +75,9 @@ def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> R
         wheels = replace(wheels, inertia=float(found["wheel_inertia"][0]))
     if "rotor_inertia" in found:
         wanted, before = float(found["rotor_inertia"][0]), drive.reflected_inertia
-        motor, gear = (
-            (drive.motor_inertia * wanted / before, drive.gear_inertia * wanted / before)
-            if before
-            else (wanted / drive.gear_ratio**2, 0.0)
-        )
-        drive = replace(drive, motor_inertia=motor, gear_inertia=gear)
+        factor = wanted / before if before else 1.0
+        motor = factor * drive.motor_inertia if before else wanted / drive.gear_ratio**2
+        drive = replace(drive, motor_inertia=motor, gear_inertia=factor * drive.gear_inertia)
     if {"center_of_mass", "second_moment"} & found.keys():
         body = _body(robot, found)
     return robot.replace(ball=ball, body=body, wheels=wheels, drive=drive)
