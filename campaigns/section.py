@@ -125,8 +125,8 @@ def compared(
 ) -> GridTable[Score]:
     """Return scores by the files of their runs; those that the folder lacks are made."""
     kept = RunFolder(path=folder, made_from=made_from, write=_write_score, read=_read_score)
-    found = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
-    return GridTable(runs=tuple(runs.values()), answers=tuple(found.values()))
+    scores = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
+    return GridTable(runs=tuple(runs.values()), answers=tuple(scores.values()))
 
 
 def _scored(run: GridRun) -> Score:
