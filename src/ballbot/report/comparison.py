@@ -316,9 +316,12 @@ def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, She
 
 
 def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
-    looks = (TRACK_LOOKS[k % len(TRACK_LOOKS)] for k in range(len(logs)))
-    named = [(f"run {name}", look, log) for name, look, log in zip(runs, looks, logs, strict=True)]
-    t, distances = _distances(named)
+    t, distances = _distances(
+        [
+            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log)
+            for k, (name, log) in enumerate(zip(runs, logs, strict=True))
+        ]
+    )
     return TimeSeries(t, (distances,), "The runs one over another, from their starts.")
 
 
