@@ -65,7 +65,7 @@ class Validation:
 
     def verdicts(self) -> dict[str, str]:
         """Return each way's verdict, or why there is none, by its key."""
-        words = {way.key: f"No {way.words} validation: {self.refused.get(way.key)}" for way in WAYS}
+        words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in WAYS}
         return words | {key: one.verdict() for key, one in self.comparisons.items()}
 
     def summary(self) -> Summary:
@@ -123,7 +123,7 @@ def findings(validation: Validation) -> tuple[Finding, ...]:
         return (warning("no-evidence", validation.no_evidence),)
     found, verdicts = [], validation.verdicts()
     for way in WAYS:
-        found += [note(way.words, verdicts[way.key])] if verdicts[way.key] else []
+        found += [note(way.code, verdicts[way.key])] if verdicts[way.key] else []
         if way.key in validation.comparisons:
             found += validation.comparisons[way.key].remarks()
     return (*found[:1], *(warning("no-evidence", sentence) for sentence in validation.left_out), *found[1:])

@@ -19,19 +19,13 @@ class Way:
     key: str  #: in results.json
     heading: str  #: of its section
     compare: Callable[[Case], Comparison | str]  #: what it finds, or why the log does not allow it
-    undisturbed: bool = (
-        False  #: whether it needs a log that only wheels and gravity move, and that shows something
-    )
-
-    @property
-    def words(self) -> str:
-        """In a sentence, and the code of its verdict."""
-        return self.key.replace("_", "-")
+    code: str  #: of its verdict, in `ballbot.findings.CODES`
+    undisturbed: bool = False  #: whether only a log that nothing else moves shows anything
 
 
 WAYS = (
-    Way(key="open_loop", heading="Open loop", compare=open_loop, undisturbed=True),
-    Way(key="closed_loop", heading="Closed loop", compare=closed_loop, undisturbed=True),
-    Way(key="horizon", heading="Error against horizon", compare=compare_horizons),
-    Way(key="prediction", heading="Residuals of the next sample", compare=predict),
+    Way(key="open_loop", heading="Open loop", compare=open_loop, code="open-loop", undisturbed=True),
+    Way(key="closed_loop", heading="Closed loop", compare=closed_loop, code="closed-loop", undisturbed=True),
+    Way(key="horizon", heading="Error against horizon", compare=compare_horizons, code="horizon"),
+    Way(key="prediction", heading="Residuals of the next sample", compare=predict, code="residuals"),
 )
