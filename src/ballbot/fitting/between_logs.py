@@ -8,7 +8,7 @@ where a_k is what changes from log to log and the model lacks: the way driven, w
 drift of a sensor. D is diagonal, and small beside C_k in the directions in which parameters make up for one another: so
 each of them keeps its large error, and what they give together gets one of the size of D. Little is known of tau from
 few logs, and nothing from one. Other robots, with two logs each, give D its sizes and tau a prior, tau^2 ~ scaled
-inverse chi-squared of nu degrees and scale 1 (`fit_prior`). With
+inverse chi-squared of nu degrees and scale 1 (`campaigns.between_logs`). With
 
     W_k = (C_k + tau^2 D)^-1,   V = (sum W_k)^-1,   m = V sum W_k y_k
 
@@ -25,25 +25,19 @@ the prior, which is exact, are the tests' oracles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import chdtrc, logsumexp
 
-from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations, leverage_corrected
 
 #: values of tau, in even steps of its logarithm
 _TAU = np.geomspace(0.05, 50.0, 121)
 #: of a covariance's diagonal
 _RIDGE = 1e-10
-#: least degrees of a prior that is fitted: two or fewer have no finite mean; no more than robots that it is fitted to
-_LEAST_DEGREES = 3.0
-#: of the prior of the sizes that is fitted with: they are within a factor of ten about this share
-_SIZE, _SIZE_FACTOR = 0.1, 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -94,48 +88,11 @@ def spread(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobotLogs:
-    """Estimates of p parameters from the logs of one robot, k of 2 or more."""
-
-    estimates: NDArray[np.float64]  #: (k, p)
-    covariances: NDArray[np.float64]  #: (k, p, p), within each log
-    units: NDArray[np.float64]  #: (p,), what the sizes are shares of
-    groups: NDArray[np.int64]  #: (p,), parameters of one number have the same size
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SpreadPrior:
-    """Sizes of D by group (g,), as shares of the parameters' units, and the degrees of tau^2."""
-
-    sizes: NDArray[np.float64]
-    degrees: float
-
-
-def fit_prior(robots: Sequence[RobotLogs], *, groups: int) -> SpreadPrior:
-    """Return the prior under which the robots' logs are likeliest."""
-    limits = np.log((_LEAST_DEGREES, max(len(robots), _LEAST_DEGREES)))
-
-    def prior_of(numbers: NDArray[np.float64]) -> SpreadPrior:
-        degrees = float(np.exp(np.clip(numbers[groups], *limits)))
-        return SpreadPrior(sizes=np.exp(numbers[:groups]), degrees=degrees)
-
-    def loss(numbers: NDArray[np.float64]) -> float:
-        prior = prior_of(numbers)
-        known = 0.5 * np.sum((np.log(prior.sizes / _SIZE) / (np.log(_SIZE_FACTOR) / HALF_WIDTH)) ** 2)
-        return float(known) - sum(_evidence(one, prior) for one in robots)
-
-    start = np.array([*np.full(groups, np.log(_SIZE)), np.log(6.0)])
-    near = minimize(loss, start, method="Powell", options={"xtol": 1e-2, "ftol": 1e-4})
-    return prior_of(minimize(loss, near.x, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
-
-
-def _evidence(robot: RobotLogs, prior: SpreadPrior) -> float:
-    """Return the logarithm of the likelihood of a robot's logs under a prior, up to a constant."""
-    unit = robot.units
-    y, C = robot.estimates / unit, robot.covariances / np.outer(unit, unit)
-    D = np.diag(prior.sizes[robot.groups] ** 2)
-    return float(np.asarray(logsumexp(_prior(prior.degrees) + _given(_TAU, y, C, D).log_likelihoods)))
+def log_evidence(
+    y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], *, degrees: float
+) -> float:
+    """Return the logarithm of the likelihood of a robot's logs, estimates (k, p) with (k, p, p), up to a constant."""
+    return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D).log_likelihoods)))
 
 
 def _prior(degrees: float) -> NDArray[np.float64]:
