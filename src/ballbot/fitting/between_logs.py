@@ -60,31 +60,23 @@ def spread(
 ) -> LogSpread:
     """Return how a robot's parameters vary between its logs.
 
-    Parameters
-    ----------
-    estimates : ndarray (k, p)
-        One of each log, k of 1 or more.
-    covariances : ndarray (k, p, p)
-        Within each log.
-    sizes : ndarray (p,)
-        Roots of the diagonal of D.
-    degrees : float
-        nu.
+    There is an estimate (k, p) of each log, k of 1 or more, with the covariances (k, p, p) within each. The sizes (p,)
+    are roots of the diagonal of D, and the degrees are nu.
     """
     unit = np.where(sizes > 0.0, sizes, 1.0)  # in units of D's sizes all matrices are well scaled
     y, C = estimates / unit, covariances / np.outer(unit, unit)
     D = np.diag((sizes > 0.0).astype(float))
-    alike, given = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
-    weights = _prior(degrees) + given.log_likelihoods
+    (alike, differing, _), (V_at, _, likelihood) = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
+    weights = _prior(degrees) + likelihood
     weights = np.exp(weights - np.asarray(logsumexp(weights)))
-    V = np.einsum("g,gij->ij", weights, given.covariances)
+    V = np.einsum("g,gij->ij", weights, V_at)
     back = np.outer(unit, unit)
     apart = (len(y) - 1) * y.shape[1]
     return LogSpread(
         factor=float(np.sqrt(weights @ _TAU**2)),
         covariance=V * back,
-        added=(V - alike.covariances[0]) * back,
-        p_value=float(chdtrc(apart, alike.squares[0])) if apart else 1.0,
+        added=(V - alike[0]) * back,
+        p_value=float(chdtrc(apart, differing[0])) if apart else 1.0,
     )
 
 
@@ -92,7 +84,7 @@ def log_evidence(
     y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], *, degrees: float
 ) -> float:
     """Return the logarithm of the likelihood of a robot's logs, estimates (k, p) with (k, p, p), up to a constant."""
-    return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D).log_likelihoods)))
+    return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D)[2])))
 
 
 def _prior(degrees: float) -> NDArray[np.float64]:
@@ -101,18 +93,10 @@ def _prior(degrees: float) -> NDArray[np.float64]:
     return density - np.asarray(logsumexp(density))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Given:
-    """What holds at each of g values of tau."""
-
-    covariances: NDArray[np.float64]  #: V (g, p, p)
-    squares: NDArray[np.float64]  #: (g,), sum of (y_k - m)^T W_k (y_k - m)
-    log_likelihoods: NDArray[np.float64]  #: (g,)
-
-
 def _given(
     tau: NDArray[np.float64], y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
-) -> _Given:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return V (g, p, p), the sum of (y_k - m)^T W_k (y_k - m) and the log likelihood (g,) at each value of tau."""
     # fewer windows than parameters leave a C_k without full rank: a small ridge keeps it invertible
     ridge = _RIDGE * np.eye(y.shape[1]) * np.diagonal(C, axis1=1, axis2=2)[:, None]
     total = C + ridge + tau[:, None, None, None] ** 2 * D
@@ -122,7 +106,7 @@ def _given(
     apart = y - m[:, None]
     squares = np.einsum("gki,gkij,gkj->g", apart, W, apart)
     determinants = np.linalg.slogdet(V)[1] - np.linalg.slogdet(total)[1].sum(axis=1)
-    return _Given(covariances=V, squares=squares, log_likelihoods=0.5 * (determinants - squares))
+    return V, squares, 0.5 * (determinants - squares)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,18 +122,9 @@ def log_estimates(
 ) -> LogEstimates:
     """Return what each log by itself leads to, to first order about the estimate from all of them.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
-
-    Parameters
-    ----------
-    within : Uncertainty
-        Of the estimate from all logs.
-    equations : WindowEquations
-        There.
-    block_log : ndarray (w,)
-        The log of each window.
-    widen : float
-        What errors within a log are multiplied by, as those of `within` are.
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log. `within` is
+    of the estimate from all logs, and `equations` are there; `block_log` (w,) is the log of each window; errors within
+    a log are multiplied by `widen`, as those of `within` are.
     """
     estimated = np.isfinite(within.scaled_errors)
     logs, places = np.unique(block_log), np.flatnonzero(estimated)

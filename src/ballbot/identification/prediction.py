@@ -41,29 +41,15 @@ CHUNK = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Predictor:
-    """A robot whose parameters vary.
+    """A robot whose parameters vary."""
 
-    Parameters
-    ----------
-    robot : Robot
-        Its friction is not used, nor any other parameter of the layout.
-    formulation : {"exact", "thesis"}
-    step : float
-        Longest inner step [s].
-    layout : Layout, optional
-        Which parameters vary; friction's by default. The ball pivots where "pivoting" is one of them.
-    back_emf : float
-        b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`.
-    threads : int, optional
-        All cores by default; the results do not depend on it.
-    """
-
-    robot: Robot
+    robot: Robot  #: its friction is not used, nor any other parameter of the layout
     formulation: Formulation
-    step: float
+    step: float  #: longest inner one [s]
+    #: which parameters vary; the ball pivots where "pivoting" is one of them
     layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
-    back_emf: float = 0.0
-    threads: int | None = None
+    back_emf: float = 0.0  #: b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`
+    threads: int | None = None  #: all cores where None; the results do not depend on it
 
     def residuals(
         self,
@@ -75,12 +61,8 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """Return predicted minus measured states (sets, w, m // every, 10), after every so many samples.
 
-        Parameters
-        ----------
-        values : ndarray (sets, p)
-            In SI units, in the order of the layout.
-        starts : ndarray (sets, w, 10), optional
-            States at the windows' starts, in place of those measured, as sensors without noise would see them.
+        `values` (sets, p) are in SI units, in the order of the layout; `starts` (sets, w, 10) take the place of the
+        states measured at the windows' starts, as sensors without noise would see them.
         """
         sets, count = len(values), len(windows)
         torques, window_of = acting_torques(self.layout, values, windows), np.tile(np.arange(count), sets)
