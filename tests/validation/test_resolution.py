@@ -30,10 +30,6 @@ def test_a_log_that_a_model_simulated_shows_nothing():
     assert results["no_open_loop"] == results["no_closed_loop"] == validation.no_evidence
 
 
-def test_noise_of_a_sensor_makes_a_simulated_log_one_that_shows_something():
-    assert noisy_validation().no_evidence is None
-
-
 def test_a_log_at_rest_shows_nothing():
     models = ModelPair.by_friction(Model(true_robot()))
     validation = validate_pair(models, _still())
