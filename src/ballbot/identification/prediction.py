@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import (
+    Span,
     Windows,
     acting_torques,
     ball_spin,
@@ -23,14 +24,14 @@ from ballbot.identification.windows import (
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.parameters import (
-    PLACE_SPEED_SCALE,
-    PLACES,
+    COLUMN_SPEED_SCALE,
+    COLUMNS,
     Formulation,
-    friction_places,
-    law_places,
+    friction_columns,
+    law_columns,
     pack,
     selector,
-    term_places,
+    term_columns,
 )
 from ballbot.robot import Robot
 
@@ -184,25 +185,25 @@ class Predictor:
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
-        places = friction_places(n)
-        rows[:, places] = values[:, : len(places)]
-        rows[:, places[:n]] += self.back_emf
-        rows[:, PLACE_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
-        rows[:, PLACES["rolling_force"]] = robot.weight * layout.number("rolling", values)
+        columns = friction_columns(n)
+        rows[:, columns] = values[:, : len(columns)]
+        rows[:, columns[:n]] += self.back_emf
+        rows[:, COLUMN_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
+        rows[:, COLUMNS["rolling_force"]] = robot.weight * layout.number("rolling", values)
         # a torque offset stands for the asymmetry of Coulomb friction
         of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
         law = robot.friction.own_law
-        for columns, part in zip(term_places(n), of_term, strict=True):
+        for columns, part in zip(term_columns(n), of_term, strict=True):
             rows[:, columns] = 0.0 if part is None else part
         if law:
-            rows[:, term_places(n)[2]] = 1.0  # see `ballbot.mechanics.friction.OwnWheel.factor`
+            rows[:, term_columns(n)[2]] = 1.0  # see `ballbot.mechanics.friction.OwnWheel.factor`
             for index, name in enumerate(law.takes):
                 part = layout.part(name, values)
                 if part is not None:
-                    rows[:, law_places(n, index, law)] = part
+                    rows[:, law_columns(n, index, law)] = part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
-            rows[:, PLACES["pivoting"]] = pivoting[:, 0]
+            rows[:, COLUMNS["pivoting"]] = pivoting[:, 0]
         return rows
 
     @cached_property
@@ -230,20 +231,16 @@ def windows_for(
 class WindowErrors:
     """Errors of open-loop predictions over windows, all samples of all windows together."""
 
-    window_samples: int  #: compared in each window
+    spans: tuple[Span, ...]  #: (w,), the windows
+    window_samples: int  #: compared in each
     #: (w, 10), sums of squared errors in each window with the friction found
     squares_with: NDArray[np.float64]
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
-    def windows(self) -> int:
-        """How many windows."""
-        return len(self.squares_with)
-
-    @property
     def samples(self) -> int:
         """Samples compared in all, n."""
-        return self.windows * self.window_samples
+        return len(self.spans) * self.window_samples
 
     @property
     def rmse_with(self) -> NDArray[np.float64]:
@@ -256,40 +253,35 @@ class WindowErrors:
         return np.sqrt(self.squares_without.sum(axis=0) / max(self.samples, 1))
 
     @property
-    def with_friction(self) -> dict[str, float]:
-        """By (4.1), |x - x_hat| / n, for each state."""
-        return self._by_state(self.rmse_with / np.sqrt(self.samples))
-
-    @property
-    def without_friction(self) -> dict[str, float]:
-        """By (4.1), for each state."""
-        return self._by_state(self.rmse_without / np.sqrt(self.samples))
-
-    @property
     def with_over_without(self) -> dict[str, float]:
         """Error with friction over error without, for each state."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self._by_state(self.rmse_with / self.rmse_without)
+            return _by_state(self.rmse_with / self.rmse_without)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
+        """Return what results.json holds; errors are by (4.1), |x - x_hat| / n, and root mean squares."""
         return {
-            "windows": self.windows,
+            "windows": len(self.spans),
             "samples": self.samples,
-            "with_friction": self.with_friction,
-            "without_friction": self.without_friction,
-            "rmse_with_friction": self._by_state(self.rmse_with),
-            "rmse_without_friction": self._by_state(self.rmse_without),
+            "with_friction": _by_state(self.rmse_with / np.sqrt(self.samples)),
+            "without_friction": _by_state(self.rmse_without / np.sqrt(self.samples)),
+            "rmse_with_friction": _by_state(self.rmse_with),
+            "rmse_without_friction": _by_state(self.rmse_without),
         }
 
-    @staticmethod
-    def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
-        return dict(zip(STATE_NAMES, values.tolist(), strict=True))
+
+def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
 def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
     """Return the errors of predictions by parameters (p,), with their friction and without."""
     both = np.stack([values, predictor.layout.without_friction(values)])
-    squares = [(one**2).sum(axis=2) for one in predictor.in_chunks(both, windows)]
+    squares = [(residuals**2).sum(axis=2) for residuals in predictor.in_chunks(both, windows)]
     with_friction, without = np.concatenate([np.zeros((2, 0, len(STATE_NAMES))), *squares], axis=1)
-    return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)
+    return WindowErrors(
+        spans=windows.spans,
+        window_samples=windows.samples,
+        squares_with=with_friction,
+        squares_without=without,
+    )
