@@ -43,7 +43,6 @@ from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
-from ballbot.robot.derived import inertia_from_swing
 from ballbot.rounding import plus_minus
 
 Kind = Literal["angle", "rate"]
@@ -461,7 +460,7 @@ def inertia_of_swing(
 
     def inertias(omega: float, m: float, r: float, height: float) -> NDArray[np.float64]:
         """Return those about the pivot, the centre of mass and the ball's centre."""
-        about = inertia_from_swing(mass=m, gravity=robot.gravity, distance=r, angular_frequency=omega)
+        about = m * robot.gravity * r / omega**2  # (Appendix III)
         return about + m * np.array([0.0, -(r**2), height**2 - r**2])
 
     at = np.array([fit.frequency, robot.body.mass, pivot["distance"], height])
