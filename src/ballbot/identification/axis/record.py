@@ -29,7 +29,7 @@ from ballbot.arrays import real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
 from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
-from ballbot.log.formats import read_units, read_variables
+from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 
 #: rows that make a record too short for any of the methods
@@ -277,7 +277,8 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     path = Path(path)
-    file = _File(name=path.name, variables=read_variables(path), units=read_units(path), unit=columns.unit)
+    variables, units = read_variables(path)
+    file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
     motion = "velocity" if columns.position is None and columns.velocity else "position"
     moving = (columns.velocity if motion == "velocity" else columns.position) or "position"
     names = {"time": columns.time, motion: moving, "force": columns.force}
