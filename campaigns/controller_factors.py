@@ -33,7 +33,7 @@ from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import SQUARE, candidates, compensated_robot
-from ballbot.workflows.grid import Condition, Grid, GridRun, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import Score
 from ballbot.workflows.statistics import Estimate, MedianEstimate, Paired, median_with_interval
 from campaigns.section import Section, compared, markdown_table
@@ -250,9 +250,7 @@ def choice() -> Section:
         for course, (_, duration) in COURSES.items()
         for seed in COURSE_SEEDS
     ]
-    found = run_grid(
-        Grid(controllers={name: known[name] for name in ("none", "precise")}, conditions=conditions)
-    )
+    found = run_grid(grid_runs({name: known[name] for name in ("none", "precise")}, conditions))
     rows = []
     for course in COURSES:
         scores = [found.of(name, course) for name in ("none", "precise")]

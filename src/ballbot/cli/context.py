@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console, RenderableType
 
@@ -25,7 +25,6 @@ from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
-from ballbot.fitting.run import Executor, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
@@ -37,12 +36,13 @@ from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
     from ballbot.fitting.cluster import Cluster
-    from ballbot.fitting.sweep import Workers
     from ballbot.identification.verdict import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 
 _MAX_SEEDS = 100_000
+
+T = TypeVar("T")
 
 
 def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
@@ -171,26 +171,10 @@ def open_result(
         suggest_page()
 
 
-def executor(cluster: str | None) -> AbstractContextManager[Executor]:
-    """Return the workers of a Dask scheduler at an address, or the threads of this process.
-
-    InputError if there is no such cluster.
-    """
-    return nullcontext(Threads()) if cluster is None else dask_cluster(cluster)
-
-
-def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
-    """Return who make runs: the workers of a Dask scheduler at an address, or so many processes.
-
-    InputError if there is no such cluster.
-    """
-    from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
-
-    return nullcontext(Processes(count=processes)) if cluster is None else dask_cluster(cluster)
-
-
-def dask_cluster(address: str) -> Cluster:
-    """Return the workers of a Dask scheduler; InputError if there is none."""
+def cluster_or(address: str | None, otherwise: T) -> AbstractContextManager[Cluster | T]:
+    """Return the workers of a Dask scheduler at an address, or others without one; InputError if it is not there."""
+    if address is None:
+        return nullcontext(otherwise)
     from ballbot.fitting.cluster import Cluster
 
     return Cluster(address)

@@ -41,7 +41,16 @@ from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
+from ballbot.workflows.grid import (
+    Condition,
+    GridRun,
+    InThreads,
+    LoopRobot,
+    Name,
+    TwinRobot,
+    grid_runs,
+    run_grid,
+)
 from ballbot.workflows.metrics import Performance, Score
 from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
@@ -249,7 +258,7 @@ def run_trials(
         kept = log if logged and one.condition is conditions[0] else None
         return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
 
-    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
+    table = run_grid(grid_runs(controllers, conditions), ask, workers=InThreads(), run=run)
     trials = {}
     for name, controller in controllers.items():
         scores, performances, logs = zip(*table.of(name), strict=True)

@@ -21,7 +21,7 @@ from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Reported
 from ballbot.workflows.courses import Course
-from ballbot.workflows.grid import Condition, Grid, GridRun, run_grid
+from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
 from ballbot.workflows.metrics import Metric, Score, score_results, true_place
 from ballbot.workflows.statistics import Estimate, Paired, fraction_with_interval, mean_with_interval
 
@@ -117,9 +117,8 @@ def run_league(
         for seed in seeds
         for course in courses
     ]
-    grid = Grid(controllers=controllers, conditions=conditions)
     ask = partial(_scored, seeds[0] if seeds else 0)
-    found = run_grid(grid, ask, workers=workers, threads=threads, run=run)
+    found = run_grid(grid_runs(controllers, conditions), ask, workers=workers, threads=threads, run=run)
     answers = {(course.name, name): found.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,
