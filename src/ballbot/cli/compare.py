@@ -8,8 +8,7 @@ from ballbot.cli import options
 from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
-from ballbot.fitting.run import Run
-from ballbot.fitting.sweep import Processes
+from ballbot.fitting.run import Processes, Run
 from ballbot.report.comparison import league_report
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates

@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from rich.console import Console, RenderableType
 
@@ -25,6 +25,7 @@ from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
+from ballbot.fitting.run import Executor
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
@@ -35,14 +36,11 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
-    from ballbot.fitting.cluster import Cluster
     from ballbot.identification.verdict import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 
 _MAX_SEEDS = 100_000
-
-T = TypeVar("T")
 
 
 def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
@@ -171,7 +169,7 @@ def open_result(
         suggest_page()
 
 
-def cluster_or(address: str | None, otherwise: T) -> AbstractContextManager[Cluster | T]:
+def cluster_or(address: str | None, otherwise: Executor) -> AbstractContextManager[Executor]:
     """Return the workers of a Dask scheduler at an address, or others without one; InputError if it is not there."""
     if address is None:
         return nullcontext(otherwise)

@@ -8,7 +8,7 @@ from ballbot.cli.controllers import NOMINAL, ControllerOptions
 from ballbot.cli.findings import checked_robot
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.sweep import Processes
+from ballbot.fitting.run import Processes
 from ballbot.progress import in_stage
 from ballbot.report.run import recording_report, recordings_report
 from ballbot.simulation.run import sample_count

@@ -32,7 +32,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
 from ballbot.progress import ignore_progress
@@ -44,7 +44,6 @@ from ballbot.workflows.courses import ReferenceSpec
 from ballbot.workflows.grid import (
     Condition,
     GridRun,
-    InThreads,
     LoopRobot,
     Name,
     TwinRobot,
@@ -258,7 +257,7 @@ def run_trials(
         kept = log if logged and one.condition is conditions[0] else None
         return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
 
-    table = run_grid(grid_runs(controllers, conditions), ask, workers=InThreads(), run=run)
+    table = run_grid(grid_runs(controllers, conditions), ask, workers=Threads(), run=run)
     trials = {}
     for name, controller in controllers.items():
         scores, performances, logs = zip(*table.of(name), strict=True)

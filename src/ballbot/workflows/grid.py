@@ -11,9 +11,7 @@ Questions that need no logs, of thousands of short runs (robust design, limits),
 from __future__ import annotations
 
 import copy
-import os
-from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,8 +26,7 @@ from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import ALL_CORES, Piece, Result, Workers
+from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run, Threads
 from ballbot.log import Log
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
@@ -162,7 +159,7 @@ def run_grid(
     runs: Sequence[GridRun],
     ask: Callable[[GridRun, Log], Answer] = GridRun.score,
     *,
-    workers: Workers = ALL_CORES,
+    workers: Executor = ALL_CORES,
     threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> GridTable[Answer]:
@@ -174,7 +171,7 @@ def run_grid(
         See `grid_runs`. Runs of one course, by its name and duration, follow one reference.
     ask : callable, optional
         From a run and its log to what is kept of it; its score by default. Pickled if there is more than one process.
-    workers : Workers, optional
+    workers : Executor, optional
         Who make the runs that are not on the compiled loop. The answers do not depend on it.
     threads : int, optional
         Of the compiled loop; all cores by default.
@@ -192,7 +189,7 @@ def run_grid(
     alone = [[index] for index in sorted({*range(len(runs))}.difference(*together))]
     found: dict[int, Answer] = {}
     for makers, make, blocks in (
-        (InThreads(count=threads), _logs_of_block, together),
+        (Threads(count=threads), _logs_of_block, together),
         (workers, _logs_alone, alone),
     ):
         pieces = [[runs[index] for index in block] for block in blocks]
@@ -201,25 +198,6 @@ def run_grid(
                 found.update(zip(blocks[piece], answers, strict=True))
                 run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
     return GridTable(runs=tuple(runs), answers=tuple(found[index] for index in range(len(runs))))
-
-
-@dataclass(frozen=True, kw_only=True)
-class InThreads:
-    """Make runs in threads of this process: MuJoCo's steps run side by side, and processes take seconds to begin."""
-
-    count: int | None = None  #: one for each core where None
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished."""
-        pool = ThreadPoolExecutor(self.count or os.cpu_count())
-        try:
-            places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
-            for one in as_completed(places):
-                yield places[one], one.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
