@@ -31,7 +31,7 @@ An example with everything in it::
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
     delay = 0.016
-    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign and delay
+    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign, delay
 
     [wheels]
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
@@ -67,13 +67,12 @@ an IMU's roll, pitch and yaw. The motors' columns become wheel torques [N m].
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
-The steps of the application, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
-when the rows were sampled, shift and resample, convert an IMU's angles into Ballbot's, differentiate, compute torques,
-keep the intervals of the mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the
-time t - delay, and a command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed
-column has no value are cut off. Rows at even intervals get sensors interpolated between the file's rows, and each
-command's mean over the time to the next row, so that its impulse is kept. For that, missing cells between known ones
-that are near in time (`without_holes`) are filled; rows in longer holes stay without a value.
+The steps of `apply_mapping`, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
+when the rows were sampled, shift and resample, convert an IMU's angles, differentiate, compute torques, keep intervals.
+Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a command logged
+at t acts at t + delay, held until the next. Rows for which a delayed column has no value are cut off. Rows at even
+intervals get sensors interpolated between the file's rows, and each command's mean over the time to the next row, so
+that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones stay without a value.
 """
 
 from __future__ import annotations
