@@ -52,7 +52,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplayMotion:
-    """A log as it is shown: rows at even times from the log's start."""
+    """A log for the replay: rows at even times from the log's start."""
 
     interval: float  #: [s]
     columns: Columns  #: (K,) by name, SI units except where a signal says otherwise
@@ -323,8 +323,7 @@ def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray
     # below the speed of a millimetre a second the differences of a measured position are mostly noise
     force = rolling_friction(velocity, robot.rolling_force, slowest=1e-3)
     return columns | {
-        f"floor_{axis}": _between(times, log.t, component)
-        for axis, component in zip("xy", force.T, strict=True)
+        f"floor_{axis}": _between(times, log.t, part) for axis, part in zip("xy", force.T, strict=True)
     }
 
 
