@@ -222,7 +222,7 @@ def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "lean_lag": None if tested is None else tested.lag,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": proposal.motion.heading if proposal.motion else None,
+        "heading": None if tested is None else tested.heading,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,

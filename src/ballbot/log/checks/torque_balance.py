@@ -225,18 +225,9 @@ def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     off = np.nan_to_num(np.abs(np.log(factors)))
     i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
     if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
-        return judged("torque-scale: one", 1.0, [names[i]], {"name": names[i], "factor": factors[i]})
+        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
     factor, uncertain = gains.common()
     heavier = "heavier" if factor > 1.0 else "lighter"
-    sure = abs(np.log(factor)) - SURE * uncertain
-    return judged("torque-scale", sure, names, {"factor": factor, "heavier": heavier})
-
-
-def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return a warning on how far the logs of a robot bound the scale of its torques, unless they bound it well."""
-    wide = gains.unbounded()
-    bounds = ", ".join(
-        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
-        for i, (low, high) in wide.items()
+    return judged(
+        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
     )
-    return judged("torque-bound", len(wide), [names[i] for i in wide], {"bounds": bounds})

@@ -105,12 +105,6 @@ class CommandOrder:
         """The assignment in words."""
         return f"for wheels {[wheel + 1 for wheel in self.wheels]}, signs {list(self.signs)}"
 
-    @property
-    def evidence(self) -> str:
-        """How well the motion explains the commands, in words."""
-        better = f"{self.advantage:.1f} standard errors better than any other order or signs"
-        return f"the motion explains {100.0 * self.explained:.0f} % of them, {better}"
-
 
 @dataclass(frozen=True, kw_only=True)
 class CommandDrive:
@@ -330,27 +324,14 @@ def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Float
     return vertex_with_error(DELAYS, np.array(left))
 
 
-@dataclass(frozen=True, kw_only=True)
-class DeadBand:
-    """A dead band of a likely size, and what it is worth."""
+def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, float]:
+    """Return a dead band of a likely size [of full duty], and what it is worth; zeros if one is stated or none shows.
 
-    size: float  #: of full duty
-    off: float  #: by which share of their size it changes the torques if it does not count as less dry friction
-
-    @property
-    def evidence(self) -> str:
-        """What such a dead band would change, in words."""
-        return (
-            f"{self.size:.2g} of full duty that the firmware adds would change the torques by {100.0 * self.off:.0f} % "
-            "of their size, because wheels turn against their duties"
-        )
-
-
-def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> DeadBand | None:
-    """Return a dead band of a likely size if none is stated; None if one is, or the log shows no motion."""
+    It is worth the share of their size by which it changes the torques if it does not count as less dry friction.
+    """
     needs = needs_of(log, robot) if drive.dead_band is None else None
     if needs is None:
-        return None
+        return 0.0, 0.0
     moved, driving = needs
     full, torque = float(drive.torque(np.ones(1), np.zeros(1))[0]), driving.torque
     duty_sign = np.sign(log.torques + drive.back_emf * log.wheel_speeds)
@@ -362,18 +343,7 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> DeadBand | Non
         factors = np.linalg.lstsq(table, weight * (torque[:, i] - driving.needed[:, i]), rcond=1e-6)[0]
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
-    return DeadBand(size=likely, off=likely * full * float((against.std(axis=0) / size).max()))
-
-
-def _standstill(kind: InputKind, robot: Robot) -> float:
-    """Return the torque [N m] at standstill of one N m, A, V or full duty: full duty gives the torque limit."""
-    drive = robot.drive
-    return {
-        "torque": 1.0,
-        "current": drive.gear_ratio * drive.torque_constant,
-        "voltage": drive.torque_limit / drive.supply_voltage,
-        "duty": drive.torque_limit,
-    }[kind]
+    return likely, likely * full * float((against.std(axis=0) / size).max())
 
 
 def _scale_of(
@@ -391,13 +361,19 @@ def _scale_of(
             f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
             f"--command says {kind}. Correct one of them."
         )
-    ratios: dict[InputKind, tuple[float, float]] = {}
-    alike: tuple[str, ...] = ()
-    for one in KINDS:
+    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), ()
+    # torque [N m] at standstill of one N m, A, V or full duty, which gives the torque limit
+    standstill: dict[InputKind, float] = {
+        "torque": 1.0,
+        "current": drive.gear_ratio * drive.torque_constant,
+        "voltage": drive.torque_limit / drive.supply_voltage,
+        "duty": drive.torque_limit,
+    }
+    for one, torque in standstill.items():
         scales = _scales(one, base)
         if not scales:
             continue
-        size = gain * _standstill(one, base.robot)
+        size = gain * torque
         logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
         deviation = math.hypot(error, RATIO_DEVIATION)
         likely = probabilities({name: -0.5 * (off / deviation) ** 2 for name, off in logs.items()})
