@@ -166,7 +166,7 @@ def proposal_report(
     evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
 ) -> Result:
     """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
-    file, proposal = evaluation.proposal.file, evaluation.proposal
+    file, proposal = evaluation.proposal.base.path, evaluation.proposal
     verdict = (
         evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
@@ -209,7 +209,7 @@ def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
     proposal, tested = evaluation.proposal, evaluation.proposal.tested
     return {
-        "file": str(proposal.file),
+        "file": str(proposal.base.path),
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.base.time,

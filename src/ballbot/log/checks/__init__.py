@@ -146,10 +146,6 @@ def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     return findings
 
 
-#: codes that concern a balancing robot only
-_OF_BALANCING = ("use", "saturation")
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedLogs:
     """Logs that were checked and whose errors, if any, the user accepted; see `checked_logs`."""
@@ -192,7 +188,8 @@ def checked_logs(
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
-    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
+    # these codes concern a balancing robot
+    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in ("use", "saturation"))
     return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 
 

@@ -117,7 +117,7 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     )  # fmt: skip
 
 
-def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[Finding]:
+def _misread_axes(log: Log, robot: Robot, agreement: WheelAgreement | None) -> list[Finding]:
     """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
 
     The wheel speeds determine the ball's velocity and the heading's rate in the body frame. x_dot, y_dot and psi are
@@ -148,12 +148,14 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
         tried.append((left(changed, logged), "heading-sign", ("psi", "psi_dot"), words))
     least, key, columns, words = min(tried)
     ordered = 1.0
-    if found and not found.own:
-        ordered = left(states, logged[:, [i - 1 for i in found.order]] * found.signs)
+    if agreement and not agreement.own:
+        ordered = left(states, logged[:, [i - 1 for i in agreement.order]] * agreement.signs)
     if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
         return []
-    if found and ordered < AS_GOOD * least:
-        words += f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
+    if agreement and ordered < AS_GOOD * least:
+        words += (
+            f", or the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
+        )
     return judged(key, columns, fault=words)
 
 
@@ -193,21 +195,21 @@ def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     columns, own = wheel_speed_names(robot.wheel_count), range(1, robot.wheel_count + 1)
     if others := other_wheels(log, robot.wheel_count):
         return [finding("wheels", "error", others)]
-    found = wheel_agreement(log, robot)
-    if misread := _misread_axes(log, robot, found):
+    agreement = wheel_agreement(log, robot)
+    if misread := _misread_axes(log, robot, agreement):
         return misread
-    if found is None:
+    if agreement is None:
         return judged("wheels: unseen", [])
-    follows = min(found.correlations) >= CLEAR_CORRELATION
-    if follows and found.own:
-        return _gain_findings(found.gains, robot)
+    follows = min(agreement.correlations) >= CLEAR_CORRELATION
+    if follows and agreement.own:
+        return _gain_findings(agreement.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
     if tested and (wheels := tested.reversed_wheels):
         named = f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))})"
         return judged("encoders", columns, wheels=named, signs=[-1 if i in wheels else 1 for i in own])
-    correlations = ", ".join(f"{value:.2f}" for value in found.correlations)
-    order, signs = list(found.order), [found.signs[found.order.index(i)] for i in own]
+    correlations = ", ".join(f"{value:.2f}" for value in agreement.correlations)
+    order, signs = list(agreement.order), [agreement.signs[agreement.order.index(i)] for i in own]
     key = "wheels: order" if follows else "wheels: weak"
     return judged(key, columns, correlations=correlations, order=order, signs=signs)
 

@@ -161,15 +161,15 @@ def _explained(driving: Driving, i: int) -> float:
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
     own = tuple(range(len(names)))
-    found = assign(driving, [1] * len(names))
-    corrected = replace(driving, torque=by_wheel(driving.torque, (found.wheels, found.signs)))
+    order = assign(driving, [1] * len(names))
+    corrected = replace(driving, torque=by_wheel(driving.torque, (order.wheels, order.signs)))
     explained, after = (np.array([_explained(one, i) for i in own]) for one in (driving, corrected))
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-    enough = turned > LEAST_TURNING and found.explained > EXPLAINED and after.min() > UNRELATED
-    if enough and (found.wheels != own or min(found.signs) < 0):
-        fault, key = _fault(names, found), "torque-sign" if found.wheels == own else "torque-order"
-        after, before = 100.0 * found.explained, 100.0 * explained.mean()
-        if wrong := judged(key, names, found.confidence, fault=fault, after=after, before=before):
+    enough = turned > LEAST_TURNING and order.explained > EXPLAINED and after.min() > UNRELATED
+    if enough and (order.wheels != own or min(order.signs) < 0):
+        fault, key = _fault(names, order), "torque-sign" if order.wheels == own else "torque-order"
+        after, before = 100.0 * order.explained, 100.0 * explained.mean()
+        if wrong := judged(key, names, order.confidence, fault=fault, after=after, before=before):
             return wrong
     unrelated = np.full(len(names), True) if explained.mean() < UNRELATED else explained < UNRELATED
     columns = [name for name, one in zip(names, unrelated, strict=True) if one]
@@ -179,10 +179,10 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
     return judged("torque-unrelated", columns, names=every(columns), percent=percent)
 
 
-def _fault(names: tuple[str, ...], found: CommandOrder) -> str:
+def _fault(names: tuple[str, ...], order: CommandOrder) -> str:
     """Return what is wrong with torques of this order and these signs."""
-    moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(found.wheels) if wheel != j]
-    negated = [name for name, sign in zip(names, found.signs, strict=True) if sign < 0]
+    moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(order.wheels) if wheel != j]
+    negated = [name for name, sign in zip(names, order.signs, strict=True) if sign < 0]
     have = f"{every(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign" if negated else ""
     return " and ".join(one for one in (", ".join(moved), have) if one)
 

@@ -94,11 +94,11 @@ def _contradictions(
     pairs: Iterable[tuple[str, str]],
 ) -> tuple[dict[str, float], list[Finding]]:
     """Return the clear ratios of columns to their own rates, and findings on these and on pairs that are exchanged."""
-    found = {name: one for name in names if (one := compared(name, name))}
-    clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
+    agreements = {name: one for name in names if (one := compared(name, name))}
+    clear = {name: one for name, one in agreements.items() if abs(one[0]) >= CLEAR_CORRELATION}
     findings = [one for name in clear for one in _verdict(name, rates(name), *clear[name])]
-    for first, second in (pair for pair in pairs if {*pair} <= set(found)):
-        crossed = (compared(first, second), found[first]), (compared(second, first), found[second])
+    for first, second in (pair for pair in pairs if {*pair} <= set(agreements)):
+        crossed = (compared(first, second), agreements[first]), (compared(second, first), agreements[second])
         if all(
             one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
             for one, own in crossed

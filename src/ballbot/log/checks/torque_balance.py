@@ -82,13 +82,11 @@ def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
     """Return the torques (N, n) [N m] that the motion needs of each wheel, and gravity's part of them."""
     M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
-    w, w_dot = (
-        np.column_stack([as_plane(lean[0] + 1j * lean[1]), vertical])
-        for lean, vertical in (
-            (motion.lean_rate, motion.turning),
-            (motion.lean_acceleration, motion.turning_rate),
-        )
+    lean_rate, lean_acceleration = (
+        one[0] + 1j * one[1] for one in (motion.lean_rate, motion.lean_acceleration)
     )
+    w = np.column_stack([as_plane(lean_rate), motion.turning])
+    w_dot = np.column_stack([as_plane(lean_acceleration), motion.turning_rate])
     momentum, change = (as_complex(a @ M[:2, :2].T + b @ M[:2, 2:].T) for a, b in ((v, w), (v_dot, w_dot)))
     force = change + 1j * motion.turning * momentum
     g = -motion.lean[1] + 1j * motion.lean[0]

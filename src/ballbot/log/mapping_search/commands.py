@@ -34,11 +34,11 @@ from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     MOST,
-    PRIOR_POWER,
     TINY,
     behind,
     correlations,
     gains_over,
+    posterior,
     probabilities,
     vertex_with_error,
 )
@@ -53,10 +53,10 @@ KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 SAME_TORQUES = 0.1
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
-#: logarithm of the ratio of squared errors, twice that of rolling and once that of turning, from which it counts, and
-#: its weight for each second (`behind`), set on half of the robots of the campaign (135 logs); of the 121 logs of the
-#: others 97 % then have an order with confidence, and none a wrong one
-LEAST_RATIO, EACH_SECOND = 0.2, 1.0
+#: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
+#: turning (`behind`), set on half of the robots of the campaign (135 logs); of the 121 logs of the others 97 % then
+#: have an order with confidence, and none a wrong one
+EACH_SECOND = 1.0
 #: shares of the commands' power that are left anyway: of rolling and turning, and of what does neither
 LEAST_LEFT, LEAST_IDLE = 1e-3, 3e-4
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
@@ -193,16 +193,15 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     score = np.log(totals + floors) @ weights
     without = totals[None] - np.moveaxis(np.array(list(left.values())), 2, 0)
     gained, z = gains_over(score, np.log(np.maximum(without, 0.0) + floors) @ weights)
-    rest = behind(z, gained, len(without), least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
     usual, least = [_usual(one, counted) for one in every], int(np.argmin(score))
-    prior = [min(one, usual[least]) for one in usual]
-    found = probabilities({h: PRIOR_POWER * math.log(prior[h]) - float(rest[h]) for h in range(len(every))})
-    torques = {h: by_wheel(driving.torque, every[h]) for h, p in found.items() if p > 1e-3}
+    odds = behind(z, gained, len(without), each_second=EACH_SECOND)
+    probability = posterior([min(one, usual[least]) for one in usual], odds)
+    torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [h for h, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
     best = max(alike, key=lambda h: usual[h])
-    other = next((h for h in found if h not in alike), best)
+    other = next((h for h in probability if h not in alike), best)
     explained = 1.0 - float(totals[best, :2].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
@@ -212,7 +211,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         explained=explained,
         advantage=float(z[other] - z[best]),
         next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
-        confidence=min(sum(found[h] for h in alike), MOST) * enough,
+        confidence=min(sum(probability[h] for h in alike), MOST) * enough,
     )
 
 
@@ -246,18 +245,19 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     fitted, with either sign. A motor weaker than the others by more than a third can be taken for another if the robot
     moves along one line.
     """
-    n, u = driving.torque.shape[1], driving.torque - driving.torque.mean(axis=0)
-    count = 4 + 2 * n
-    terms = np.zeros((n, len(u), count))  # the terms of each wheel
-    heading = driving.friction[:, :, 1].mean(axis=1)
-    for i in range(n):
-        terms[i, :, 0], terms[i, :, 1] = driving.needed[:, i], driving.friction[:, i, 1]
-        terms[i, :, 2], terms[i, :, 3] = heading, -heading
-        terms[i, :, 4 + 2 * i], terms[i, :, 5 + 2 * i] = driving.friction[:, i, 0], driving.friction[:, i, 2]
-    terms = terms - terms.mean(axis=1, keepdims=True)
+    n, u, speed = (
+        driving.torque.shape[1],
+        driving.torque - driving.torque.mean(axis=0),
+        driving.friction[:, :, 1],
+    )
+    heading = np.broadcast_to(speed.mean(axis=1, keepdims=True), u.shape)
+    dry = np.einsum("tik,ij->tijk", driving.friction[:, :, [0, 2]], np.eye(n)).reshape(len(u), n, -1)
+    # (N, n, k), the terms of each wheel
+    terms = np.concatenate([np.stack([driving.needed, speed, heading, -heading], axis=-1), dry], axis=-1)
+    terms, count = terms - terms.mean(axis=0), terms.shape[-1]
     plane = np.column_stack([np.ones(n), np.cos(driving.azimuths), np.sin(driving.azimuths)])
     basis = np.linalg.qr(plane, mode="complete")[0]
-    parts = np.einsum("im,itk->mtk", basis[:, :3], terms)
+    parts = np.einsum("im,tik->mtk", basis[:, :3], terms)
     parts = parts / np.maximum(np.sqrt(np.square(parts).sum(axis=(0, 1))), 1e-30)
     table = np.concatenate([u, *parts], axis=1)
     seconds = [table[driving.block == b] for b in range(int(driving.block[-1]) + 1)]

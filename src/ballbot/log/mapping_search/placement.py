@@ -62,14 +62,13 @@ from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
-    PRIOR_POWER,
     TINY,
     advantage_confidence,
     behind,
     correlations,
     gains_over,
     jackknife_error,
-    probabilities,
+    posterior,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -103,8 +102,8 @@ LEAST_TOGETHER = 0.003
 UNKNOWN_HEADING = 0.3
 #: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
-#: logarithm of the ratio of two misfits from which it counts, and its weight for each second (`behind`)
-LEAST_RATIO, EACH_SECOND = 0.2, 0.6
+#: weight for each second of the logarithm of the ratio of two misfits (`behind`)
+EACH_SECOND = 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
 SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
@@ -369,9 +368,7 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = -float(ndtri(stdtr(len(gained) - 1, -abs(clarity(gained)))))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    odds = behind(
-        np.array(repeated), np.array(abs(ratio)), len(gained), least_ratio=LEAST_RATIO, each_second=0.5
-    )
+    odds = behind(np.array(repeated), np.array(abs(ratio)), len(gained), each_second=0.5)
     return math.copysign(math.sqrt(2.0 * float(odds)) / ERRORS_WEIGHT, ratio)
 
 
@@ -462,17 +459,14 @@ def _ranked_placements(
     seconds = len(lean_sums) * BLOCK
     if seconds < SHORT_TIME:
         z = np.where(gained < math.log(SHORT_MARGIN), np.minimum(z, 1.0 / ERRORS_WEIGHT), z)
-    rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
     usual = {tuple(range(n)): OWN_ORDER, (0, *range(n - 1, 0, -1)): MIRRORED_ORDER}
     rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / len({order for order, _ in every})
-    uneven, weighed = (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1), {}
-    for h, (order, signs) in enumerate(every):
-        p = usual.get(order, rare) * (EQUAL_SIGNS if len(set(signs)) == 1 else uneven)
-        weighed[h] = PRIOR_POWER * math.log(p) - float(rest[h])
-    found = probabilities(weighed)
-    ranked = sorted(found, key=lambda h: (-found[h], score[h]))
-    likely, first = [h for h in ranked if found[h] > TINY_PROBABILITY], every[ranked[0]]
-    shown = sum(found[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
+    of_signs = (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1), EQUAL_SIGNS
+    prior = [usual.get(order, rare) * of_signs[len(set(signs)) == 1] for order, signs in every]
+    probability = posterior(prior, behind(z, gained, seconds, each_second=EACH_SECOND))
+    ranked = sorted(probability, key=lambda h: (-probability[h], score[h]))
+    likely, first = [h for h in ranked if probability[h] > TINY_PROBABILITY], every[ranked[0]]
+    shown = sum(probability[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     placements = [
         Placement(

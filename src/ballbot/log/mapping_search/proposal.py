@@ -113,10 +113,6 @@ class Proposal:
     findings: tuple[Finding, ...] = ()
 
     @property
-    def file(self) -> Path:
-        return self.base.path
-
-    @property
     def roles(self) -> Roles:
         return self.base.roles
 
@@ -349,12 +345,9 @@ class Evaluation:
 
 def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
     """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
-
-    def order(one: Evaluation) -> tuple[int, float]:
-        tested = one.proposal.tested
-        return len(one.proposal.questions) + bool(one.refusal), -(tested.margin if tested else 0.0)
-
-    return min(evaluated, key=order)
+    asked = [len(one.proposal.questions) + bool(one.refusal) for one in evaluated]
+    margins = [one.proposal.tested.margin if one.proposal.tested else 0.0 for one in evaluated]
+    return evaluated[min(range(len(evaluated)), key=lambda k: (asked[k], -margins[k]))]
 
 
 def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
@@ -460,7 +453,7 @@ _BAND_KEY = "[input] dead_band"
 def mapping_text(proposal: Proposal, robot: Robot) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping`) that a proposal describes."""
     lines = [
-        f"# {printable_line(proposal.file.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
+        f"# {printable_line(proposal.base.path.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
         format_line("mapping"),
     ]
     if proposal.questions:
@@ -468,9 +461,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
         lines.append(toml_line("complete", False, reason))
     asked = {one.key: one.text for one in proposal.questions}
     tables = {
-        "[file]": _file_lines(proposal.base),
-        "[time]": _time_lines(proposal),
-        "[columns]": _column_lines(proposal),
+        **_recording_lines(proposal),
         "[attitude]": _attitude_lines(proposal),
         "[wheels]": _wheel_lines(proposal),
         "[input]": _input_lines(proposal, robot),
@@ -489,36 +480,29 @@ def _line(key: str, value: object, reason: str = "") -> str:
     return "" if value is None else toml_line(key, value, reason)
 
 
-def _file_lines(base: Columned) -> list[str]:
-    return [
+def _recording_lines(proposal: Proposal) -> dict[str, list[str]]:
+    """Return the lines of the tables on the file, its times and its columns."""
+    base, roles, motion = proposal.base, proposal.roles, proposal.motion
+    layout = [
         _line(key, value, "time starts again outside these rows" if key == "rows" else "")
         for key, value in vars(base.layout).items()
         if key in ("separator", "header_lines") or value != getattr(OWN_LAYOUT, key)
     ]
-
-
-def _time_lines(proposal: Proposal) -> list[str]:
-    noise, reason = proposal.motion.noise if proposal.motion else None, ""
+    noise, reason = motion.noise if motion else None, ""
     if noise:
         reason = f"noise of the wheel speeds {noise[0]:.2g} rad/s; with the times that the encoders give {noise[1]:.2g}"
     # an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster
-    interval = max(0.005 * int(float(np.median(np.diff(proposal.base.t))) / 0.005 + 0.1), 0.001)
+    interval = max(0.005 * int(float(np.median(np.diff(base.t))) / 0.005 + 0.1), 0.001)
     spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep or ()]
-    return [
+    times = [
         _line("repair", bool(noise) or None, reason),
         _line("sample_time", float(f"{interval:g}")),
         _line("keep", spans or None, "balancing: neither at rest nor fallen nor held by hand"),
     ]
-
-
-def _column_lines(proposal: Proposal) -> list[str]:
-    roles, time = proposal.roles, proposal.base.time
-    lines = [
-        _line("t", roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}, time.reason)
-    ]
-    if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
-        lines += [_line(f"{name}_dot", {"derivative_of": name}) for name in ("theta", "phi", "psi")]
-    return lines
+    time: object = roles.time if base.time.name == "s" else {"from": roles.time, "unit": base.time.name}
+    derived = ("theta", "phi", "psi") if roles.attitude and (motion is None or motion.gyro is None) else ()
+    rates = [_line(f"{name}_dot", {"derivative_of": name}) for name in derived]
+    return {"[file]": layout, "[time]": times, "[columns]": [_line("t", time, base.time.reason), *rates]}
 
 
 def _attitude_lines(proposal: Proposal) -> list[str]:
@@ -635,7 +619,7 @@ def answer_lines(found: Evaluation) -> list[str]:
     one = found.proposal
     without = " (without torques)" if one.what == "balancing" and not one.roles.commands else ""
     lines = [
-        f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
+        f"{one.base.path.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
     ]
     shown = found.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
