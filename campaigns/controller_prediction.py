@@ -27,7 +27,7 @@ from ballbot.workflows.controller_prediction import (
     lognormal_interval,
     predict,
 )
-from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
+from ballbot.workflows.metrics import QUANTITIES, Performance
 from campaigns.faulty_twins import CONTROLLERS, KINDS, FaultyTwin, Studied, drawn, recorded, studied
 from campaigns.section import Section, share_words
 
@@ -75,9 +75,9 @@ def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dic
     return Outcome(
         twin=twin,
         verdict=evaluate_log(prediction, log, controller),
-        seen=performance_of(log, controller),
+        seen=Performance.of(log, torque_limit=controller.torque_limit),
         fell=log.ended is not None,
-        without=performance_of(without, study.controllers["none"]),
+        without=Performance.of(without, torque_limit=study.controllers["none"].torque_limit),
         without_fell=without.ended is not None,
     )
 
@@ -177,7 +177,7 @@ def calibrate() -> None:
 
 
 def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> None:
-    seen = [performance_of(log, study.controllers[controller]) for log in logs]
+    seen = [Performance.of(log, torque_limit=study.controllers[controller].torque_limit) for log in logs]
     drawn_runs = study.choice.trials[controller].performances
     print(f"{controller}, {len(logs)} runs that did not end early:")
     for name in QUANTITIES:

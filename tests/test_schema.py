@@ -28,9 +28,9 @@ def mapping(**changes):
         (
             mapping(kind="curent"),
             "input.kind is 'curent'",
-            "did you mean 'current'? It must be 'torque', 'current'",
+            "did you mean 'current'? It must be 'current', 'duty'",
         ),
-        ({"columns": {"t": "t"}, "input": {"from": ["a"]}}, "input.kind is missing", "'torque', 'current'"),
+        ({"columns": {"t": "t"}, "input": {"from": ["a"]}}, "input.kind is missing", "'current', 'duty'"),
         ({"columns": {"t": "t"}, "input": {"kind": "pwm"}}, "input.from is missing", "[input] needs it"),
         (mapping(resistence=2.0), "input.resistence is not a key of a file", "did you mean 'resistance'?"),
         (mapping(gear_ratio=-1), "input.gear_ratio is -1", "above 0"),

@@ -101,11 +101,16 @@ def test_every_package_has_its_place_in_the_order():
 
 
 def test_functions_are_short_and_take_few_parameters():
+    """A command's parameters are the options of its command line, as many as it has."""
     too_many, too_long = [], []
     for module, function in functions():
         given = function.args
         parameters = [one.arg for one in (*given.posonlyargs, *given.args, *given.kwonlyargs)]
-        if len([one for one in parameters if one not in ("self", "cls")]) > MOST_PARAMETERS:
+        is_command = module.startswith("ballbot.cli.") and not function.name.startswith("_")
+        if (
+            not is_command
+            and len([one for one in parameters if one not in ("self", "cls")]) > MOST_PARAMETERS
+        ):
             too_many.append(f"{module}.{function.name}")
         body = function.body[1:] if ast.get_docstring(function) is not None else function.body
         if body and (body[-1].end_lineno or 0) - body[0].lineno + 1 > LONGEST_BODY:

@@ -27,8 +27,6 @@ LARGEST_SETTINGS, LARGEST_RESULTS = 1_000_000, 10_000_000
 DEEPEST = 32
 #: whole numbers of TOML are those of 64 bits
 _LARGEST_WHOLE = 2**63
-#: read of a file that does not say its size, as those in /proc [bytes]
-_UNSAID = 1_000_000
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
@@ -42,32 +40,24 @@ def check_regular(path: str | Path) -> int:
         raise InputError(f"{path} cannot be read: {error.strerror or error}{hint}") from None
     except ValueError:
         raise InputError(f"{str(path)!r} contains a zero byte and cannot be a file name.") from None
-    if stat.S_ISDIR(status.st_mode):
-        raise folder_refusal(path)
-    if not stat.S_ISREG(status.st_mode):
-        kind = "a pipe" if stat.S_ISFIFO(status.st_mode) else "a device"
-        raise InputError(f"{path} is {kind}, which may have no end; copy its content into a file first.")
+    kind = _kind(status)
+    if kind == "folder":
+        found = [str(one) for pattern in _READ for one in sorted(Path(path).glob(pattern)) if one.is_file()]
+        hint = f" Name a file in it, such as {either([*dict.fromkeys(found)][:2])}." if found else ""
+        raise InputError(f"{path} cannot be read: Is a directory.{hint}")
+    if kind != "file":
+        raise InputError(f"{path} is a {kind}, which may have no end; copy its content into a file first.")
     return status.st_size
 
 
-def folder_refusal(folder: str | Path) -> InputError:
-    """Return the error of a folder in the place of a file; it names files in it that may be meant."""
-    inside = _files_to_read(folder)
-    hint = f" Name a file in it, such as {either(inside)}." if inside else ""
-    return InputError(f"{folder} cannot be read: Is a directory.{hint}")
-
-
-#: of the files that commands read, those of a record or a result first
+#: what commands read in a folder, the files of a record or a result first
 _READ = ("log.*", "robot.toml", "controller.toml", "*.csv", "*.toml")
 
 
-def _files_to_read(folder: str | Path) -> list[str]:
-    """Return the first files in a folder that a command could read; none if it cannot be listed."""
-    try:
-        found = [path for pattern in _READ for path in sorted(Path(folder).glob(pattern)) if path.is_file()]
-    except OSError:
-        return []
-    return [str(path) for path in dict.fromkeys(found)][:2]
+def _kind(status: os.stat_result) -> str:
+    """Return what is at a path: a file, a folder, a pipe, a socket or a device."""
+    kinds = {stat.S_IFREG: "file", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+    return kinds.get(stat.S_IFMT(status.st_mode), "device")
 
 
 def nearest_file(path: str | Path) -> str:
@@ -87,7 +77,7 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TABLE) -> bytes:
     if size <= largest:
         try:
             with open(path, "rb") as stream:
-                content = stream.read(min(max(size, _UNSAID), largest) + 1)
+                content = stream.read(largest + 1)  # a file of /proc does not say its size
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
         if len(content) <= largest:
@@ -183,15 +173,15 @@ def check_file(
 
     InputError if a folder, a device, a pipe or a loop of links is there, or the path cannot be looked up.
     """
-    path = Path(path)
     try:
-        kind = _kind(path)
-        target = Path(os.path.realpath(path))
+        kind = _kind(os.stat(path))
+    except FileNotFoundError:
+        kind = "file"
     except (OSError, ValueError) as error:
         raise InputError(f"{path} cannot be written: {_reason(error)}.") from None
-    if kind not in ("", "file"):
+    if kind != "file":
         raise InputError(f"{path} is a {kind}; a file is needed. Choose another path.")
-    return target
+    return Path(os.path.realpath(path))
 
 
 def check_new_file(
@@ -255,29 +245,15 @@ def check_folder(out: str | Path) -> Path:
     """
     folder = Path(out)
     try:
-        kind = _kind(folder)
-        if kind not in ("", "folder"):
-            raise InputError(f"{folder} is a {kind}; --out needs a folder.")
+        if folder.exists() and not folder.is_dir():
+            raise InputError(f"{folder} is a {_kind(folder.stat())}; --out needs a folder.")
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"The folder {folder} cannot be made: {_reason(error)}.") from None
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            return folder
-    except OSError as error:
         raise InputError(f"Nothing can be written into {folder}: {_reason(error)}.") from None
-
-
-def _kind(path: Path) -> str:
-    """Return what is at a path, links followed; nothing if there is nothing, OSError if it cannot be looked up."""
-    try:
-        mode = path.stat().st_mode
-    except FileNotFoundError:
-        return ""
-    kinds = {stat.S_IFREG: "file", stat.S_IFDIR: "folder", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
-    return kinds.get(stat.S_IFMT(mode), "device")
 
 
 def _reason(error: OSError | ValueError) -> str:

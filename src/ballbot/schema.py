@@ -1,6 +1,6 @@
 """Tables of TOML files: validated by pydantic, with its errors as our sentences, and written with comments.
 
-    input.kind is 'curent'; did you mean 'current'? It must be 'torque', 'current', 'duty', 'pwm' or 'voltage'.
+    input.kind is 'curent'; did you mean 'current'? It must be 'current', 'duty', 'pwm', 'torque' or 'voltage'.
 
 A sentence names the key, its value, the allowed values, and the nearest name. Mappings, controllers, courses and
 scenarios are validated here.
@@ -10,8 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any, TypeVar
 
@@ -22,6 +21,9 @@ from ballbot.errors import InputError, either, nearest, suggest
 from ballbot.printable import toml_string
 
 T = TypeVar("T")
+#: keys and indices of a file, from the top
+Place = tuple[str | int, ...]
+JsonSchema = Mapping[str, Any]
 
 _LONGEST = 60  #: characters shown of a wrong value
 
@@ -44,19 +46,6 @@ _WANTED = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Mistake:
-    """One of pydantic's errors, placed in the file."""
-
-    error: ErrorDetails
-    place: tuple[str | int, ...]  #: keys and indices of the file
-
-    @property
-    def context(self) -> Mapping[str, object]:
-        """What pydantic adds to an error of this type: bounds, lengths, what is allowed."""
-        return self.error.get("ctx", {})
-
-
 def validate_table(
     schema: type[T],  # A pydantic model or a dataclass
     tree: object,  # what the TOML file holds
@@ -69,11 +58,13 @@ def validate_table(
 
     InputError with one sentence on the first mistake, a misspelt key before others.
     """
+    adapter = _adapter(schema)
     try:
         # strict JSON knows tuples and floats by what they stand for, as strict Python does not
-        return _adapter(schema).validate_json(json.dumps(tree, default=str), strict=True)
+        return adapter.validate_json(json.dumps(tree, default=str), strict=True)
     except ValidationError as error:
-        raise InputError(_first_sentence(error, tree, _Keys(_adapter(schema).json_schema()), of)) from None
+        mistakes = [(_place(one, tree), one) for one in error.errors(include_url=False)]
+    raise InputError(_first_sentence(mistakes, adapter.json_schema(), of))
 
 
 @cache
@@ -99,19 +90,7 @@ def toml_line(key: str, value: object, comment: str = "") -> str:
     return f"{key} = {toml_value(value)}{f'  # {comment}' if comment else ''}"
 
 
-def _first_sentence(error: ValidationError, tree: object, keys: _Keys, of: str) -> str:
-    mistakes = [_Mistake(error=one, place=_place(one, tree)) for one in error.errors(include_url=False)]
-    for mistake in mistakes:
-        if mistake.error["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            return _unknown_key(mistake, keys, of)
-    # of a union, the member that went furthest into the file is the one that was meant
-    first = mistakes[0].place
-    related = [one for one in mistakes if one.place[: len(first)] == first]
-    deepest = max((one.place for one in related), key=len)
-    return _sentence([one for one in related if one.place == deepest], keys, of)
-
-
-def _place(error: ErrorDetails, tree: Any) -> tuple[str | int, ...]:
+def _place(error: ErrorDetails, tree: Any) -> Place:
     """Return the keys and indices of an error's location that the file has, without pydantic's labels of a union."""
     place: list[str | int] = []
     for part in error["loc"]:
@@ -124,102 +103,84 @@ def _place(error: ErrorDetails, tree: Any) -> tuple[str | int, ...]:
     return tuple(place)
 
 
-class _Keys:
-    """The keys that a file may have, by the JSON schema of its type."""
-
-    def __init__(self, schema: Mapping[str, Any]) -> None:
-        self._schema = schema
-
-    def known(self, place: Sequence[str | int]) -> list[str]:
-        """Return the keys of the table at a place."""
-        return list(dict.fromkeys(key for one in self._at(place) for key in one.get("properties", ())))
-
-    def tags(self, place: Sequence[str | int]) -> list[str]:
-        """Return the values of the key by which the tables of a union at a place differ."""
-        tags: list[str] = []
-        for one in self._at(place):
-            mapping = one.get("discriminator", {}).get("mapping", {})
-            order = [member.get("$ref") for member in one.get("oneOf", ())]
-            tags += sorted(mapping, key=lambda tag: order.index(mapping[tag]))
-        return [repr(tag) for tag in tags]
-
-    def _at(self, place: Sequence[str | int]) -> list[Mapping[str, Any]]:
-        """Return what may stand at a place: unions, and each of their members."""
-        level = self._members(self._schema)
-        for part in place:
-            below = []
-            for one in level:
-                items = one.get("prefixItems", [])[part:] if isinstance(part, int) else []
-                more = one.get("items") if isinstance(part, int) else one.get("additionalProperties")
-                inner = one.get("properties", {}).get(part) or (items[0] if items else more)
-                below += self._members(inner) if isinstance(inner, Mapping) else []
-            level = below
-        return level
-
-    def _members(self, schema: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-        if "$ref" in schema:
-            return self._members(self._schema["$defs"][schema["$ref"].rpartition("/")[2]])
-        inner = [one for kind in ("anyOf", "oneOf", "allOf") for one in schema.get(kind, ())]
-        return [schema, *(member for one in inner for member in self._members(one))]
+def _schemas_at(place: Place, schema: JsonSchema, root: JsonSchema) -> Iterator[JsonSchema]:
+    """Yield the JSON schemas of what may stand at a place below a schema: unions, and each of their members."""
+    schema = root.get("$defs", {}).get(schema.get("$ref", "").rpartition("/")[2], schema)
+    for member in (one for kind in ("anyOf", "oneOf", "allOf") for one in schema.get(kind, ())):
+        yield from _schemas_at(place, member, root)
+    if not place:
+        yield schema
+        return
+    if isinstance(place[0], int):
+        inner = schema.get("items") or dict(enumerate(schema.get("prefixItems", ()))).get(place[0])
+    else:
+        inner = schema.get("properties", {}).get(place[0]) or schema.get("additionalProperties")
+    if isinstance(inner, Mapping):
+        yield from _schemas_at(place[1:], inner, root)
 
 
-def _sentence(mistakes: Sequence[_Mistake], keys: _Keys, of: str) -> str:
+def _first_sentence(mistakes: Sequence[tuple[Place, ErrorDetails]], schema: JsonSchema, of: str) -> str:
+    for place, mistake in mistakes:
+        if mistake["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            keys = [
+                key for one in _schemas_at(place[:-1], schema, schema) for key in one.get("properties", ())
+            ]
+            hint = suggest(str(place[-1]), dict.fromkeys(keys), otherwise="the keys there are")
+            return f"{format_place(place)} is not a key of {of}; {hint}"
+    # of a union, the member that went furthest into the file is the one that was meant
+    first = mistakes[0][0]
+    deepest = max((place for place, _ in mistakes if place[: len(first)] == first), key=len)
+    tags = [
+        repr(tag)
+        for one in _schemas_at(deepest, schema, schema)
+        for tag in one.get("discriminator", {}).get("mapping", ())
+    ]
+    return _sentence(deepest, [one for place, one in mistakes if place == deepest], tags, of)
+
+
+def _sentence(place: Place, mistakes: Sequence[ErrorDetails], tags: Sequence[str], of: str) -> str:
     """Return the sentence on mistakes at one place: several if each member of a union was tried."""
-    mistake = mistakes[0]
-    given, place, context = mistake.error["input"], format_place(mistake.place), mistake.context
-    count = context.get("actual_length")
-    entries = "one entry" if count == 1 else f"{count} entries"
-    match mistake.error["type"]:
+    given, context, at = mistakes[0]["input"], mistakes[0].get("ctx", {}), format_place(place)
+    match mistakes[0]["type"]:
         case "value_error" if isinstance(context["error"], InputError):
             return str(context["error"])
         case "missing":
-            above = f"[{format_place(mistake.place[:-1])}]" if mistake.place[:-1] else of
-            return f"{place} is missing; {above} needs it."
-        case "union_tag_not_found" | "union_tag_invalid" as kind:
-            key = str(context["discriminator"]).strip("'")
-            if kind == "union_tag_not_found":
-                return f"{place}.{key} is missing; it must be {either(keys.tags(mistake.place))}."
-            tag = given.get(key) if isinstance(given, Mapping) else given
-            return _choice(f"{place}.{key}", tag, keys.tags(mistake.place))
-        case "too_short":
-            return f"{place} has {entries}; it must have at least {context['min_length']}."
-        case "too_long":
-            return f"{place} has {entries}; it must have at most {context['max_length']}."
+            return f"{at} is missing; {f'[{format_place(place[:-1])}]' if place[:-1] else of} needs it."
+        case "union_tag_not_found" | "union_tag_invalid":
+            key = context["discriminator"].strip("'")
+            if isinstance(given, Mapping) and key not in given:
+                return f"{at}.{key} is missing; it must be {either(tags)}."
+            return _choice(f"{at}.{key}", given[key] if isinstance(given, Mapping) else given, tags)
+        case "too_short" | "too_long" as kind:
+            count = context["actual_length"]
+            bound = (
+                f"least {context['min_length']}" if kind == "too_short" else f"most {context['max_length']}"
+            )
+            return f"{at} has {'one entry' if count == 1 else f'{count} entries'}; it must have at {bound}."
         case "literal_error" if len(mistakes) == 1:
-            return _choice(place, given, _allowed(mistake))
+            return _choice(at, given, _wanted(mistakes[0]))
     wanted = list(dict.fromkeys(one for each in mistakes for one in _wanted(each)))
     wanted = [one for one in wanted if one != "a whole number" or "a number" not in wanted]
-    below = f": write its keys below a line [{place}]" if wanted == ["a table"] else ""
-    return f"{place} is {format_value(given)}; it must be {either(wanted)}{below}."
+    below = f": write its keys below a line [{at}]" if wanted == ["a table"] else ""
+    return f"{at} is {format_value(given)}; it must be {either(wanted)}{below}."
 
 
-def _unknown_key(mistake: _Mistake, keys: _Keys, of: str) -> str:
-    *above, last = mistake.place
-    hint = suggest(str(last), keys.known(above), otherwise="the keys there are")
-    return f"{format_place(mistake.place)} is not a key of {of}; {hint}"
-
-
-def _choice(place: str, given: object, allowed: Sequence[str]) -> str:
+def _choice(at: str, given: object, allowed: Sequence[str]) -> str:
     """Return that a value is none of those allowed, and the nearest of them."""
     near = nearest(repr(given), allowed) if isinstance(given, str) else []
     hint = f"did you mean {near[0]}? It" if near else "it"
-    return f"{place} is {format_value(given)}; {hint} must be {either(allowed)}."
+    return f"{at} is {format_value(given)}; {hint} must be {either(allowed)}."
 
 
-def _wanted(mistake: _Mistake) -> list[str]:
+def _wanted(mistake: ErrorDetails) -> list[str]:
     """Return what the value must be, in one or several alternatives."""
-    kind, message = mistake.error["type"], mistake.error["msg"]
+    kind, message, context = mistake["type"], mistake["msg"], mistake.get("ctx", {})
     if kind == "literal_error":
-        return _allowed(mistake)
+        return re.split(r", | or ", context["expected"])
     if kind in _WANTED:
-        return [_WANTED[kind].format(**mistake.context)]
+        return [_WANTED[kind].format(**context)]
     message = message.removeprefix("Input should be ").removeprefix("Value error, ")
     return [f"{message[0].lower()}{message[1:]}"]
-
-
-def _allowed(mistake: _Mistake) -> list[str]:
-    """Return the allowed values of a Literal as the file writes them."""
-    return re.split(r", | or ", str(mistake.context["expected"]))
 
 
 def format_place(place: Sequence[str | int]) -> str:

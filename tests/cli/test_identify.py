@@ -10,7 +10,6 @@ from ballbot import Log, Robot
 from ballbot.cli import identify as identify_command
 from ballbot.cli.main import main
 from ballbot.identification.identify import IdentificationOptions
-from ballbot.identification.laws import LAWS
 from ballbot.robot import Friction
 from tests.support.identification_examples import balancing_log, noisy
 from tests.support.report_pages import LARGEST_PAGE
@@ -79,27 +78,6 @@ def test_friction_that_does_not_help_to_predict_is_not_written(tmp_path, capsys)
     assert results["verdict"]["usable"] is False
     assert results["verdict"]["sentence"] in shown.out.replace("\n", " ")
     assert "Not usable" in (out / "report.html").read_text().partition("<h2")[0]
-
-
-@pytest.mark.sample
-def test_more_than_friction_the_best_law_and_another_log(tmp_path, log_file):
-    other = tmp_path / "other.csv"
-    noisy(balancing_log(), seed=7).between(10.0, 13.0).write(other)
-    bounds = tmp_path / "bounds.toml"
-    # for time's sake parameters that are not tested are held: no profile is computed for them
-    held = ("stribeck_speed = [0.6, 0.6]", "stribeck_exponent = [1.1, 1.1]", "rolling = [0.007, 0.007]")
-    bounds.write_text("\n".join(["delay = [0.0, 0.0]", *held]))
-    options = ["--estimate", "friction, torque_gain", "--law", "best", "--holdout", str(other)]
-    options += ["--exclude-states", "psi,psi_dot"]
-    words = ["identify", "alten", str(log_file), "--out", str(tmp_path / "out"), "--bounds", str(bounds)]
-    assert main([*words, *options, "--window", "0.05"]) == 0
-    results = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert [one["law"] for one in results["ladder"]["candidates"]] == [law.name for law in LAWS]
-    assert len(results["parameters"]["gain"]) == 3
-    assert results["parameters"]["delay"] == 0.0
-    assert results["excluded_states"] == ["psi", "psi_dot"]
-    assert results["judged_on"]["other"]["with_over_without"]["phi"] < 1.0
-    assert "Friction laws on held-out windows" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

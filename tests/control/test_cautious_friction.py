@@ -33,22 +33,6 @@ def curve(values: np.ndarray, wheel: int) -> np.ndarray:
     return b * SPEEDS + c + s * np.exp(-((SPEEDS / v_s) ** delta))
 
 
-def test_few_robots_that_fit_the_logs_have_less_friction_at_any_speed():
-    seed = 1
-    covariance = drawn_covariance(seed)
-    cautious = cautious_friction(FRICTION, covariance)
-    mean = np.concatenate([FRICTION.viscous, FRICTION.coulomb, FRICTION.stribeck, [0.6, 1.1, 0.007]])
-    robots = np.random.default_rng(seed).multivariate_normal(mean, covariance, 4000)
-    for wheel in range(3):
-        safe = wheel_friction(np.tile(SPEEDS[:, None], 3), cautious)[:, wheel]
-        least = np.array([curve(robot, wheel) for robot in robots])
-        over = (least < safe).mean(axis=0)
-        # 5 % at the speed where the curve is known worst, less elsewhere; 4000 draws estimate 5 % to 0.4 %
-        assert over.max() < 0.065
-        assert over.max() > 0.01  # and not for giving all of it away
-    assert (robots[:, 11] < cautious.rolling).mean() == pytest.approx(0.05, abs=0.012)
-
-
 @pytest.mark.parametrize("load", [0.0, 1.5])
 def test_few_robots_with_terms_by_direction_and_load_have_less_friction(load):
     friction = replace(FRICTION, coulomb_asymmetry=(0.03, -0.02, 0.01), load=(0.05, 0.04, 0.06))

@@ -51,14 +51,6 @@ def test_a_file_without_an_estimator_is_for_the_thesis_s_state(tmp_path):
         read_controller(path, robot)
 
 
-def test_a_copy_keeps_the_estimator():
-    controller = precise_controller(alten(FRICTION))
-    assert controller.estimator == "kalman"
-    assert controller.with_compensation("none").estimator == "kalman"
-    assert controller.with_parts(controller.parts).estimator == "kalman"
-    assert controller.with_estimator("onboard").estimator == "onboard"
-
-
 def test_the_parts_of_a_file_are_for_the_robot_that_it_is_read_with(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(everything(alten(FRICTION)), path)
@@ -190,16 +182,6 @@ def test_file_without_the_values_of_its_robot_gives_no_warning_and_neither_does_
     heavy = robot.replace(body=replace(robot.body, mass=18.0))
     assert warnings_of(path, heavy) == []
     assert "designed_for" not in controller_text(read_controller(path, heavy))
-
-
-def test_copy_of_a_controller_keeps_what_it_was_designed_for(tmp_path):
-    path, robot = tmp_path / "controller.toml", alten(FRICTION)
-    write_controller(nominal_controller(robot), path)
-    heavy = robot.replace(body=replace(robot.body, mass=18.0))
-    with pytest.warns(UnsuitedController, match="body.mass"):
-        write_controller(read_controller(path, heavy).with_compensation("partial"), path)
-    (text,) = warnings_of(path, heavy)
-    assert "body.mass was 17.076 and is 18 kg" in text
 
 
 def test_controller_that_cannot_work_with_its_robot_is_named(tmp_path):

@@ -8,14 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ballbot import Controller, Model, Robot, simulate
+from ballbot import Controller, Model, Robot
 from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
-from ballbot.control.presets import design_integral_gain, precise_controller
-from ballbot.control.references import hold
-from ballbot.estimation import named_estimator
+from ballbot.control.presets import design_integral_gain
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.twin import Scenario, Twin
 from ballbot.workflows.limits import Loop, leaning_state, pushed_state, reach
 from tests.support.control_examples import alten, four_wheeled
 
@@ -95,28 +92,3 @@ def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray)
     kept = np.column_stack([rates * (left @ start), left @ B])
     found = linprog([-1, 0, 0, 0], A_eq=kept, b_eq=[0, 0], bounds=[(0, None), *[(-2, 2)] * 3])
     return float(found.x[0])
-
-
-@pytest.mark.slow
-def test_lean_limit_recovers_where_wheels_would_otherwise_spin():
-    robot = Robot.load("alten")
-    known = robot.replace(friction=Scenario.nominal(robot).friction)
-    bounded = precise_controller(known)
-    bare = Controller(
-        known,
-        bounded.gain,
-        speed_band=bounded.speed_band,
-        compensation="full",
-        torque_limit=robot.drive.torque_limit,
-        parts=replace(bounded.parts, lean_limit=None),
-    )
-    leaning_at_rest = np.zeros(10)
-    leaning_at_rest[2] = np.radians(8.0)
-
-    def falls(controller: Controller) -> bool:
-        twin = Twin(robot, estimator=named_estimator("kalman", robot, sample_time=0.005))
-        log = simulate(twin, controller, hold(), duration=3.0, initial_state=leaning_at_rest, seed=1)
-        return log.ended is not None
-
-    assert falls(bare)
-    assert not falls(bounded)

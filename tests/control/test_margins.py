@@ -117,51 +117,6 @@ def test_margins_of_a_wheel_are_those_of_python_control(name, wheel):
     assert math.degrees(one.disk.phase) == pytest.approx(phase, rel=1e-3)
 
 
-#: substeps of a sample in which a plant is stepped beside the toolkit's own sampling
-FINE = 20
-
-
-def growth(name: str, *, factors: np.ndarray, delays: np.ndarray, seconds: float = 6.0) -> float:
-    """Return by how much oscillations of the compiled law with the linear robot grow over the run's second half.
-
-    The torques are multiplied by `factors`, and held from `delays` [s] after their sample on; the robot is stepped
-    `FINE` times in each sample.
-    """
-    chosen, loop = controller(name), robot_loop(controller(name))
-    F, G = held(loop.A, loop.B, loop.sample_time / FINE)
-    x, late = 1e-7 * np.ones(10), np.round(delays / loop.sample_time * FINE).astype(int)
-    asked = np.zeros((late.max() + FINE + 1, len(factors)))  # of the substeps to come
-    chosen.reset()
-    sizes = []
-    for _ in range(round(seconds / loop.sample_time)):
-        torques = factors * chosen.update(0.0, x, np.zeros(10))
-        for wheel, begin in enumerate(late):
-            asked[begin:, wheel] = torques[wheel]
-        for _ in range(FINE):
-            x = F @ x + G @ asked[0]
-            asked = np.vstack([asked[1:], asked[-1:]])
-        sizes.append(float(np.abs(x[2:4]).max() + np.abs(x[7:9]).max()))
-        if sizes[-1] > 1e-3:  # before a limit stops it
-            return math.inf
-    quarter = len(sizes) // 4
-    return max(sizes[-quarter:]) / max(sizes[quarter : 2 * quarter])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "wheels"), [("nominal", [0]), ("precise", [0, 1, 2])])
-def test_law_that_runs_becomes_unstable_at_the_margin(name, wheels):
-    one = found(name).together if len(wheels) > 1 else found(name).wheels[0]
-    marked = np.isin(np.arange(3), wheels).astype(float)
-    none = np.zeros(3)
-    for factor in (one.gain_up, one.gain_down):
-        # 3 % nearer to 1 than the margin, and 3 % beyond
-        within, beyond = factor ** np.array([0.97, 1.03])
-        assert growth(name, factors=1.0 + marked * (within - 1.0), delays=none) < 1.0
-        assert growth(name, factors=1.0 + marked * (beyond - 1.0), delays=none) > 1.0
-    assert growth(name, factors=np.ones(3), delays=0.97 * one.delay * marked) < 1.0
-    assert growth(name, factors=np.ones(3), delays=1.03 * one.delay * marked) > 1.0
-
-
 def disk_factors(alpha: float, delta: np.ndarray) -> np.ndarray:
     return (1.0 + 0.5 * alpha * delta) / (1.0 - 0.5 * alpha * delta)
 

@@ -176,29 +176,9 @@ def test_there_is_no_state_before_the_first_whole_reading(kind):
     np.testing.assert_array_equal(estimator.update(reading(0)), fresh.update(reading(0)))
 
 
-@pytest.mark.slow
-def test_missing_encoder_samples_lose_no_distance():
-    """The way rolled during the gap is seen when the encoders are back: a constant speed is not misjudged."""
-    estimator, whole = started("kalman"), started("kalman")
-    for k in range(50, 60):
-        one = reading(k)
-        if k in (53, 54):
-            one = replace(one, wheel_angles=np.full(3, np.nan))
-        found, expected = estimator.update(one), whole.update(reading(k))
-    np.testing.assert_allclose(found[5:7], expected[5:7], rtol=0.0, atol=2e-3)
-
-
 def test_a_fix_may_lack_a_component():
     estimator = started("kalman")
     before = estimator.update(reading(50))
     after = estimator.update(replace(reading(51), fix=Fix(position=[np.nan, 0.5], heading=np.nan)))
     assert np.isfinite(after).all()
     assert abs(after[0] - before[0]) < 0.02 < abs(after[1] - before[1])
-
-
-@pytest.mark.parametrize("kind", ESTIMATORS)
-def test_a_reading_of_another_robot_is_refused(kind):
-    estimator = started(kind)
-    for change in ({"wheel_angles": np.zeros(2), "wheel_speeds": np.zeros(2)}, {"gyro": np.zeros(2)}):
-        with pytest.raises(InputError, match="of a reading has the shape"):
-            estimator.update(replace(reading(50), **change))

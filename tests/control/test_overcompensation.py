@@ -157,13 +157,6 @@ def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):
     assert read.robot.friction == DIRECTED
 
 
-def test_excess_below_a_thousandth_is_no_alarm_and_one_above_is_shown():
-    assert not compensation_margin(compensating(1.0009), FRICTION).overcompensates
-    margin = compensation_margin(compensating(1.002), FRICTION)
-    assert margin.overcompensates
-    assert "100.2 %" in margin.sentence
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_path, capsys):

@@ -15,7 +15,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
-from ballbot.control.references import change_pose, circle, hold, square
+from ballbot.control.references import circle, hold, square
 from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
 
 SAMPLE = 0.005
@@ -90,14 +90,6 @@ def test_torques_of_a_bend_are_smooth_where_it_is_rounded_or_passes_the_limit(am
         rough.append(np.abs(np.diff(log.torques, axis=0))[400:].max())
     # rounding to a micrometre costs 0.02 N m, a third of what sensors' noise does; unlagged and cut off it was 0.6
     assert rough[0] < rough[1] + 0.025
-
-
-def test_a_kink_is_not_taken_for_a_bend():
-    ramp = change_pose(x=1.0, y=0.0, psi=0.0, at=1.0, ramp=4.0)
-    found = shaped(ramp, ReferenceShaping(), 12.0)[:, 0]
-    without = shaped(ramp, ReferenceShaping(acceleration_limit=1e-9), 12.0)[:, 0]
-    # the ramp's start and end are kinks of 0.25 m/s in a sample, and in between nothing bends but rounding
-    np.testing.assert_allclose(found, without, atol=1e-8)
 
 
 def test_shaping_starts_where_the_robot_is():
@@ -188,18 +180,6 @@ def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
     observer = DisturbanceObserver()
     bare = peak_error(robot, Controller(robot, gain))
     assert peak_error(robot, Controller(robot, gain, parts=Parts(disturbance_observer=observer))) < 0.5 * bare
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        pytest.param(alten(FRICTION), id="three"),
-        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.sample),
-    ],
-)
-def test_precise_controller_stands_at_its_reference(robot: Robot):
-    nominal = peak_error(robot, Controller(robot, design_gain(robot).gain))
-    assert peak_error(robot, precise_controller(robot)) < 0.05 * nominal
 
 
 @pytest.mark.parametrize(

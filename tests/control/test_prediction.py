@@ -18,11 +18,11 @@ from ballbot.control.presets import (
     design_gain,
     precise_controller,
 )
-from ballbot.control.references import change_pose, hold
+from ballbot.control.references import change_pose
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.model_plant import ModelPlant
-from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+from tests.support.control_examples import alten, four_wheeled, leaning
 
 SAMPLE = 0.005
 
@@ -108,29 +108,6 @@ def test_prediction_does_not_depend_on_the_heading():
             turned[i], turned[i + 1] = c * state[i] - s * state[i + 1], s * state[i] + c * state[i + 1]
         turned[4] = reference[4] = psi
         np.testing.assert_allclose(controller.update(0.0, turned, reference), wanted, atol=1e-12)
-
-
-def test_torques_stay_smooth_where_the_delay_makes_a_stiff_gain_ring():
-    robot, delay = alten(FRICTION), 8
-    stiff = precise_controller(robot)
-    knows = stiff.with_parts(replace(stiff.parts, prediction=DelayPrediction(delay=delay * SAMPLE)))
-
-    def change(controllers: list[Controller], late: int) -> np.ndarray:
-        batch = simulate_batch(
-            Model(robot),
-            controllers,
-            hold(),
-            duration=10.0,
-            initial_states=np.tile(leaning(0.1), (len(controllers), 1)),
-            imperfections=[Imperfections(delay=late)],
-        )
-        assert not np.isfinite(batch.ended).any()
-        return batch.torque_change
-
-    punctual = change([stiff], 0)[0]
-    rings, smooth = change([stiff, knows], delay)
-    assert rings > 3.0 * punctual
-    assert smooth < 1.2 * punctual
 
 
 def test_a_moving_reference_is_followed_without_the_delays_lag():

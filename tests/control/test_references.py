@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.cli.main import main
 from ballbot.control import references
 from ballbot.control.references import as_reference, read_reference, reference_text, square, write_reference
 from ballbot.errors import InputError
@@ -21,11 +20,6 @@ def test_references_contain_only_position_and_heading(name, t):
     assert reference.shape == (10,)
     np.testing.assert_array_equal(reference[REST], 0.0)
     assert np.isfinite(reference).all()
-
-
-@pytest.mark.parametrize("name", sorted(EVERY))
-def test_every_named_reference_starts_where_the_robot_starts(name):
-    np.testing.assert_array_equal(EVERY[name](0.0), np.zeros(10))
 
 
 def test_the_square_is_the_shared_logs_square(shared_data):
@@ -115,18 +109,3 @@ def test_a_file_without_a_column_or_value_is_refused(tmp_path):
         read_reference(tmp_path / "a.csv")
     with pytest.raises(InputError, match="has no value at t = 1 s"):
         read_reference(tmp_path / "b.csv")
-
-
-def test_a_recorded_folder_has_its_reference_and_can_be_made_again(tmp_path, monkeypatch):
-    pytest.importorskip("mujoco")
-    _, poses = written(tmp_path / "mine.csv")
-    options = ["--reference", str(tmp_path / "mine.csv"), "--duration", "0.1", "--out", str(tmp_path / "one")]
-    assert main(["record", "nominal", *options]) == 0
-    log = Log.read(tmp_path / "one" / "log.csv")
-    assert (log["ref_psi"] == poses[: len(log), 2]).all()
-    command = (tmp_path / "one" / "record.toml").read_text().split('command = "ballbot ')[1].split('"')[0]
-    monkeypatch.chdir(tmp_path / "one")
-    assert main(command.split()) == 0
-    assert (tmp_path / "one" / "log.csv").read_bytes() == (
-        tmp_path / "one" / "again" / "log.csv"
-    ).read_bytes()

@@ -9,13 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
-from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
-from ballbot import Model, Robot
+from ballbot import Model
 from ballbot.mechanics.engine.convex import convex_block, problem_in
 from ballbot.mechanics.engine.lanes import LANES, MARGIN, ROWS, STATE, STEP, TORQUE, TRIAL
-from ballbot.mechanics.geometry import body_rates_matrix
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.convex_problems import (
     KINDS,
@@ -162,56 +159,4 @@ def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(
         assert speed * direction > 0.0
 
 
-@pytest.mark.sample  # compiles the engine of four wheels
-def test_four_wheels_that_push_against_each_other_turn_nothing() -> None:
-    """The ball blocks them, whatever the torque: its axles' torques cancel on the ball."""
-    robot = four_wheeled(friction=True)
-    model = Model(robot)
-    W = model.wheel_jacobian(np.zeros(5))
-    idle = np.linalg.svd(W.T)[2][-1]
-    assert_allclose(W.T @ idle, 0.0, atol=1e-14)
-    assert_array_equal(model.advance(np.zeros(10), 50.0 * idle, 0.01), np.zeros(10))
-
-
 # --- rest and dissipation --------------------------------------------------------------------------
-
-
-def friction_s_work(robot: Robot, step: float, pivoting: float | None) -> NDArray[np.float64]:
-    """Return what friction takes in each of the inner steps of 0.5 s of stick-slip, by its impulse."""
-    model = Model(robot, step=step, pivoting=pivoting)
-    bare = Model(
-        robot.replace(friction=replace(robot.friction, coulomb=(0.0,) * 3, stribeck=(0.0,) * 3, rolling=0.0)),
-        step=step,
-        pivoting=None if pivoting is None else 0.0,
-    )
-    state = np.zeros(5 + model.velocity_count)
-    state[:10] = 0, 0, 0.02, 0.01, 0.1, 0.2, -0.15, 0, 0, 0.3
-    taken = []
-    for k in range(round(0.5 / step)):
-        t = k * step
-        torques = np.array([0.5 * np.sin(8 * t), 0.4 * np.cos(11 * t), -0.3])
-        end, free = (one.advance(state, torques, step) for one in (model, bare))
-        M, before, after = model.mass_matrix(end[:5]), body_velocities(free), body_velocities(end)
-        S = np.eye(model.velocity_count)
-        S[2:5, 2:5] = np.linalg.inv(body_rates_matrix(*end[2:5]))
-        taken.append((S.T @ M @ S) @ (before - after) @ after)
-        state = end
-    return np.array(taken)
-
-
-def body_velocities(state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (v_x, v_y, w) of a state, and the spin where there is one."""
-    w = body_rates_matrix(*state[2:5]) @ state[7:10]
-    return np.concatenate([state[5:7], w, state[10:]])
-
-
-@pytest.mark.parametrize("pivoting", [None, pytest.param(0.05, marks=pytest.mark.sample)])
-def test_friction_never_drives_in_a_run(pivoting: float | None) -> None:
-    """Through sticking, slipping and turning about, no step's impulse of friction works on the motion's side.
-
-    Both ends of the step are taken at the end's attitude, which is off by the turn within a step: of order h^3.
-    """
-    for step in (1e-3, 2.5e-4):
-        taken = friction_s_work(alten(FRICTION), step, pivoting)
-        assert taken.min() >= -(step**3)
-        assert taken.sum() > 0.05  # joules: there was friction to speak of

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from ballbot import InputError, Model, Robot
+from ballbot import InputError, Model
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.geometry import transforms
 from ballbot.state import STATE_NAMES
 from tests.support.control_examples import FRICTION, alten
 from tests.support.lagrangian import equations
@@ -42,16 +41,6 @@ def test_equations_equal_the_symbolic_lagrangian(formulation, wheel_count):
             assert model.energy(q, q_dot) == pytest.approx(oracle.energy(q, q_dot), rel=1e-11)
 
 
-def test_leading_shapes_are_kept():
-    model = Model(alten())
-    q, q_dot, u = np.zeros((2, 3, 5)), np.zeros(5), np.zeros((3, 3))
-    assert model.acceleration(q, q_dot, u).shape == (2, 3, 5)
-    assert model.mass_matrix(q).shape == (2, 3, 5, 5)
-    assert model.wheel_speed(q, q_dot).shape == (2, 3, 3)
-    assert model.energy(q, q_dot).shape == (2, 3)
-    assert model.energy(np.zeros(5), q_dot).shape == ()
-
-
 @pytest.mark.parametrize(("formulation", "pole"), [("exact", 5.20), ("thesis", 3.625)])
 def test_unstable_pole(formulation, pole):
     # 5.20 rad/s as it is, 3.63 (3.625) as printed
@@ -75,23 +64,6 @@ def test_linear_model_is_the_derivative_of_the_nonlinear_one(formulation):
         step = eps * np.eye(3)[column]
         slope = (rates(np.zeros(10), step) - rates(np.zeros(10), -step)) / (2 * eps)
         assert_allclose(linear.B[:, column], slope, atol=1e-7)
-
-
-def test_the_rotors_neglected_cross_term_is_small():
-    """n j_m times the rotor's speed and the body's rate about the axle, which the wheel's positive turning opposes."""
-    robot, model = Robot.load("alten"), Model(Robot.load("alten"))
-    D = transforms(robot).T_owb.T @ transforms(robot).T_owb
-    D *= robot.drive.gear_ratio * robot.drive.motor_inertia * robot.wheels.radius / robot.ball.radius
-    E = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-    cross = np.block(
-        [[np.zeros((2, 2)), -E.T @ D / robot.ball.radius], [-D.T @ E / robot.ball.radius, 2.0 * D]]
-    )
-    by_torque = np.asarray(model.linearize().B)[5:]
-    change = -np.linalg.solve(model.mass_matrix(np.zeros(5)), cross @ by_torque)
-    # the last wheel moves the robot along every coordinate
-    shares = np.abs(change / by_torque)[:, 2]
-    assert 100.0 * shares.min() == pytest.approx(0.025, abs=0.0005)
-    assert 100.0 * shares.max() == pytest.approx(0.165, abs=0.0005)
 
 
 def test_linear_model_converts_to_python_control():

@@ -9,7 +9,7 @@ from ballbot import Model, Robot
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.identification.result import found_robot
-from ballbot.mechanics.friction import friction_terms, stribeck_curve, wheel_friction
+from ballbot.mechanics.friction import stribeck_curve, wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.file import robot_text
@@ -81,14 +81,6 @@ def test_wheel_friction_is_that_of_the_direction_plus_the_load():
 
 
 @pytest.mark.slow
-def test_coulomb_asymmetry_is_a_constant_torque_against_the_motor():
-    directed = Model(alten(replace(FRICTION, coulomb_asymmetry=COULOMB)))
-    plain = Model(alten(FRICTION))
-    ours, theirs = directed.advance(STATE, TORQUES, 0.5), plain.advance(STATE, TORQUES - COULOMB, 0.5)
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-13)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("friction", [FRICTION, FULL], ids=["plain", "full"])
 def test_friction_of_moving_wheels_and_of_the_ball_is_that_of_numpy(friction):
     """Accelerations, from a short step, against M q_ddot = .. - W^T tau(w) - N C_rr v/|v|."""
@@ -149,11 +141,3 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     # without the law, an offset is the motor's, and no friction
     motor = found_robot(alten(Friction.none(3)), layout, values, errors, **given)
     assert motor.friction == replace(FRICTION, load=LOAD)
-
-
-def test_absent_and_zero_terms_are_the_plain_law():
-    zeros = replace(FRICTION, coulomb_asymmetry=(0.0,) * 3, load=(0.0,) * 3)
-    assert zeros.is_plain
-    assert not FULL.is_plain
-    assert not friction_terms(FRICTION).any()
-    assert Model(alten(zeros)).packed.tolist() == Model(alten(FRICTION)).packed.tolist()

@@ -87,14 +87,6 @@ def test_wheel_speeds_follow_from_rolling_without_slip(robot: Robot, ball_rate: 
         assert rim @ t == pytest.approx(ball @ t, abs=1e-12)
 
 
-@given(st.floats(-5, 5), st.floats(-5, 5))
-def test_ground_velocity_is_that_of_a_rolling_ball(x_dot: float, y_dot: float):
-    """(II.15) as printed, divided by r_w, would miss this by a factor of 16."""
-    robot = Robot.load("alten")
-    Omega = np.array([-y_dot, x_dot, 0.0]) / robot.ball.radius
-    np.testing.assert_allclose(transforms(robot).T_vgb @ Omega, [x_dot, y_dot, 0.0], atol=ROUNDING)
-
-
 def test_rotation_turns_about_x_then_y_then_z_of_the_carried_frame():
     right = np.pi / 2
     x, y, z = np.eye(3)

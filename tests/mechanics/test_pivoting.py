@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.presets import nominal_controller
-from ballbot.control.references import change_pose, hold
-from ballbot.simulation.batch import simulate_batch
+from ballbot.control.references import hold
 from ballbot.simulation.model_plant import ModelPlant
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 from tests.support.freed_mechanism import reflected_inertia
@@ -123,32 +122,6 @@ def test_a_spinning_ball_is_braked_by_exactly_the_limit_and_stops_for_good() -> 
 # --- the heading's share ---------------------------------------------------------------------------
 
 
-def with_wheel_inertia(wheel_inertia: float) -> Robot:
-    return alten().replace(wheels=replace(alten().wheels, inertia=wheel_inertia))
-
-
-def free_share(robot: Robot) -> float:
-    """Return the heading's acceleration over the no-pivot one, upright at rest, where nothing holds the ball."""
-    M, _ = yaw_inertia(robot)
-    return float(np.linalg.solve(M, [1.0, -1.0])[1] * -M[1, 1])
-
-
-@pytest.mark.parametrize("share_of_limit", [0.0, 0.6, 2.0])
-@pytest.mark.parametrize("wheel_inertia", [1e-3, 9e-3])
-def test_the_heading_answers_with_the_share_that_the_pivot_leaves(
-    share_of_limit: float, wheel_inertia: float
-) -> None:
-    """All of the no-pivot value from the limit on; below it, linearly less, down to what the ball's inertia leaves."""
-    robot = with_wheel_inertia(wheel_inertia)
-    u, h = 0.1, 1e-3
-    limit = share_of_limit * held_torque(robot, u)
-    least = free_share(robot)
-    expected = least + (1.0 - least) * min(1.0, share_of_limit)
-    end = Model(robot, pivoting=limit, step=h).advance(np.zeros(11), np.full(3, u), 10 * h)
-    plain = Model(robot, step=h).advance(np.zeros(10), np.full(3, u), 10 * h)
-    assert end[9] / plain[9] == pytest.approx(expected, abs=1e-9)
-
-
 # --- friction's work, plants and refusals -----------------------------------------------------------
 
 
@@ -168,17 +141,6 @@ def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
     )  # fused products
     without = Model(alten(FRICTION)).wheel_speed(state[:5], state[5:10])
     assert np.abs(measured.wheel_speeds - without).max() > 0.1
-
-
-def test_a_batch_runs_the_pivoting_model_as_the_plant_does() -> None:
-    robot = alten(FRICTION)
-    model, controller = Model(robot, pivoting=0.03), nominal_controller(robot, compensation="full")
-    reference, start = change_pose(x=0.0, y=0.0, psi=1.0, at=0.1, ramp=1.0), leaning(0.01, -0.02)
-    log = simulate(model, controller, reference, duration=1.0, initial_state=start)
-    batch = simulate_batch(model, controller, reference, duration=1.0, initial_states=start)
-    assert_allclose(batch.states[0], log.states, atol=1e-9)
-    plain = simulate_batch(Model(robot), controller, reference, duration=1.0, initial_states=start)
-    assert np.abs(plain.states - batch.states).max() > 1e-3
 
 
 def test_pivoting_model_refuses_unsupported_options() -> None:

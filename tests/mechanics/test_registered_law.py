@@ -18,7 +18,6 @@ from ballbot.control.references import hold
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
-from ballbot.robot.friction_law import friction_law
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario
 from ballbot.twin.driveline import Driveline
@@ -97,17 +96,6 @@ def test_wheels_hold_up_to_the_law_s_break_away_torque(share):
     limit = (np.array(FRICTION.coulomb) + np.array(FRICTION.stribeck)) / (1.0 - 0.1)
     end = Model(robot_by_law()).advance(np.zeros(10), share * limit, 0.1)
     assert (end == 0.0).all() == (share < 1.0)
-
-
-@pytest.mark.sample  # compiles the closed loop under the law
-def test_batch_of_lanes_that_stick_and_move_is_as_one_robot_alone():
-    robot = robot_by_law()
-    controller = nominal_controller(robot, compensation="full")
-    starts = np.zeros((5, 10))
-    starts[:, 3] = np.linspace(0.0, 0.05, 5)
-    run = simulate_batch(Model(robot), controller, hold(), duration=0.5, initial_states=starts)
-    alone = simulate_batch(Model(robot), controller, hold(), duration=0.5, initial_states=starts[3:4])
-    np.testing.assert_allclose(run.states[3], alone.states[0], rtol=0, atol=1e-12)
 
 
 def test_scaled_friction_is_so_many_times_the_law_and_twice_the_friction_is_compensated_twice():
@@ -216,16 +204,3 @@ def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():
     np.testing.assert_allclose(sizes, dry(speeds, torques), rtol=1e-12)
     with pytest.raises(InputError, match="A scenario file has the classical friction law only, not toothed"):
         scenario_text(scenario)
-
-
-def test_law_that_fails_for_arrays_is_refused(tmp_path):
-    (tmp_path / "law.py").write_text(
-        "import ballbot\n"
-        "def stepped(speed, load, coulomb):\n"
-        "    return coulomb if speed > 1.0 else 0.5 * coulomb\n"
-        "ballbot.register_friction_law(stepped)\n"
-    )
-    with pytest.raises(
-        InputError, match=r"stepped fails for arrays of speed and load \(The truth value.*np.where"
-    ):
-        friction_law(f"{tmp_path / 'law.py'}:stepped")

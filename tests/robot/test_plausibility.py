@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.errors import InputError
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME
 from ballbot.robot.parameters import value_of
@@ -165,9 +164,3 @@ def test_scaled_robot_passes_the_plausibility_checks(size: float, density: float
     }
     robot = ALTEN.replace(**{part: make(ALTEN) for part, make in scaled.items()})  # type: ignore[arg-type]
     assert not [one for one in robot_findings(robot) if one.severity == "error"]
-
-
-def test_azimuths_in_radians_are_recognised() -> None:
-    azimuths = tuple(one * DEGREE for one in (0.0, 2.094, 4.189))
-    with pytest.raises(InputError, match=r"did you mean azimuths of \[0, 2\.094, 4\.189\] rad\?"):
-        with_values(wheels__azimuths=azimuths)

@@ -21,7 +21,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse
 from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
-from ballbot.workflows.metrics import QUANTITIES, Performance, performance_of
+from ballbot.workflows.metrics import Performance
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)
@@ -42,11 +42,14 @@ def predicted_log() -> Log:
 @cache
 def known_prediction() -> Prediction:
     """Return a prediction about what that log shows, and without compensation forty times its errors."""
-    seen = performance_of(predicted_log(), CONTROLLER)
+    seen = Performance.of(predicted_log(), torque_limit=CONTROLLER.torque_limit)
     random = np.random.default_rng(0)
     similar = [
         Performance(
-            **dict(zip(QUANTITIES, seen.to_array() * np.exp(0.1 * random.standard_normal(5)), strict=True))
+            **{
+                name: value * float(np.exp(0.1 * random.standard_normal()))
+                for name, value in asdict(seen).items()
+            }
         )
         for _ in range(20)
     ]

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
@@ -15,8 +13,7 @@ from ballbot.simulation.imperfections import Push
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Compliance, LoadDependence, Payload, Roughness, Softness, Timing
-from ballbot.twin.twin import UnevenFloor
+from ballbot.twin.faults import Compliance, LoadDependence, Payload, Softness, Timing
 from tests.support.twin_examples import ALTEN, IDEAL, block_of, ideal, lone_ball
 
 # Contacts
@@ -105,26 +102,6 @@ def test_payload_moves_the_centre_of_mass() -> None:
     # translation against rotation: m [r]x
     moment = 2.0 * np.array([[0, 0.6, 0.05], [-0.6, 0, 0.1], [-0.05, -0.1, 0]])
     np.testing.assert_allclose(more[:3, 3:], moment, atol=1e-12)
-
-
-@given(
-    seed=st.integers(0, 2**31),
-    x=st.floats(-5, 5),
-    y=st.floats(-5, 5),
-    wavelength=st.floats(0.05, 1.0),
-)
-def test_floor_s_slope_is_the_gradient_of_its_height(
-    seed: int, x: float, y: float, wavelength: float
-) -> None:
-    floor = UnevenFloor(Roughness(height=0.001, wavelength=wavelength, seed=seed))
-    step = 1e-4 * wavelength
-    place = np.array([x, y])
-    numeric = [
-        (floor.height(place + step * axis) - floor.height(place - step * axis)) / (2 * step)
-        for axis in np.eye(2)
-    ]
-    # slopes are up to 24 waves of 2 pi amplitude / wavelength
-    np.testing.assert_allclose(floor.slope(place), numeric, atol=1e-5 * 0.05 / wavelength)
 
 
 # Timing

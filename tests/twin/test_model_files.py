@@ -15,7 +15,7 @@ from ballbot.robot.components import BY_NAME
 from ballbot.robot.parameters import value_of
 from ballbot.robot.robot import with_values
 from ballbot.twin.engine import Engine
-from ballbot.twin.model_files import LARGEST_MODEL, read_model, robot_urdf
+from ballbot.twin.model_files import read_model, robot_urdf
 from ballbot.twin.parts import wheel_frames
 from tests.support.twin_examples import block_of, mass_matrix
 
@@ -173,14 +173,6 @@ def test_a_bad_model_ends_in_a_sentence(tmp_path, text, sentence):
         read_model(path, like=ALTEN)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
-
-
-def test_an_oversized_model_is_refused_before_reading(tmp_path):
-    path = tmp_path / "theirs.urdf"
-    with path.open("wb") as stream:
-        stream.truncate(LARGEST_MODEL + 1)
-    with pytest.raises(InputError, match="at most 10 MB are read"):
-        read_model(path, like=ALTEN)
 
 
 def test_a_robot_goes_to_urdf_and_back_by_commands(tmp_path, capsys):

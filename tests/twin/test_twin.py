@@ -124,10 +124,3 @@ def test_refuses_a_scenario_or_a_robot_that_does_not_fit(
     robot = ALTEN if change else ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=1.0))
     with pytest.raises(InputError, match=sentence):
         Twin(robot, replace(nominal, **parts))
-
-
-def test_refuses_a_step_and_a_start_that_do_not_fit() -> None:
-    with pytest.raises(InputError, match=r"sampled every 0\.005 s"):
-        Twin(ALTEN).step(np.zeros(3), 0.004)
-    with pytest.raises(InputError, match="initial state holds a value that is not finite"):
-        Twin(ALTEN).reset(np.full(10, np.nan), seed=1)

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.cli.main import main
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import nominal_controller
@@ -28,7 +27,6 @@ from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.workflows.controller_choice import PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
-    DISCREPANCY,
     ControllerVerdict,
     Prediction,
     course_of,
@@ -45,7 +43,6 @@ from tests.support.prediction_examples import (
     SCENARIO,
     known_prediction,
     predicted_log,
-    write_predicting_study,
 )
 
 pytestmark = (
@@ -252,22 +249,3 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
     # the loop's phase margin ends at some ten samples
     assert late.recommendation == "revert"
     assert late.ended is not None
-
-
-# --- the command ---
-
-
-def test_command_prints_the_verdict_and_writes_results_and_a_page(tmp_path: Path, log: Log, capsys):
-    folder = write_predicting_study(tmp_path / "found")
-    log.write(tmp_path / "new.csv")
-    results, new, out = (str(folder.parent / name) for name in ("found/results.json", "new.csv", "checked"))
-    assert main(["validate", "--prediction", results, new]) == 0
-    said = capsys.readouterr().out
-    assert "\nConfirmed: " in said
-    assert "peak error [mm]" in said
-    assert main(["validate", "--prediction", results, new, "--out", out]) == 0
-    capsys.readouterr()
-    written = json.loads(Path(out, "results.json").read_text(encoding="utf-8"))
-    assert written["prediction"]["recommendation"] == "keep"
-    assert set(written["prediction"]["quantities"]) == set(DISCREPANCY["none"])
-    assert "Keep this controller." in Path(out, "report.html").read_text(encoding="utf-8")

@@ -1,6 +1,5 @@
 """The league: the same numbers wherever it runs, falls counted, intervals that hold what they promise, and its page."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +7,6 @@ import pytest
 from scipy import stats
 
 from ballbot import Robot
-from ballbot.report.comparison import league_report
-from ballbot.report.page import page_of
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, overall, run_league, standing
@@ -17,7 +14,6 @@ from ballbot.workflows.metrics import score_results
 from ballbot.workflows.statistics import Paired, fraction_with_interval, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
-from tests.support.report_pages import LARGEST_PAGE, figure_count
 from tests.support.screen import assert_fits_a_screen
 
 #: two short courses on the model, so that a league takes seconds
@@ -80,17 +76,6 @@ def test_differences_are_seed_by_seed(league):
         assert found.mean == pytest.approx(np.mean(peaks[0]) - np.mean(peaks[1]))
         assert found.runs == 2
     assert standing(league, "stand", "none").differences == {}
-
-
-def test_page_names_falls_and_the_better_controller(league):
-    page = page_of(league_report(league))
-    assert figure_count(page) == 4  # path and error of each course
-    assert len(page) < LARGEST_PAGE
-    assert re.search(r"Falls in 4 runs each: \w+ in 4\.", page)
-    assert "2 courses on the compiled loop, 2 seeds, the same for all." in page
-    assert re.search(r"is the most accurate: peak error 0\.\d+ \(.*\) times none", page)
-    assert "A step of 0.2 m. A run lasts 4 s." in page
-    assert page.count("one run of each controller, seed 4, the first of 2.") == 2
 
 
 @pytest.mark.slow

@@ -53,27 +53,25 @@ def test_the_worst_tenth_of_fresh_robots_is_better_than_with_nominal_weights(wri
 def test_perturbed_robots_follow_the_given_ranges():
     robot = alten(FRICTION)
     spread = PerturbationRanges(mass=0.1, height=0.05, friction=0.3, delay=3, tilt=2.0)
-    drawn = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
-    masses = np.array([one.model.robot.body.mass for one in drawn.robots]) / robot.body.mass
-    heights = (
-        np.array([one.model.robot.body.center_of_mass for one in drawn.robots]) / robot.body.center_of_mass
-    )
-    coulomb = np.array([one.model.robot.friction.coulomb for one in drawn.robots]) / robot.friction.coulomb
+    drawn, starts = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
+    masses = np.array([one.model.robot.body.mass for one in drawn]) / robot.body.mass
+    heights = np.array([one.model.robot.body.center_of_mass for one in drawn]) / robot.body.center_of_mass
+    coulomb = np.array([one.model.robot.friction.coulomb for one in drawn]) / robot.friction.coulomb
     for shares, width in ((masses, 0.1), (heights, 0.05), (coulomb.ravel(), 0.3)):
         assert np.abs(shares - 1.0).max() <= width
         # the deviation of U(-width, width); 150 draws estimate it to 6 %
         assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.2)
-    assert {one.imperfections.delay for one in drawn.robots} == {0, 1, 2, 3}
-    slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn.robots])
+    assert {one.imperfections.delay for one in drawn} == {0, 1, 2, 3}
+    slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn])
     assert slopes.max() <= np.tan(np.radians(2.0))
     # a heavier body of the same shape has an inertia as much larger, about its own centre of mass
-    one = drawn.robots[0].model.robot
+    one = drawn[0].model.robot
     np.testing.assert_allclose(
         one.body.inertia_about_center_of_mass(), masses[0] * robot.body.inertia_about_center_of_mass()
     )
-    again = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
-    assert [one.model.robot for one in again.robots] == [one.model.robot for one in drawn.robots]
-    np.testing.assert_array_equal(again.starts, drawn.starts)
+    again, starts_again = draw_perturbed(robot, 150, spread=spread, scenario=SCENARIO, seed=4)
+    assert [one.model.robot for one in again] == [one.model.robot for one in drawn]
+    np.testing.assert_array_equal(starts_again, starts)
 
 
 def test_cost_equals_hand_calculation():
@@ -90,7 +88,7 @@ def test_every_candidate_meets_the_same_robots_and_noise():
     robot = alten(FRICTION)
     controller = nominal_controller(robot)
     drawn = draw_perturbed(robot, 16, spread=PerturbationRanges(), scenario=SCENARIO, seed=3)
-    twice = measure_runs([controller, controller], drawn)
+    twice = measure_runs([controller, controller], *drawn)
     for values in (twice.error, twice.roughness, twice.ended):
         np.testing.assert_array_equal(values[0], values[1])
     # encoder and IMU noise through the gain: none without sensors, some tenths of a newton metre with them

@@ -32,12 +32,6 @@ from ballbot.robot import Robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
 from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm, draw_plants
-from ballbot.workflows.controller_prediction import (
-    DISCREPANCY,
-    Prediction,
-    checksum_of,
-    performance_intervals,
-)
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
 from tests.support.screen import assert_fits_a_screen
@@ -182,29 +176,6 @@ def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_besi
     assert results["comparison"]["compensated"] == "precise"
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "The best that compensates friction, precise, is compensated_controller.toml" in page
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_report_shows_the_predicted_performance(small: Study):
-    seen = small.choice.trials["precise"].performances
-    intervals = performance_intervals(seen * 3, discrepancy=DISCREPANCY["precise"])
-    controller = small.choice.controller
-    assert controller is not None
-    assert small.prediction is None  # two plants are too few
-    prediction = Prediction(
-        course=small.choice.course,
-        controller="precise",
-        checksum=checksum_of(controller),
-        torque_limit=controller.torque_limit,
-        scenario="nominal",
-        draws=6,
-        chosen=intervals,
-        none={},
-    )
-    page = page_of(study_report(replace(small, prediction=prediction)))
-    assert f"{1e3 * intervals['peak_error'].low:.1f} to {1e3 * intervals['peak_error'].high:.1f}" in page
-    assert "--prediction results.json LOG" in page
-    assert study_results(replace(small, prediction=prediction))["prediction"] == prediction
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -6,11 +6,7 @@ reference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result
@@ -21,30 +17,6 @@ from ballbot.report.blocks import RESULTS, finding_line
 from ballbot.robot import Robot
 from ballbot.robot.plausibility import robot_findings
 
-if TYPE_CHECKING:
-    from ballbot.workflows.robot_check import CheckedSwing
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SwingOptions:
-    """A free swing of the body."""
-
-    swing: Path | None = None
-    """A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia."""
-
-    swing_column: str | None = None
-    """The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi."""
-
-    pivot_distance: float | None = None
-    """Distance from the pivot to the centre of mass [m]. If not given, the pivot is at the ball's centre."""
-
-    pivot_deviation: float | None = None
-    """Standard deviation of that distance [m]."""
-
-
-_SWING = SwingOptions()
-
 
 def check(
     robot: options.Robot,
@@ -52,7 +24,10 @@ def check(
     *,
     reference: str | None = None,
     controller: str = "nominal",
-    swinging: SwingOptions = _SWING,
+    swing: Path | None = None,
+    swing_column: str | None = None,
+    pivot_distance: float | None = None,
+    pivot_deviation: float | None = None,
     accept: options.Accept = None,
     out: Path | None = None,
 ) -> None:
@@ -76,23 +51,43 @@ def check(
     controller : str
         The controller whose margins are computed and that follows the reference: nominal, precise or a controller
         file.
+    swing : Path
+        A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia.
+    swing_column : str
+        The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi.
+    pivot_distance : float
+        Distance from the pivot to the centre of mass [m]. If not given, the pivot is at the ball's centre.
+    pivot_deviation : float
+        Standard deviation of that distance [m].
     out : Path
         Folder for report.html and results.json.
     """
+    if swing is None and not (swing_column is pivot_distance is pivot_deviation is None):
+        raise InputError(
+            "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
+        )
     hung = Robot.load(robot)
     of_robot = stop_or_show(robot_findings(hung), accept=accept, show=False)
     # compiled code, once the robot has passed its checks
     from ballbot.report.robot_check import robot_check_report
     from ballbot.twin.recording import twin_findings
-    from ballbot.workflows.robot_check import check_robot, follow_reference
+    from ballbot.workflows.robot_check import CheckedRobot, check_swing, follow_reference
 
     findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
     with open_result(out, doing="checking the robot") as result:
-        checked = check_robot(
+        swung = swing and check_swing(
             hung,
-            findings,
+            swing,
+            distance=pivot_distance,
+            deviation=pivot_deviation,
+            column=swing_column,
+            accept=check_codes(accept or ()),
+        )
+        checked = CheckedRobot(
+            robot=hung,
+            findings=findings,
             controller=controller,
-            swing=_swing(hung, swinging, accept),
+            swing=swung,
             following=None if reference is None else follow_reference(hung, reference, controller),
         )
         page = robot_check_report(checked)
@@ -100,22 +95,3 @@ def check(
         printed = [page.title, *page.parts(), *found]
         step = f"`ballbot check-log LOG --robot {robot}`"
         result.write(page, printed=printed, named=[RESULTS], next_step=step)
-
-
-def _swing(robot: Robot, options: SwingOptions, accept: list[str] | None) -> CheckedSwing | None:
-    if options == _SWING:
-        return None
-    if options.swing is None:
-        raise InputError(
-            "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
-        )
-    from ballbot.workflows.robot_check import check_swing
-
-    return check_swing(
-        robot,
-        options.swing,
-        distance=options.pivot_distance,
-        deviation=options.pivot_deviation,
-        column=options.swing_column,
-        accept=check_codes(accept or ()),
-    )

@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 
-#: the robot file beside a log
-ROBOT_BESIDE = "robot.toml"
-
 _MAX_SEEDS = 100_000
 
 
@@ -71,11 +68,6 @@ def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
 def robot_words(source: str, changes: Sequence[str] | None) -> str:
     """Return a robot and its changes as a command line has them."""
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
-
-
-def command_line() -> str:
-    """Return the command line that makes the running command's result, for its provenance."""
-    return shell_line(["ballbot", *ARGV.get()])
 
 
 def input_files(words: Sequence[str], beside: Sequence[Path] = ()) -> list[Path]:
@@ -168,7 +160,7 @@ def open_result(
     InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
     """
     files, console = input_files(ARGV.get()[1:], beside), standard_output()
-    origin = provenance(command=command_line(), files=files, seed=seed)
+    origin = provenance(command=shell_line(["ballbot", *ARGV.get()]), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
     command = command or next(iter(ARGV.get()), "")
     held = result_folder(out, command=command, names=names, inputs=files) if out else None
@@ -184,7 +176,7 @@ def executor(cluster: str | None) -> AbstractContextManager[Executor]:
 
     InputError if there is no such cluster.
     """
-    return nullcontext(Threads()) if cluster is None else _cluster(cluster)
+    return nullcontext(Threads()) if cluster is None else dask_cluster(cluster)
 
 
 def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
@@ -194,10 +186,11 @@ def workers(cluster: str | None, *, processes: int | None = None) -> AbstractCon
     """
     from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
 
-    return nullcontext(Processes(count=processes)) if cluster is None else _cluster(cluster)
+    return nullcontext(Processes(count=processes)) if cluster is None else dask_cluster(cluster)
 
 
-def _cluster(address: str) -> Cluster:
+def dask_cluster(address: str) -> Cluster:
+    """Return the workers of a Dask scheduler; InputError if there is none."""
     from ballbot.fitting.cluster import Cluster
 
     return Cluster(address)

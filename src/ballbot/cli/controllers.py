@@ -41,6 +41,10 @@ class ControllerOptions:
         return named_controller(self.controller, robot)
 
 
+#: the nominal one, without compensation
+NOMINAL = ControllerOptions()
+
+
 def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
     """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
     for name, one in controllers.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
@@ -30,61 +30,23 @@ _KINDS = f"{'; '.join(f'{name}: {one.text}' for name, one in KINDS.items())}."
 _WRITTEN = ("controller.toml",)
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class WeightOptions:
-    """How the gain is designed."""
-
-    kind: Annotated[Kind, Parameter(help=_KINDS)] = "nominal"
-
-    q: str | None = None
-    """Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
-    kind."""
-
-    r: float = NOMINAL_TORQUE_WEIGHT
-    """Weight of each wheel's torque."""
-
-    sample_time: float | None = None
-    """Time between two updates [s]; the robot's own if not given."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class RobustSearchOptions:
-    """Options of the search for robust weights. They have no effect without --robust."""
-
-    perturb: str = ""
-    """Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
-    of the floor). Ranges that are not named keep these values."""
-
-    scenario: options.Scenario = "nominal"
-
-    robots: options.WholeNumber = Effort.robots
-    """Number of perturbed robots on which each candidate is tested."""
-
-    generations: options.WholeNumber = Effort.generations
-    """Largest number of generations of the search."""
-
-    population: options.WholeNumber = Effort.population
-    """Candidates in each generation."""
-
-    fresh: options.WholeNumber = Effort.fresh
-    """Number of other robots on which the result is compared with the nominal weights."""
-
-    seed: options.Seed = 0
-
-
-_WEIGHTS, _SEARCH = WeightOptions(), RobustSearchOptions()
-
-
 def design(
     robot: options.Robot,
     /,
     *,
-    weights: WeightOptions = _WEIGHTS,
+    kind: Annotated[Kind, Parameter(help=_KINDS)] = "nominal",
+    q: str | None = None,
+    r: float = NOMINAL_TORQUE_WEIGHT,
+    sample_time: float | None = None,
     parts: Annotated[PartOptions, Parameter(name="*", negative="")] = DEFAULT_PARTS,
     robust: Annotated[bool, Parameter(negative="")] = False,
-    search: RobustSearchOptions = _SEARCH,
+    perturb: str = "",
+    scenario: options.Scenario = "nominal",
+    robots: options.WholeNumber = Effort.robots,
+    generations: options.WholeNumber = Effort.generations,
+    population: options.WholeNumber = Effort.population,
+    fresh: options.WholeNumber = Effort.fresh,
+    seed: options.Seed = 0,
     accept: options.Accept = None,
     change: options.Changes = None,
     out: options.Out,
@@ -107,19 +69,36 @@ def design(
 
     Parameters
     ----------
+    q
+        Weights of x y theta phi psi and of their rates: ten numbers separated by commas. If not given, those of the
+        kind.
+    r
+        Weight of each wheel's torque.
+    sample_time
+        Time between two updates [s]; the robot's own if not given.
     robust
         Search for the weights on perturbed simulated robots, to minimise the mean cost of the worst tenth of them.
-        Takes minutes.
+        Takes minutes. The options that follow have no effect without it.
+    perturb
+        Ranges of the perturbed robots: mass=0.2,height=0.2,friction=0.2 (fractions), delay=2 (samples), tilt=1 (degrees
+        of the floor). Ranges that are not named keep these values.
+    robots
+        Number of perturbed robots on which each candidate is tested.
+    generations
+        Largest number of generations of the search.
+    population
+        Candidates in each generation.
+    fresh
+        Number of other robots on which the result is compared with the nominal weights.
     """
     described, words = changed_robot(robot, change), robot_words(robot, change)
     findings = check_robot(described, accept=accept)
+    ten = "ten numbers with commas between"
     gain = GainOptions(
-        kind=weights.kind,
-        state_weights=None
-        if weights.q is None
-        else numbers_listed(weights.q, "--q", count=10, wanted="ten numbers with commas between"),
-        torque_weight=weights.r,
-        sample_time=weights.sample_time,
+        kind=kind,
+        state_weights=None if q is None else numbers_listed(q, "--q", count=10, wanted=ten),
+        torque_weight=r,
+        sample_time=sample_time,
     )
     if robust:
         plain = replace(DEFAULT_PARTS, compensation=parts.compensation)
@@ -133,24 +112,18 @@ def design(
             )
         if gain.sample_time is not None:
             described = described.replace(sensors=replace(described.sensors, sample_time=gain.sample_time))
-    effort = Effort(
-        robots=search.robots, generations=search.generations, population=search.population, fresh=search.fresh
-    )
-    spread, scenario = PerturbationRanges.parse(search.perturb), load_scenario(search.scenario, described)
-    with open_result(
-        out,
-        doing="robust design" if robust else "designing the controller",
-        writes=_WRITTEN,
-        seed=search.seed if robust else 0,
-    ) as result:
+    effort = Effort(robots=robots, generations=generations, population=population, fresh=fresh)
+    spread, truth = PerturbationRanges.parse(perturb), load_scenario(scenario, described)
+    doing = "robust design" if robust else "designing the controller"
+    with open_result(out, doing=doing, writes=_WRITTEN, seed=seed if robust else 0) as result:
         if robust:
             found = robust_design(
                 described,
                 compensation=parts.compensation or "none",
                 spread=spread,
-                scenario=scenario,
+                scenario=truth,
                 effort=effort,
-                run=Run(seed=search.seed, progress=result.report),
+                run=Run(seed=seed, progress=result.report),
             )
             page, text = robust_design_report(found, findings), search_comment(found, result.origin.command)
         else:

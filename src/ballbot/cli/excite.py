@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-
-from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result
@@ -24,44 +21,17 @@ from ballbot.workflows.excite import excite as find
 _WRITTEN = ("reference.csv", "controller.toml")
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class LimitOptions:
-    """Limits of the run."""
-
-    lean: float = 8.0
-    """Largest lean of the axis from the vertical [degrees]."""
-
-    floor: float = 1.0
-    """Largest distance from the start [m]."""
-
-    torque: float | None = None
-    """Largest torque of a wheel [N m]; half the robot's torque limit if not given."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ExciteFitOptions:
-    """The identification that the run is for."""
-
-    law: Law = "stribeck"
-    """The friction law that will be identified."""
-
-    bounds: Path | None = None
-    """The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds."""
-
-
-_LIMITS, _IDENTIFICATION = LimitOptions(), ExciteFitOptions()
-
-
 def excite(
     robot: options.Robot,
     /,
     *,
-    within: LimitOptions = _LIMITS,
+    lean: float = 8.0,
+    floor: float = 1.0,
+    torque: float | None = None,
     duration: options.Duration = 32.0,
     scenario: options.Scenario = "nominal",
-    identification: ExciteFitOptions = _IDENTIFICATION,
+    law: Law = "stribeck",
+    bounds: Path | None = None,
     controller: str = "nominal",
     change: options.Changes = None,
     out: options.Out,
@@ -80,18 +50,28 @@ def excite(
 
     Parameters
     ----------
+    lean
+        Largest lean of the axis from the vertical [degrees].
+    floor
+        Largest distance from the start [m].
+    torque
+        Largest torque of a wheel [N m]; half the robot's torque limit if not given.
+    law
+        The friction law that will be identified.
+    bounds
+        The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds.
     controller
         The controller that the robot will use: nominal (without compensation), precise or a controller file.
     """
     described = changed_robot(robot, change)
     limits = Extent(
-        lean=math.radians(within.lean),
-        floor=within.floor,
-        torque=0.5 * described.drive.torque_limit if within.torque is None else within.torque,
+        lean=math.radians(lean),
+        floor=floor,
+        torque=0.5 * described.drive.torque_limit if torque is None else torque,
     )
     chosen = named_controller(controller, described)
     conditions = load_scenario(scenario, described)
-    bounds = read_bounds(identification.bounds) if identification.bounds else None
+    widths = read_bounds(bounds) if bounds else None
     with open_result(out, doing="excite", writes=_WRITTEN) as result:
         found = find(
             described,
@@ -99,8 +79,8 @@ def excite(
             limits=limits,
             duration=duration,
             scenario=conditions,
-            law=identification.law,
-            bounds=bounds,
+            law=law,
+            bounds=widths,
             run=Run(progress=result.report),
         )
         page = excitation_report(found)

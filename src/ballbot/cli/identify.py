@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -27,53 +26,20 @@ from ballbot.report.identification import identification_report
 from ballbot.robot import Robot
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class IdentifyFitOptions:
-    """Quantities to estimate, and the method."""
-
-    estimate: str = "friction"
-    """What to estimate, separated by commas: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
-    wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
-    velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
-    single quantities of friction, such as viscous."""
-
-    law: str = "stribeck"
-    """The friction law of the wheels: viscous, coulomb, stribeck, asymmetric, directed or load. best fits each in turn,
-    shows how much each improves the prediction of held-out windows, and keeps the law that improves it clearly.
-    FILE.py:NAME is a law of your own, which that file registers."""
-
-    exclude_states: str = ""
-    """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
-    floor."""
-
-    bounds: Path | None = None
-    """A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value."""
-
-    sweep: Path | None = None
-    """results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
-    their uncertainties. With --estimate torque_gain only the ratios between the wheels count."""
-
-    window: float = 0.25
-    """Length of the predicted windows [s]."""
-
-    search: Search = "multistart"
-    """How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
-    thesis, which takes longer."""
-
-    seed: options.Seed = 0
-
-
-_FIT = IdentifyFitOptions()
-
-
 def identify(
     robot: options.Robot,
     /,
     *logs: options.Log,
     change: options.Changes = None,
     out: options.Out,
-    fit: IdentifyFitOptions = _FIT,
+    estimate: str = "friction",
+    law: str = "stribeck",
+    exclude_states: str = "",
+    bounds: Path | None = None,
+    sweep: Path | None = None,
+    window: float = 0.25,
+    search: Search = "multistart",
+    seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     accept: options.Accept = None,
@@ -93,6 +59,28 @@ def identify(
     ----------
     logs
         One or more logs of the robot balancing, with torques and states.
+    estimate
+        What to estimate, separated by commas: friction, rigid_body (center_of_mass, second_moment), ball_inertia,
+        wheel_inertia, rotor_inertia, torque (torque_gain, torque_offset, delay), delays (delay, imu_delay,
+        velocity_delay), bias (lean_bias, gyro_bias), pivoting (resistance of the floor to turning on the spot), or
+        single quantities of friction, such as viscous.
+    law
+        The friction law of the wheels: viscous, coulomb, stribeck, asymmetric, directed or load. best fits each in
+        turn, shows how much each improves the prediction of held-out windows, and keeps the law that improves it
+        clearly. FILE.py:NAME is a law of your own, which that file registers.
+    exclude_states
+        States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
+        floor.
+    bounds
+        A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
+    sweep
+        results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
+        their uncertainties. With --estimate torque_gain only the ratios between the wheels count.
+    window
+        Length of the predicted windows [s].
+    search
+        How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
+        thesis, which takes longer.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
     mapping
@@ -100,35 +88,35 @@ def identify(
         logs, or one for each, in the order of the logs and then of those of --holdout.
     """
     described = changed_robot(robot, change)
-    sweep = read_sweep(fit.sweep, wheel_count=described.wheel_count) if fit.sweep else None
+    of_sweep = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
     named, held_out = named_files(logs), named_files(holdout) if holdout else {}
     paths = [*named.values(), *held_out.values()]
     if len(mapping or ()) not in (0, 1, len(paths)):
         raise InputError("Give one --mapping for all logs, or one for each, in the order of the logs.")
     mappings = mapping if mapping and len(mapping) == len(paths) else (mapping or [None])[:1] * len(paths)
     read = [read_balancing_log(*each, described) for each in zip(paths, mappings, strict=True)]
-    bounds = read_bounds(fit.bounds) if fit.bounds else Bounds()
+    within = read_bounds(bounds) if bounds else Bounds()
     # all logs together, as they are one robot's
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     with (
-        open_result(out, doing="identifying", writes=["robot.toml"], seed=fit.seed) as result,
+        open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
         executor(cluster) as made_by,
     ):
         found, selection = identify_by_law(
             described,
             checked,
-            free=fit.estimate,
-            law=fit.law,
-            bounds=bounds,
-            window=fit.window,
+            free=estimate,
+            law=law,
+            bounds=within,
+            window=window,
             options=IdentificationOptions(
-                excluded_states=names_listed(fit.exclude_states),
+                excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or ()),
-                sweep=sweep,
-                search=fit.search,
+                sweep=of_sweep,
+                search=search,
             ),
-            run=Run(seed=fit.seed, executor=made_by, progress=result.report),
+            run=Run(seed=seed, executor=made_by, progress=result.report),
         )
         held = slice(len(named), None)
         holdouts = [

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from cyclopts import Parameter
-
 from ballbot.cli import options
-from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result, parse_seeds, workers
-from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
+from ballbot.cli.context import Content, changed_robot, open_result, parse_seeds, workers
+from ballbot.cli.controllers import NOMINAL, ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import check_robot
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
@@ -23,49 +19,20 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.record import RECORD_FILES, RecordJob, record_run, record_runs, settings
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class ExperimentOptions:
-    """What the robot does, and what is recorded."""
-
-    experiment: Experiment = "balance"
-    """balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
-    wheels)."""
-
-    reference: options.Reference = "square"
-
-    duration: float | None = None
-    """Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down."""
-
-    format: options.LogFormat = "csv"
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class SeedOptions:
-    """Random seeds, and where the runs of several are made."""
-
-    seed: options.Seed = 1
-
-    seeds: str | None = None
-    """Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
-    if they have the same settings: the same command goes on after it was stopped."""
-
-    cluster: options.Cluster = None
-
-
-_EXPERIMENT, _SEEDS, _CONTROLLER = ExperimentOptions(), SeedOptions(), ControllerOptions()
-
-
 def record(
     scenario: str,
     /,
     *,
     robot: options.Robot = "alten",
-    run: ExperimentOptions = _EXPERIMENT,
-    chosen: ControllerOptions = _CONTROLLER,
+    experiment: Experiment = "balance",
+    reference: options.Reference = "square",
+    duration: float | None = None,
+    format: options.LogFormat = "csv",
+    chosen: ControllerOptions = NOMINAL,
     estimator: EstimatorName | None = None,
-    random: SeedOptions = _SEEDS,
+    seed: options.Seed = 1,
+    seeds: str | None = None,
+    cluster: options.Cluster = None,
     accept: options.Accept = None,
     change: options.Changes = None,
     out: options.Out,
@@ -83,6 +50,14 @@ def record(
     scenario
         The twin's true properties, unknown to the controller: nominal, ideal, wide_rows, single_row, single_point,
         resonant, soft_ball, or a scenario file (ballbot twin scenario writes one to start from).
+    experiment
+        balance; driveline_sweep (wheels in the air, 1 N m, a sine of 62.83 s); or upside_down (the ball on the
+        wheels).
+    duration
+        Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down.
+    seeds
+        Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
+        if they have the same settings: the same command goes on after it was stopped.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
@@ -91,35 +66,33 @@ def record(
     described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
     # refused before anything is run or made
-    as_reference(run.reference)
-    check_seed(random.seed)
-    seeds = None if random.seeds is None else parse_seeds(random.seeds)
+    as_reference(reference)
+    check_seed(seed)
+    several = None if seeds is None else parse_seeds(seeds)
     controller = chosen.read(described)
     job = RecordJob(
         robot=described,
         scenario=load_scenario(scenario, described),
         controller=controller if estimator is None else controller.with_estimator(estimator),
-        experiment=run.experiment,
-        reference=run.reference,
-        duration=DURATIONS[run.experiment] if run.duration is None else run.duration,
-        seed=random.seed,
-        log_format=check_format(run.format),
+        experiment=experiment,
+        reference=reference,
+        duration=DURATIONS[experiment] if duration is None else duration,
+        seed=seed,
+        log_format=check_format(format),
     )
-    if run.experiment == "balance":
+    if experiment == "balance":
         warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
     doing = f"recording {job.duration:g} s"
-    if seeds is not None:
-        several, listed = f"recording {counted(len(seeds), 'run')} of {job.duration:g} s", str(random.seeds)
+    if seeds is not None and several is not None:
+        doing = f"recording {counted(len(several), 'run')} of {job.duration:g} s"
         with (
-            workers(random.cluster) as made_by,
-            open_result(out, command="record --seeds", doing=several, seed=listed) as result,
+            workers(cluster) as made_by,
+            open_result(out, command="record --seeds", doing=doing, seed=seeds) as result,
         ):
-            runs = record_runs(job, seeds, out, workers=made_by, progress=result.report)
-            made = " ".join(
-                str(out / next(iter(runs)) / name) for name in (ROBOT_BESIDE, f"log.{run.format}")
-            )
-            step = f"`ballbot {_NEXT[run.experiment]} {made} --out found`"
+            runs = record_runs(job, several, out, workers=made_by, progress=result.report)
+            made = " ".join(str(out / next(iter(runs)) / name) for name in ("robot.toml", f"log.{format}"))
+            step = f"`ballbot {_NEXT[experiment]} {made} --out found`"
             result.write(recordings_report(job, runs, findings), next_step=step)
         return
     with open_result(out, doing=doing, writes=RECORD_FILES, seed=job.seed) as result:
@@ -128,8 +101,8 @@ def record(
             f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()
         }
         files |= settings(job)
-        made = f"{result.path(ROBOT_BESIDE)} {result.path(f'log.{run.format}')}"
-        step = f"`ballbot {_NEXT[run.experiment]} {made} --out found`"
+        made = f"{result.path('robot.toml')} {result.path(f'log.{format}')}"
+        step = f"`ballbot {_NEXT[experiment]} {made} --out found`"
         result.write(recording_report(job, recording, findings), files=files, named=[*files], next_step=step)
 
 

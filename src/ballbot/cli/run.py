@@ -33,7 +33,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.alternation import MIN_RUNS, alternate
 from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.metrics import SETTLE, Performance, performance_of, settled
+from ballbot.workflows.metrics import SETTLE, Performance, settled
 
 ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
@@ -341,7 +341,9 @@ def compare(
                 _finish(connection, made)
                 result.console.print(made.ending.text, soft_wrap=True)
                 logs.append(made.whole_log())
-        performances = [performance_of(log, controllers[k % 2]) for k, log in enumerate(logs)]
+        performances = [
+            Performance.of(log, torque_limit=controllers[k % 2].torque_limit) for k, log in enumerate(logs)
+        ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
         page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from cyclopts import Parameter
-
 from ballbot.cli import options
-from ballbot.cli.context import ROBOT_BESIDE, Content, changed_robot, open_result
-from ballbot.cli.controllers import ControllerOptions, warn_of_idle_compensation
+from ballbot.cli.context import Content, changed_robot, open_result
+from ballbot.cli.controllers import NOMINAL, ControllerOptions, warn_of_idle_compensation
 from ballbot.cli.findings import check_robot
 from ballbot.cli.output import notice_output
 from ballbot.control.references import as_reference
@@ -23,24 +19,7 @@ from ballbot.simulation.run import simulate as run
 from ballbot.twin.imperfections import left_out
 from ballbot.twin.scenario_file import load_scenario
 
-_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), ROBOT_BESIDE)
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class PlantOptions:
-    """What is simulated."""
-
-    formulation: Formulation = "exact"
-    """exact, or thesis (approximate equations of a published ballbot model)."""
-
-    scenario: options.Scenario | None = None
-
-    seed: options.WholeNumber = 1
-    """Random seed of a scenario's noise. The same seed gives the same run."""
-
-
-_CONTROLLER, _PLANT = ControllerOptions(), PlantOptions()
+_WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "robot.toml")
 
 
 def simulate(
@@ -49,8 +28,10 @@ def simulate(
     *,
     reference: options.Reference = "square",
     duration: options.Duration = 32.0,
-    chosen: ControllerOptions = _CONTROLLER,
-    simulated: PlantOptions = _PLANT,
+    chosen: ControllerOptions = NOMINAL,
+    formulation: Formulation = "exact",
+    scenario: options.Scenario | None = None,
+    seed: options.Seed = 1,
     format: options.LogFormat = "csv",
     accept: options.Accept = None,
     change: options.Changes = None,
@@ -65,37 +46,42 @@ def simulate(
     Example: ballbot simulate alten --reference square --duration 32 --out run1
 
     Example: ballbot simulate alten --controller mine.toml --scenario nominal --seed 3 --out run2
+
+    Parameters
+    ----------
+    formulation
+        exact, or thesis (approximate equations of a published ballbot model).
     """
     described = changed_robot(robot, change)
     findings = check_robot(described, accept=accept)
-    check_seed(simulated.seed)
+    check_seed(seed)
     check_format(format)
     path = as_reference(reference)
     controller = chosen.read(described)
     warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
-    scenario = None if simulated.scenario is None else load_scenario(simulated.scenario, described)
-    if scenario is not None:
-        words = f"Left out: {', '.join(left_out(scenario, identified=True))}."
+    truth = None if scenario is None else load_scenario(scenario, described)
+    if truth is not None:
+        words = f"Left out: {', '.join(left_out(truth, identified=True))}."
         notice_output().print(words, markup=False, soft_wrap=True)
-    with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=simulated.seed) as result:
+    with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=seed) as result:
         log = run(
-            Model(described, simulated.formulation),
+            Model(described, formulation),
             controller,
             path,
             duration=duration,
-            seed=simulated.seed,
-            scenario=scenario,
+            seed=seed,
+            scenario=truth,
             progress=in_stage(result.report, f"simulating {duration:g} s"),
         )
         page = simulation_report(
             log,
             described,
             reference=reference,
-            formulation=simulated.formulation,
-            scenario=simulated.scenario,
+            formulation=formulation,
+            scenario=scenario,
             findings=findings,
         )
-        files: dict[str, Content] = {f"log.{format}": log.write, ROBOT_BESIDE: robot_text(described)}
+        files: dict[str, Content] = {f"log.{format}": log.write, "robot.toml": robot_text(described)}
         name = f"log.{format}"
         step = f"`ballbot view {result.path(name)}`"
         result.write(page, files=files, named=[name], next_step=step)

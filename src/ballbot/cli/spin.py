@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
 from ballbot.cli import options
@@ -24,35 +22,15 @@ from ballbot.vision.video import open_video
 _WRITTEN = ("spin.csv", "overlay.png", "log.csv")
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """What the picture shows."""
-
-    seam: str = "thesis"
-    """tennis, basketball, or thesis: one closed curve like a tennis ball's with narrower necks, as of tape on a plain
-    ball."""
-
-    circle: str | None = None
-    """The ball's outline, as x,y,radius in pixels. Estimated if not given."""
-
-    forward: float | None = None
-    """Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
-    estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away."""
-
-    frame_rate: float | None = None
-    """Frame rate of the camera [1/s], if the file states a different one, as for slow motion."""
-
-
-_CAMERA = CameraOptions()
-
-
 def spin(
     video: Path,
     /,
     *,
     out: options.Out,
-    camera: CameraOptions = _CAMERA,
+    seam: str = "thesis",
+    circle: str | None = None,
+    forward: float | None = None,
+    frame_rate: float | None = None,
     log: Path | None = None,
     robot: str | None = None,
     mapping: options.Mapping = None,
@@ -71,6 +49,16 @@ def spin(
     ----------
     video
         Any file that OpenCV reads. The camera stands still and looks down on the ball.
+    seam
+        tennis, basketball, or thesis: one closed curve like a tennis ball's with narrower necks, as of tape on a plain
+        ball.
+    circle
+        The ball's outline, as x,y,radius in pixels. Estimated if not given.
+    forward
+        Direction of the robot's x axis in the picture, in degrees clockwise from the right. If not given, it is
+        estimated from the log; without a log, velocities are in the camera's frame: x to the right, y down, z away.
+    frame_rate
+        Frame rate of the camera [1/s], if the file states a different one, as for slow motion.
     log
         A log of the same run, with the wheels' speeds.
     robot
@@ -81,21 +69,24 @@ def spin(
             "--log needs --robot, because the ball's velocity is "
             "computed from the wheel speeds with the robot's geometry."
         )
-    turn = None if camera.forward is None else facing(math.radians(camera.forward))
-    circle = None
-    if camera.circle is not None:
+    turn = None if forward is None else facing(math.radians(forward))
+    outline = None
+    if circle is not None:
         wanted = "x,y,radius in pixels, such as 320,240,150"
-        x, y, radius = numbers_listed(camera.circle, "--circle", count=3, wanted=wanted)
-        circle = (x, y, radius)
-    seam = seam_named(camera.seam)
+        x, y, radius = numbers_listed(circle, "--circle", count=3, wanted=wanted)
+        outline = (x, y, radius)
+    curve = seam_named(seam)
     run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
-    film = open_video(video, frame_rate=camera.frame_rate)
+    film = open_video(video, frame_rate=frame_rate)
     with open_result(out, doing="looking", writes=_WRITTEN) as result:
         found = measure_spin(
-            film, seam=seam, circle=circle, progress=lambda now: result.report(replace(now, note=video.stem))
+            film,
+            seam=curve,
+            circle=outline,
+            progress=lambda now: result.report(replace(now, note=video.stem)),
         )
         comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:

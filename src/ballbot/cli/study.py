@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -25,46 +24,18 @@ from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
 
 
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class StudyTrialOptions:
-    """The simulated robots that the candidates run on."""
-
-    scenario: options.Scenario = "nominal"
-
-    draws: options.WholeNumber = StudyOptions.draws
-    """Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction."""
-
-    confirm: Annotated[bool, Parameter(negative="--no-confirm")] = True
-    """Whether the chosen controller and the soft gain run on the physics-engine twin as well."""
-
-
-@Parameter(name="*")
-@dataclass(frozen=True, kw_only=True)
-class StudyFitOptions:
-    """How the friction is identified."""
-
-    exclude_states: str = ""
-    """States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
-    floor. They are still validated."""
-
-    mapping: options.Mapping = None
-
-    bounds: Path | None = None
-    """A TOML file with lower and upper bounds of the friction parameters."""
-
-
-_TRIAL, _FIT = StudyTrialOptions(), StudyFitOptions()
-
-
 def study(
     robot: options.Robot,
     /,
     *logs: options.Log,
     change: options.Changes = None,
     out: options.Out,
-    trial: StudyTrialOptions = _TRIAL,
-    fit: StudyFitOptions = _FIT,
+    scenario: options.Scenario = "nominal",
+    draws: options.WholeNumber = StudyOptions.draws,
+    confirm: Annotated[bool, Parameter(negative="--no-confirm")] = True,
+    exclude_states: str = "",
+    mapping: options.Mapping = None,
+    bounds: Path | None = None,
     seed: options.Seed = 0,
     accept: options.Accept = None,
     quick: Annotated[bool, Parameter(negative="")] = False,
@@ -85,18 +56,27 @@ def study(
     ----------
     logs
         One or more logs of the robot balancing, with torques and states.
+    draws
+        Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction.
+    confirm
+        Whether the chosen controller and the soft gain run on the physics-engine twin as well.
+    exclude_states
+        States whose errors do not count in the fit, separated by commas, such as psi,psi_dot if the ball pivots on the
+        floor. They are still validated.
+    bounds
+        A TOML file with lower and upper bounds of the friction parameters.
     quick
         Do not measure where friction matters.
     """
     described = changed_robot(robot, change)
-    named = read_balancing_logs(logs, fit.mapping, described)
-    within = read_bounds(fit.bounds) if fit.bounds else None
-    findings = check_input(described, logs, named.values(), accept=accept, mappings=[fit.mapping])
-    back_emf, excluded = back_emf_of([fit.mapping] if fit.mapping else []), names_listed(fit.exclude_states)
-    scenario = load_scenario(trial.scenario, described)
-    if trial.draws < MIN_RUNS:
+    named = read_balancing_logs(logs, mapping, described)
+    within = read_bounds(bounds) if bounds else None
+    findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
+    back_emf, excluded = back_emf_of([mapping] if mapping else []), names_listed(exclude_states)
+    truth = load_scenario(scenario, described)
+    if draws < MIN_RUNS:
         notice_output().print(
-            f"{counted(trial.draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
+            f"{counted(draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
     with (
@@ -107,13 +87,13 @@ def study(
         found = run_study(
             described,
             CheckedLogs(logs=named, findings=findings),
-            scenario=scenario,
+            scenario=truth,
             options=StudyOptions(
                 bounds=within,
                 excluded_states=excluded,
                 back_emf=back_emf,
-                draws=trial.draws,
-                confirm=trial.confirm,
+                draws=draws,
+                confirm=confirm,
                 quick=quick,
             ),
             run=Run(seed=seed, executor=made_by, progress=result.report),

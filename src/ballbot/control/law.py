@@ -35,8 +35,8 @@ from ballbot.control.parts.part import (
     Smooth,
     TorqueHistory,
     clipped,
+    heading_frame,
     row_times,
-    turned,
 )
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import shape
@@ -141,22 +141,9 @@ def _unshaped(reference, moved):
 def _heading_error(a, state, moved, wanted):
     """Return S(psi) (r_s - x), the state's heading moved by an angle."""
     x, y, psi = wanted
-    position = turned(a, x.value - state[0], y.value - state[1])
-    lean = turned(a, state[2], state[3])
-    speed = turned(a, x.rate - state[5], y.rate - state[6])
-    lean_rate = turned(a, state[7], state[8])
-    return (
-        position[0],
-        position[1],
-        -lean[0],
-        -lean[1],
-        psi.value - (state[4] + moved),
-        speed[0],
-        speed[1],
-        -lean_rate[0],
-        -lean_rate[1],
-        psi.rate - state[9],
-    )
+    pose = (x.value - state[0], y.value - state[1], -state[2], -state[3], psi.value - (state[4] + moved))
+    rates = (x.rate - state[5], y.rate - state[6], -state[7], -state[8], psi.rate - state[9])
+    return heading_frame(a, (*pose, *rates))
 
 
 @inlined

@@ -43,7 +43,6 @@ from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
-from ballbot.robot.derived import inertia_from_swing
 from ballbot.rounding import plus_minus
 
 Kind = Literal["angle", "rate"]
@@ -467,7 +466,7 @@ def inertia_of_swing(
             f"{pivot['deviation']:g} m; the distance must be above zero, the deviation zero or more."
         )
     m, r, omega = robot.body.mass, pivot["distance"], fit.frequency
-    about = inertia_from_swing(mass=m, gravity=robot.gravity, distance=r, angular_frequency=omega)
+    about = m * robot.gravity * r / omega**2  # (Appendix III)
     # about the pivot, the centre of mass and the ball's centre
     values = about + m * np.array([0.0, -(r**2), height**2 - r**2])
     if values[1] <= 0.0:

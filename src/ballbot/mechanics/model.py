@@ -81,17 +81,12 @@ class LinearModel:
             from control import StateSpace
         except ImportError:
             raise missing_package("A StateSpace", "python-control", extra="interop") from None
-        names = [*STATE_NAMES]
-        return StateSpace(
-            self.A,
-            self.B,
-            np.eye(len(self.A)),
-            np.zeros_like(self.B),
-            inputs=[*torque_names(self.B.shape[1])],
-            outputs=names,
-            states=names,
-            name="robot",
-        )
+        names = {
+            "inputs": [*torque_names(self.B.shape[1])],
+            "outputs": [*STATE_NAMES],
+            "states": [*STATE_NAMES],
+        }
+        return StateSpace(self.A, self.B, np.eye(len(self.A)), np.zeros_like(self.B), **names, name="robot")
 
 
 _MAX_STEPS = 1e8  # of one call: most of a minute on one core
@@ -285,9 +280,7 @@ def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:
-        shapes = ", ".join(
-            f"{name} {array.shape}" for (*_, name), array in zip(arguments, arrays, strict=True)
-        )
+        shapes = ", ".join(f"{name} {one.shape}" for (*_, name), one in zip(arguments, arrays, strict=True))
         raise InputError(f"The shapes do not match: {shapes}.") from None
     return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 

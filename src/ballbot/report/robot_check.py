@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ballbot.control.presets import KINDS
+from ballbot.mechanics.model import Model
 from ballbot.report.bench import swing_series
 from ballbot.report.blocks import (
     Bullets,
@@ -23,10 +24,11 @@ from ballbot.report.blocks import (
 from ballbot.report.design import linear_section, loop_section
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import capital
+from ballbot.robot.derived import derived_quantities
 from ballbot.robot.figure import robot_figure
 from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
-from ballbot.workflows.robot_check import MATRICES, MATRIX_EQUATIONS, CheckedRobot, PoleSpread
+from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
@@ -95,13 +97,16 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         ),
         Sheet(
             ("quantity", "value", "unit"),
-            [(one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1")) for one in checked.derived],
+            [
+                (one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1"))
+                for one in derived_quantities(checked.robot)
+            ],
         ),
         Verbatim(f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
     of = f"the {checked.controller} controller" if checked.controller in KINDS else checked.controller
-    if checked.margins is None:
-        yield section(f"Stability margins with {of}", Paragraph(checked.refusal))
+    if isinstance(checked.margins, str):
+        yield section(f"Stability margins with {of}", Paragraph(checked.margins))
     else:
         yield loop_section(checked.margins, of=of)
     if swing := checked.swing:
@@ -120,13 +125,13 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         limits = Sheet(MARGIN_HEADINGS, [use.row() for use in following.uses], caption)
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
-    yield linear_section(checked.linear, caption=caption)
+    yield linear_section(Model(checked.robot).linearize(), caption=caption)
     yield details(
         "Transformation matrices",
         *(
             Verbatim(
                 matrix_text(name, checked.matrices[name]),
-                f"{capital(words)} {MATRIX_EQUATIONS.get(name, '')}".rstrip() + ".",
+                f"{capital(words)}.",
             )
             for name, words in MATRICES.items()
         ),

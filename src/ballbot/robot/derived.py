@@ -1,7 +1,4 @@
-"""Quantities that follow from the parameters: shells, pendulum swings, speed limits, reflected inertia.
-
-Formulas of the thesis's Appendix I (shell wall, speed limit) and III (pendulum), and of mechanics textbooks.
-"""
+"""Quantities that follow from the parameters: shells, pendulum swings, speed limits, reflected inertia."""
 
 from __future__ import annotations
 
@@ -10,28 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballbot.errors import InputError
 from ballbot.robot.robot import Robot
-
-
-def shell_wall(
-    *,
-    mass: float,  # of the shell [kg]
-    radius: float,  # outer radius [m]
-    density: float,  # of the wall's material [kg/m^3]
-) -> float:
-    """Return the wall thickness [m] of a hollow sphere (Appendix I).
-
-    InputError if even a solid sphere of that radius and density would be lighter.
-    """
-    cavity = radius**3 - 3.0 * mass / (4.0 * math.pi * density)
-    if cavity < 0.0:
-        heaviest = 4.0 / 3.0 * math.pi * radius**3 * density
-        raise InputError(
-            f"A sphere of radius {radius:g} m and density {density:g} kg/m^3 has a mass of at "
-            f"most {heaviest:.3g} kg, not {mass:g} kg; check the unit of the density (kg/m^3)."
-        )
-    return radius - math.cbrt(cavity)
 
 
 def thin_shell_inertia(*, mass: float, radius: float) -> float:
@@ -42,36 +18,6 @@ def thin_shell_inertia(*, mass: float, radius: float) -> float:
 def solid_sphere_inertia(*, mass: float, radius: float) -> float:
     """Return the inertia [kg m^2] of a solid sphere about its centre, 2/5 m r^2."""
     return 0.4 * mass * radius**2
-
-
-def thick_shell_inertia(
-    *,
-    mass: float,  # of the shell [kg]
-    radius: float,  # outer radius R [m]
-    wall: float,  # thickness R - r [m], above zero and at most the radius
-) -> float:
-    """Return the inertia [kg m^2] of a spherical shell about its centre, 2/5 m (R^5 - r^5) / (R^3 - r^3).
-
-    InputError if the wall is not between zero and the radius.
-    """
-    if not 0.0 < wall <= radius:
-        raise InputError(f"A wall of {wall:g} m does not fit in a sphere of radius {radius:g} m.")
-    # both differences divided by R - r, which would cancel digits where the wall is thin
-    ratio = 1.0 - wall / radius
-    fifth = sum(ratio**power for power in range(5))
-    third = sum(ratio**power for power in range(3))
-    return 0.4 * mass * radius**2 * fifth / third
-
-
-def inertia_from_swing(
-    *,
-    mass: float,  # of the body [kg]
-    gravity: float,  # g [m/s^2]
-    distance: float,  # from pivot to centre of mass [m]
-    angular_frequency: float,  # of small free swings [rad/s]
-) -> float:
-    """Return a hanging body's inertia [kg m^2] about its pivot, m g r / omega_n^2 (Appendix III)."""
-    return mass * gravity * distance / angular_frequency**2
 
 
 def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:

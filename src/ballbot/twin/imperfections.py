@@ -23,6 +23,7 @@ from ballbot.simulation.imperfections import Imperfections, RollerContacts
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
+from ballbot.twin.parts import point_inertia
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 
@@ -119,9 +120,8 @@ def loaded_body(body: Body, payload: Payload) -> Body:
     place = np.array(payload.position)
     mass = body.mass + payload.mass
     moment = payload.mass * place + [0.0, 0.0, body.mass * body.center_of_mass]
-    inertia = body.inertia_about_ball_center() + payload.mass * (
-        (place @ place + 0.4 * payload.radius**2) * np.eye(3) - np.outer(place, place)
-    )
+    solid = 0.4 * payload.radius**2 * np.eye(3)
+    inertia = body.inertia_about_ball_center() + payload.mass * (point_inertia(place) + solid)
     turn = rotation_to(moment)
     J = turn.T @ inertia @ turn
     return replace(

@@ -29,11 +29,12 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.files import read_text
 from ballbot.printable import printable_line
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.robot.components import PARAMETERS
 from ballbot.robot.parameters import Value, build, value_of
 from ballbot.twin.engine import Engine, foreign_model
 from ballbot.twin.mjcf import add, twin_mjcf
+from ballbot.twin.parts import point_inertia
 from ballbot.twin.scenario import Scenario
 
 #: bytes of a document
@@ -79,15 +80,9 @@ def read_model(path: str | Path, *, like: Robot) -> ReadModel:
 
 def _completed(like: Robot, stated: dict[str, Value], notes: tuple[str, ...], source: str) -> ReadModel:
     """Return the robot with what a model states, and the rest as in another one."""
-    count = np.size(stated["wheels.azimuths"])
-    friction = {
-        "friction.viscous": (0.0,) * count,
-        "friction.coulomb": (0.0,) * count,
-        "friction.stribeck": (0.0,) * count,
-        "friction.rolling": 0.0,
-        **{f"friction.{name}": () for name in ("coulomb_asymmetry", "stribeck_asymmetry", "load")},
-    }
-    none = {name: value for name, value in friction.items() if name not in stated}
+    friction = Friction.none(np.size(stated["wheels.azimuths"]))
+    terms = ("viscous", "coulomb", "stribeck", "rolling", "coulomb_asymmetry", "stribeck_asymmetry", "load")
+    none = {f"friction.{one}": getattr(friction, one) for one in terms if f"friction.{one}" not in stated}
     rest = [one for one in PARAMETERS if one.name not in stated and one.name not in none]
     sources = {
         **dict.fromkeys(stated, f"calculated: from the model {printable_line(source)}"),
@@ -161,12 +156,8 @@ def _inertia_about(model, data, body: int, point: NDArray[np.float64]) -> NDArra
     xx, yy, zz, xy, xz, yz, *moment, mass = data.crb[body].tolist()
     about = data.subtree_com[model.body_rootid[body]]  # MuJoCo's own point
     place = np.array(moment) / mass if mass > 0.0 else np.zeros(3)
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * _of_point(place)
-    return inertia + mass * _of_point(about + place - point)
-
-
-def _of_point(place: NDArray[np.float64]) -> NDArray[np.float64]:
-    return place @ place * np.eye(3) - np.outer(place, place)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * point_inertia(place)
+    return inertia + mass * point_inertia(about + place - point)
 
 
 def _ball(model) -> tuple[int, float]:

@@ -23,7 +23,7 @@ from ballbot.robot.wheel_directions import axles, contact_directions, rolling_di
 
 _ROLLER_FRACTION = 0.4  # of the wheel's inertia; rubber rollers on an aluminium hub
 _POINT_FRACTION = 1e-3  # sideways its spin then weighs some 0.1 g
-_LIGHTEST = 1.0 / 64.0  # of the disc's mass
+_MOST_HALVINGS = 6  # of the disc's mass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +46,7 @@ class WheelParts:
             c, s = np.cos(angle), np.sin(angle)
             turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
             total = total + turn @ np.diag(self.roller_inertia) @ turn.T
-            total = total + self.roller_mass * _point_inertia(center)
+            total = total + self.roller_mass * point_inertia(center)
         return total
 
     def first_moment(self) -> NDArray[np.float64]:
@@ -84,15 +84,14 @@ def split_robot(robot: Robot, rollers: Rollers, *, point: bool) -> tuple[WheelPa
 
     InputError if the rest is not physical, however light the wheels.
     """
-    fraction, refusal = 1.0, InputError()
-    while fraction >= _LIGHTEST:
-        wheel = wheel_parts(robot, rollers, point=point, mass_fraction=fraction)
+    refusals = []
+    for halvings in range(_MOST_HALVINGS + 1):
+        wheel = wheel_parts(robot, rollers, point=point, mass_fraction=0.5**halvings)
         try:
             return wheel, body_parts(robot, wheel)
         except InputError as error:
-            refusal = error if fraction == 1.0 else refusal
-        fraction *= 0.5
-    raise refusal
+            refusals.append(error)
+    raise refusals[0]
 
 
 def wheel_parts(robot: Robot, rollers: Rollers, *, point: bool, mass_fraction: float = 1.0) -> WheelParts:
@@ -165,10 +164,10 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     center_of_mass = (first_moment - wheel.mass * centers.sum(axis=0) - moments.sum(axis=0)) / mass
     inertia = robot.body.inertia_about_ball_center()
     for frame, center, moment in zip(frames, centers, moments, strict=True):
-        inertia = inertia - frame @ wheel.inertia() @ frame.T - wheel.mass * _point_inertia(center)
+        inertia = inertia - frame @ wheel.inertia() @ frame.T - wheel.mass * point_inertia(center)
         inertia = inertia - 2 * np.dot(center, moment) * np.eye(3)
         inertia = inertia + np.outer(center, moment) + np.outer(moment, center)
-    inertia = inertia - mass * _point_inertia(center_of_mass)
+    inertia = inertia - mass * point_inertia(center_of_mass)
     low, middle, high = np.linalg.eigvalsh(inertia)
     if low <= 0 or low + middle < high:
         raise InputError(
@@ -178,6 +177,6 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     return BodyParts(mass=mass, center_of_mass=center_of_mass, inertia=inertia)
 
 
-def _point_inertia(position: NDArray[np.float64]) -> NDArray[np.float64]:
+def point_inertia(position: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the inertia (3, 3) about the origin of 1 kg at a position (3,)."""
     return np.dot(position, position) * np.eye(3) - np.outer(position, position)

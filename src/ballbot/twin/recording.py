@@ -17,7 +17,7 @@ An alignment of log and cameras is tested against the setup.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Literal
@@ -30,7 +30,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation.interface import state_errors
-from ballbot.findings import Finding
+from ballbot.findings import Finding, error, warning
 from ballbot.log import Log
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.results import to_results
@@ -169,23 +169,15 @@ def results(log: Log) -> dict[str, object]:
 
 def twin_findings(robot: Robot) -> tuple[Finding, ...]:
     """Return why `ballbot record nominal` would refuse a robot; empty if it records it."""
-    findings, scenario = [], Scenario.nominal(robot)
-    # without MuJoCo, only the document can be checked
-    build = Twin if find_spec("mujoco") else twin_mjcf
-    refusal = _refusal(lambda: build(robot, scenario))
-    if refusal:
+    findings = []
+    try:  # without MuJoCo, only the document can be checked
+        (Twin if find_spec("mujoco") else twin_mjcf)(robot, Scenario.nominal(robot))
+    except InputError as refusal:
         text = f"The twin cannot simulate this robot, so `ballbot record` refuses it: {refusal}"
-        findings.append(Finding(code="robot-twin", severity="warning", text=text))
-    refusal = _refusal(lambda: nominal_controller(robot))
-    if refusal:
-        text = f"No nominal controller can be designed for this robot: {refusal}"
-        findings.append(Finding(code="robot-balance", severity="error", text=text))
-    return tuple(findings)
-
-
-def _refusal(attempt: Callable[[], object]) -> str:
+        findings.append(warning("robot-twin", text))
     try:
-        attempt()
-    except InputError as error:
-        return str(error)
-    return ""
+        nominal_controller(robot)
+    except InputError as refusal:
+        text = f"No nominal controller can be designed for this robot: {refusal}"
+        findings.append(error("robot-balance", text))
+    return tuple(findings)

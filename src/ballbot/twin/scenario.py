@@ -161,10 +161,7 @@ class Scenario:
     @staticmethod
     def ideal(robot: RobotLike) -> Scenario:
         """Return `nominal` without friction, play or noise; the ball still does not pivot, as in the exact model."""
-        nominal, friction = Scenario.nominal(robot), Friction.none(as_robot(robot).wheel_count)
-        sensors = replace(nominal.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
-        quiet = replace(nominal, backlash=0.0, torque_noise=0.0, sensors=sensors)
-        return replace(quiet, name="ideal", friction=friction)
+        return Scenario.named("ideal", robot)
 
     @staticmethod
     def names() -> list[str]:
@@ -177,10 +174,8 @@ class Scenario:
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
-        if name == "ideal":
-            return Scenario.ideal(robot)
         nominal = Scenario.nominal(robot)
-        return replace(nominal, name=name, **_NAMED[name](nominal.rollers))
+        return replace(nominal, name=name, **_NAMED[name](nominal))
 
 
 def _sizes(value: object, name: str) -> str:
@@ -203,14 +198,21 @@ def _repeated(values: tuple[float, ...], robot: Robot) -> tuple[float, ...]:
     return tuple(values[i % len(values)] for i in range(robot.wheel_count))
 
 
-#: the named scenarios: what they have other than `nominal`, which depends on its rollers
-_NAMED: dict[str, Callable[[Rollers], dict[str, Any]]] = {
+#: the named scenarios: what they have other than `nominal`
+_NAMED: dict[str, Callable[[Scenario], dict[str, Any]]] = {
     "nominal": lambda _: {},
-    "ideal": lambda _: {},
+    "ideal": lambda nominal: {
+        "friction": Friction.none(len(nominal.friction.coulomb)),
+        "backlash": 0.0,
+        "torque_noise": 0.0,
+        "sensors": replace(nominal.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0),
+    },
     # rows of rollers 22 mm apart, as on the wheels of a cheap robot
-    "wide_rows": lambda rollers: {"rollers": replace(rollers, row_spacing=0.022)},
+    "wide_rows": lambda nominal: {"rollers": replace(nominal.rollers, row_spacing=0.022)},
     # single-row wheels of twice as many rollers, as the thesis recommends
-    "single_row": lambda rollers: {"rollers": replace(rollers, rows=1, per_row=2 * rollers.per_row)},
+    "single_row": lambda nominal: {
+        "rollers": replace(nominal.rollers, rows=1, per_row=2 * nominal.rollers.per_row)
+    },
     # wheels that touch the ball in a single point, as in the equations of motion
     "single_point": lambda _: {"wheel_contact": "point"},
     # drivelines that twist, lightly damped. The nominal gain still balances them; at 30 Hz or with half the damping the
@@ -239,10 +241,9 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
 
 
 def _check_friction(scenario: Scenario, robot: Robot) -> None:
-    friction = scenario.friction
-    dry = (friction.coulomb, friction.stribeck, friction.coulomb_asymmetry, friction.stribeck_asymmetry)
-    for values in (friction.viscous, *dry, friction.load):
-        if values and len(values) != robot.wheel_count:
+    for one in parameters_of(Friction):
+        values = getattr(scenario.friction, one.name)
+        if one.shape == "list" and len(values) != robot.wheel_count and values != one.default:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."

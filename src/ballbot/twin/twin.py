@@ -116,21 +116,16 @@ class Disturbances:
 
 
 class UnevenFloor:
-    """Height of a floor over the plane: a sum of waves drawn from a seed."""
+    """A floor whose height over the plane is a sum of waves drawn from a seed, a sum of a sin(k . place + phase)."""
 
     def __init__(self, roughness: Roughness) -> None:
         random = np.random.default_rng([roughness.seed, 900])
         heading = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
-        length = roughness.wavelength * 4.0 ** random.uniform(
-            0.0, 1.0, _WAVES
-        )  # log-uniform, up to four times
+        # log-uniform, up to four times
+        length = roughness.wavelength * 4.0 ** random.uniform(0.0, 1.0, _WAVES)
         self._phases = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
         self._numbers = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
         self._amplitude = roughness.height * np.sqrt(2.0 / _WAVES)
-
-    def height(self, place: NDArray[np.float64]) -> float:
-        """Return h(x, y) [m]."""
-        return float(self._amplitude * np.sin(self._numbers @ place + self._phases).sum())
 
     def slope(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return grad h (2,) at a place (2,) [m]."""

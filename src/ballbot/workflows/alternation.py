@@ -77,12 +77,9 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Controller
             f"{counted(len(performances), 'run')} in turn cannot be compared. Make {MIN_RUNS} or more, as many with "
             "one controller as with the other."
         )
-    sizes = np.array([one.sizes() for one in performances])
-    gains = {
-        name: paired_gain(sizes[:, place])
-        for place, name in enumerate(QUANTITIES)
-        if bool((np.isfinite(sizes[:, place]) & (sizes[:, place] > 0.0)).all())
-    }
+    sizes = {name: np.array([one.sizes()[name] for one in performances]) for name in QUANTITIES}
+    shown = {name: each for name, each in sizes.items() if (np.isfinite(each) & (each > 0.0)).all()}
+    gains = {name: paired_gain(each) for name, each in shown.items()}
     return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))
 
 

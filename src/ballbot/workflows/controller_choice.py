@@ -42,7 +42,7 @@ from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import ReferenceSpec
 from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
-from ballbot.workflows.metrics import Performance, Score, performance_of
+from ballbot.workflows.metrics import Performance, Score
 from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
 
@@ -247,7 +247,7 @@ def run_trials(
     def ask(one: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
         assert isinstance(one.controller, Controller)
         kept = log if logged and one.condition is conditions[0] else None
-        return one.score(log), performance_of(log, one.controller), kept
+        return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
 
     table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
     trials = {}

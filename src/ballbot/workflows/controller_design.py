@@ -143,12 +143,25 @@ def design_controller(
         If a weight or a part is not possible, more friction is compensated than is certain and this is not allowed, or
         the loop has no stability margin.
     """
-    robot = as_robot(robot)
-    found = _design(robot, gain)
-    uncertainty = propagate(robot, lambda one: _design(one, gain).gain)
-    certain = certain_friction(robot)
+    robot, kind = as_robot(robot), KINDS[gain.kind]
+
+    def designed(of: Robot) -> LqrDesign:
+        return kind.design(
+            of,
+            state_weights=gain.state_weights or kind.state_weights,
+            torque_weight=gain.torque_weight,
+            sample_time=gain.sample_time,
+        )
+
+    found, certain = designed(robot), certain_friction(robot)
+    uncertainty = propagate(robot, lambda of: designed(of).gain)
     compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
-    controller = _controller(compensated, gain.kind, found, parts)
+    controller = kind.controller(compensated, found, parts.compensation or kind.compensation)
+    if parts.notch is not None:
+        controller = controller.with_parts(replace(controller.parts, notch=Notch(frequency=parts.notch)))
+    if parts.delay is not None:
+        late = DelayPrediction(delay=parts.delay)
+        controller = controller.with_parts(replace(controller.parts, prediction=late))
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
     margins = loop_margins(controller)
@@ -162,25 +175,3 @@ def design_controller(
         margin=compensation_margin(controller, certain),
         loop_margins=margins,
     )
-
-
-def _design(robot: Robot, options: GainOptions) -> LqrDesign:
-    """Return the gain for a robot, with the kind's own weights if none are given."""
-    kind = KINDS[options.kind]
-    return kind.design(
-        robot,
-        state_weights=options.state_weights or kind.state_weights,
-        torque_weight=options.torque_weight,
-        sample_time=options.sample_time,
-    )
-
-
-def _controller(robot: Robot, kind: str, found: LqrDesign, options: PartOptions) -> Controller:
-    """Return the controller of a gain with the requested parts, and its kind's own compensation if none is given."""
-    made = KINDS[kind].controller(robot, found, options.compensation or KINDS[kind].compensation)
-    parts = made.parts
-    if options.notch is not None:
-        parts = replace(parts, notch=Notch(frequency=options.notch))
-    if options.delay is not None:
-        parts = replace(parts, prediction=DelayPrediction(delay=options.delay))
-    return made.with_parts(parts)

@@ -158,10 +158,10 @@ def performance_intervals(
     performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
 ) -> dict[str, PredictionInterval]:
     """Return each quantity's prediction interval for a new run on a robot with unknown faults (`DISCREPANCY`)."""
-    sizes = np.transpose([one.sizes() for one in performances])
+    sizes = [one.sizes() for one in performances]
     found = {
-        name: lognormal_interval(each, discrepancy=discrepancy[name])
-        for name, each in zip(QUANTITIES, sizes, strict=True)
+        name: lognormal_interval(np.array([each[name] for each in sizes]), discrepancy=discrepancy[name])
+        for name in QUANTITIES
     }
     # the share of the torque limit that is left; no motor gives more than its limit
     used = found["torque_margin"]
@@ -291,8 +291,8 @@ def evaluate_log(
     ended = _why_ended(run, prediction)
     seen = Performance.of(run, torque_limit=prediction.torque_limit)
     quantities = tuple(
-        QuantityResult(name=name, predicted=prediction.chosen[name], value=float(value))
-        for name, value in zip(QUANTITIES, seen.to_array(), strict=True)
+        QuantityResult(name=name, predicted=prediction.chosen[name], value=value)
+        for name, value in vars(seen).items()
     )
     recommendation, reason = _recommended(prediction, quantities, ended)
     foreign = False

@@ -3,21 +3,20 @@
 Errors are the true position's and heading's if the log has the truth, and count once the robot has settled:
 see `settled`. Torque and energy count from the first row to the last. `score` is every metric at once.
 
-A real robot has no true position. `performance_of` therefore takes the errors of the logged state, with its drift, of
+A real robot has no true position. `Performance` therefore takes the errors of the logged state, with its drift, of
 a robot's log and of a simulated run alike: these are the quantities that a prediction names.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dst
 
-from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.results import to_results
@@ -254,24 +253,13 @@ class Performance:
             torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
         )
 
-    def to_array(self) -> NDArray[np.float64]:
-        """Return its numbers (5,), in the order of `QUANTITIES`."""
-        return np.array(astuple(self), dtype=np.float64)
-
-    def sizes(self) -> NDArray[np.float64]:
-        """Return its numbers (5,) with the share of the torque limit that is used in place of that left."""
-        numbers = self.to_array()
-        numbers[QUANTITIES.index("torque_margin")] = 1.0 - self.torque_margin
-        return numbers
+    def sizes(self) -> dict[str, float]:
+        """Return its numbers by name, with the share of the torque limit that is used in place of that left."""
+        return asdict(self) | {"torque_margin": 1.0 - self.torque_margin}
 
 
 #: names of the quantities, in their order
 QUANTITIES = tuple(field.name for field in fields(Performance))
-
-
-def performance_of(log: Log, controller: Controller) -> Performance:
-    """Return the numbers of a run with that controller."""
-    return Performance.of(log, torque_limit=controller.torque_limit)
 
 
 @dataclass(frozen=True)

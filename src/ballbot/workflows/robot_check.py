@@ -8,8 +8,9 @@ variance follow from linear propagation to the mean of the unstable poles, which
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +27,10 @@ from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
 from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.model import LinearModel, Model
+from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import PARAMETERS
-from ballbot.robot.derived import Derived, derived_quantities
+from ballbot.robot.derived import derived_quantities
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.reference_check import ReferenceMargins, check_reference
@@ -68,22 +69,14 @@ def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
     )
 
 
-#: the thesis's names of the matrices, with what each does
+#: the thesis's names of the matrices, with what each does and the thesis's equation of it
 MATRICES = {
-    "T_tbw": "torque on the ball from torque on the wheels",
-    "T_tbg": "torque on the ball from force on the ground",
+    "T_tbw": "torque on the ball from torque on the wheels (II.10)",
+    "T_tbg": "torque on the ball from force on the ground (II.12)",
     "T_fgb": "force on the ground from torque on the ball",
-    "T_owb": "wheel speed from the ball's angular velocity",
-    "T_obw": "the ball's angular velocity from wheel speed",
-    "T_vgb": "velocity over ground from the ball's angular velocity",
-}
-#: the thesis's equations of these matrices
-MATRIX_EQUATIONS = {
-    "T_tbw": "(II.10)",
-    "T_tbg": "(II.12)",
-    "T_owb": "(II.13), (V.2)",
-    "T_obw": "(V.3)",
-    "T_vgb": "(II.15)",
+    "T_owb": "wheel speed from the ball's angular velocity (II.13), (V.2)",
+    "T_obw": "the ball's angular velocity from wheel speed (V.3)",
+    "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
 }
 
 #: how long a named reference is examined [s]: the longest of them goes once around
@@ -120,13 +113,10 @@ def check_swing(
         fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
     )
     findings = by_severity([*of_log, *found.findings()])
-    _stop(findings, file, accept)
+    stop_on_errors(
+        [replace(one, where=replace(one.where, file=str(file))) for one in findings], accept=accept
+    )
     return CheckedSwing(found=found, findings=findings)
-
-
-def _stop(findings: Sequence[Finding], file: Path, accept: Collection[str]) -> None:
-    named = [replace(one, where=replace(one.where, file=str(file))) for one in findings]
-    stop_on_errors(named, accept=accept)
 
 
 def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
@@ -137,78 +127,62 @@ def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMar
     return check_reference(robot, chosen, reference, name=source, duration=duration)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedRobot:
     """A robot with everything that `ballbot check` states about it."""
 
     robot: Robot
-    derived: list[Derived]
-    matrices: dict[str, NDArray[np.float64]]
-    linear: LinearModel  #: the exact model about upright
-    poles: NDArray[np.complex128]  #: of the exact model about upright, fastest growth first [rad/s]
-    spread: PoleSpread | None  #: None if no value has a standard deviation
-    findings: tuple[Finding, ...]  #: of the robot
-    controller: str  #: "nominal", "precise" or the file
-    margins: Margins | None  #: of its loop; None if there is no such loop, or it is unstable
-    refusal: str  #: why there are no margins
-    swing: CheckedSwing | None
-    following: ReferenceMargins | None
+    findings: tuple[Finding, ...]  #: of the robot, errors first
+    controller: str = "nominal"  #: whose margins are stated: "nominal", "precise" or a file
+    swing: CheckedSwing | None = None
+    following: ReferenceMargins | None = None
+
+    @cached_property
+    def matrices(self) -> dict[str, NDArray[np.float64]]:
+        """The matrices of `MATRICES`."""
+        return {name: getattr(transforms(self.robot), name) for name in MATRICES}
+
+    @cached_property
+    def poles(self) -> NDArray[np.complex128]:
+        """The poles of the exact model about upright, fastest growth first [rad/s]."""
+        poles = np.asarray(Model(self.robot).linearize().poles(), dtype=np.complex128)
+        return poles[np.argsort(-poles.real)]
+
+    @cached_property
+    def spread(self) -> PoleSpread | None:
+        """The fastest pole as the values' standard deviations leave it; None if none has one."""
+        return pole_spread(self.robot) if uncertain(self.robot) else None
+
+    @cached_property
+    def margins(self) -> Margins | str:
+        """The controller's margins, or why there are none; InputError if there is no such controller file."""
+        try:
+            return loop_margins(named_controller(self.controller, self.robot))
+        except InputError as error:
+            if self.controller not in KINDS:
+                raise
+            return str(error)
 
     def to_dict(self) -> dict[str, object]:
         """Return this as results.json holds it."""
+        margins = {"refusal": self.margins} if isinstance(self.margins, str) else self.margins.to_dict()
         return {
             "robot": self.robot.name,
             "parameters": {
                 one.name: value for one in PARAMETERS if (value := value_of(self.robot, one)) != ()
             },
-            "derived": {one.name: one.value for one in self.derived},
+            "derived": {one.name: one.value for one in derived_quantities(self.robot)},
             "matrices": self.matrices,
             "linearization": linearization_results(Model(self.robot)),
             "poles": self.poles,
             "unstable_pole": float(self.poles[0].real),
             "standard_deviations": self.robot.standard_deviations,
             "unstable_pole_uncertainty": self.spread,
-            "loop_margins": {
-                "controller": self.controller,
-                **(self.margins.to_dict() if self.margins else {"refusal": self.refusal}),
-            },
+            "loop_margins": {"controller": self.controller, **margins},
             "findings": finding_results(self.findings),
             "swing": self.swing.found.to_dict(self.swing.findings) if self.swing else None,
             "reference": self.following,
         }
-
-
-def check_robot(
-    robot: Robot,
-    findings: Sequence[Finding],
-    *,
-    controller: str = "nominal",
-    swing: CheckedSwing | None = None,
-    following: ReferenceMargins | None = None,
-) -> CheckedRobot:
-    """Return a robot, with its findings, and what follows from its parameters; margins are those of that controller."""
-    found, linear, margins, refusal = transforms(robot), Model(robot).linearize(), None, ""
-    try:
-        margins = loop_margins(named_controller(controller, robot))
-    except InputError as error:
-        if controller not in KINDS:
-            raise
-        refusal = str(error)
-    poles = np.asarray(linear.poles(), dtype=np.complex128)
-    return CheckedRobot(
-        robot=robot,
-        spread=pole_spread(robot) if uncertain(robot) else None,
-        findings=by_severity(findings),
-        controller=controller,
-        margins=margins,
-        refusal=refusal,
-        swing=swing,
-        following=following,
-        derived=derived_quantities(robot),
-        matrices={name: getattr(found, name) for name in MATRICES},
-        linear=linear,
-        poles=poles[np.argsort(-poles.real)],
-    )
 
 
 def linearization_results(model: Model) -> dict[str, object]:

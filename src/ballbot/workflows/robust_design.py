@@ -94,19 +94,14 @@ class PerturbationRanges:
             raise InputError(f"--perturb {text!r}: {error}") from None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PerturbedRobots:
-    """Robots with what their loops bear, and where they start."""
-
-    robots: tuple[LoopRobot, ...]
-    #: (robots, 10), the ball `INITIAL_OFFSET` away from the origin in any direction, upright at rest
-    starts: NDArray[np.float64]
-
-
 def draw_perturbed(
     robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
-) -> PerturbedRobots:
-    """Draw robots from the ranges, under a scenario; the same seed gives the same robots and the same noise."""
+) -> tuple[list[LoopRobot], NDArray[np.float64]]:
+    """Draw robots from the ranges, under a scenario, and where each starts (robots, 10).
+
+    The same seed gives the same robots and the same noise. The ball starts `INITIAL_OFFSET` away from the origin in any
+    direction, upright at rest.
+    """
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
     for lane in range(count):
@@ -130,37 +125,38 @@ def draw_perturbed(
         )
         robots.append(replace(made, imperfections=borne))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
-    return PerturbedRobots(robots=tuple(robots), starts=starts)
+    return robots, starts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RunMeasures:
-    """How controllers did, on each of the robots."""
+    """How controllers did on each of the robots: arrays (controllers, robots)."""
 
-    #: (controllers, robots), root mean square once settled [m]; NaN of one that fell
-    error: NDArray[np.float64]
-    roughness: NDArray[np.float64]  #: (controllers, robots), torque's change from sample to sample [N m]
-    ended: NDArray[np.float64]  #: (controllers, robots), when it fell [s]; infinity where it stood
+    error: NDArray[np.float64]  #: root mean square once settled [m]; NaN of one that fell
+    roughness: NDArray[np.float64]  #: torque's change from sample to sample [N m]
+    ended: NDArray[np.float64]  #: when it fell [s]; infinity where it stood
 
     @property
     def fell(self) -> NDArray[np.bool_]:
-        """Whether it fell (controllers, robots)."""
+        """Whether it fell."""
         return np.isfinite(self.ended)
 
 
-def measure_runs(controllers: Sequence[Controller], perturbed: PerturbedRobots) -> RunMeasures:
+def measure_runs(
+    controllers: Sequence[Controller], robots: Sequence[LoopRobot], starts: NDArray[np.float64]
+) -> RunMeasures:
     """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
-    robots = perturbed.robots * len(controllers)
+    shape = (len(controllers), len(robots))
+    lanes = [*robots] * len(controllers)
     batch = simulate_batch(
-        [robot.model for robot in robots],
-        [controller for controller in controllers for _ in perturbed.robots],
+        [robot.model for robot in lanes],
+        [controller for controller in controllers for _ in robots],
         hold(),
         duration=RUN,
-        initial_states=np.tile(perturbed.starts, (len(controllers), 1)),
-        imperfections=[robot.imperfections for robot in robots],
+        initial_states=np.tile(starts, (len(controllers), 1)),
+        imperfections=[robot.imperfections for robot in lanes],
         every=_EVERY,
     )
-    shape = (len(controllers), len(perturbed.robots))
     late = batch.t >= RUN - SETTLED  # as the rows' ends are beyond it
     error = np.sqrt((batch.next_states[:, late, :2] ** 2).sum(axis=2).mean(axis=1))
     return RunMeasures(
@@ -185,10 +181,8 @@ class CostUnits:
                 f"The nominal gain falls with {percent(share)} of the perturbed robots, so costs "
                 "cannot be compared with its cost. Reduce the perturbation."
             )
-        stood = ~nominal.fell
-        return CostUnits(
-            error=float(np.median(nominal.error[stood])), roughness=float(np.median(nominal.roughness[stood]))
-        )
+        roughness = float(np.median(nominal.roughness[~nominal.fell]))
+        return CostUnits(error=float(np.nanmedian(nominal.error)), roughness=roughness)
 
     def costs(self, seen: RunMeasures) -> NDArray[np.float64]:
         """Return J (controllers, robots)."""
@@ -197,9 +191,9 @@ class CostUnits:
 
 
 def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the mean of the largest tenth of costs (..., robots), of one robot at least."""
+    """Return the mean of the largest tenth of costs (..., robots), of one robot at least; NaN of no robot."""
     count = max(1, round(TAIL * costs.shape[-1]))
-    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1)
+    return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1) if costs.size else np.array(np.nan)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,24 +276,24 @@ def robust_design(
     drive and play. The run's seed fixes the result. InputError if the nominal gain falls with half of the robots.
     """
     robot = as_robot(robot)
-    perturbed = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
+    drawn = draw_perturbed(robot, effort.robots, spread=spread, scenario=scenario, seed=run.seed)
 
     def controller_of(weights: tuple[float, ...]) -> Controller:
         gain = design_gain(robot, state_weights=weights).gain
         return Controller(robot, gain, compensation=compensation, estimator="kalman")
 
     nominal = controller_of(NOMINAL_STATE_WEIGHTS)
-    units = CostUnits.of(measure_runs([nominal], perturbed))
+    units = CostUnits.of(measure_runs([nominal], *drawn))
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
         made: dict[int, Controller] = {}
-        for place, candidate in enumerate(candidates):
+        for row, candidate in enumerate(candidates):
             # weights may be so far apart that the equations have no solution in these digits
             with suppress(InputError):
-                made[place] = controller_of(weights_of(candidate))
+                made[row] = controller_of(weights_of(candidate))
         if made:
-            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), perturbed)))
+            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), *drawn)))
         return costs
 
     found = evolve(
@@ -309,8 +303,7 @@ def robust_design(
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
-    seen = measure_runs(list(controllers.values()), fresh)
-    costs = units.costs(seen)
+    seen = measure_runs(list(controllers.values()), *fresh)
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -320,25 +313,22 @@ def robust_design(
         history=found.history,
         compared={
             name: ComparedDesign(
-                gain=one.gain,
-                worst_tenth=float(worst_tenth(costs[place])),
-                mean=float(costs[place].mean()),
-                worst_error=_worst_standing(seen.error[place], seen.fell[place]),
-                worst_roughness=_worst_standing(seen.roughness[place], seen.fell[place]),
-                falls=int(seen.fell[place].sum()),
-                costs=costs[place],
+                gain=controller.gain,
+                worst_tenth=float(worst_tenth(costs)),
+                mean=float(costs.mean()),
+                worst_error=float(worst_tenth(error[~fell])),
+                worst_roughness=float(worst_tenth(roughness[~fell])),
+                falls=int(fell.sum()),
+                costs=costs,
             )
-            for place, (name, one) in enumerate(controllers.items())
+            for (name, controller), costs, error, roughness, fell in zip(
+                controllers.items(), units.costs(seen), seen.error, seen.roughness, seen.fell, strict=True
+            )
         },
         fresh=effort.fresh,
         spread=spread,
         scenario=scenario.name,
     )
-
-
-def _worst_standing(values: NDArray[np.float64], fell: NDArray[np.bool_]) -> float:
-    """Return the mean of the largest tenth of the robots that stood; NaN if none did."""
-    return math.nan if fell.all() else float(worst_tenth(values[~fell]))
 
 
 def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:

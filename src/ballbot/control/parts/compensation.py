@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.friction_table import SPEEDS, friction_table
-from ballbot.control.parts.part import LawSettings, row_times
+from ballbot.control.parts.part import LawSettings, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
@@ -143,7 +143,8 @@ def _rolling_force(own, a, rates):
     v_x, v_y = rates[0], rates[1]
     speed = (v_x * v_x + v_y * v_y) ** 0.5
     size = rolling_brake(own.rolling * min(1.0, speed * own.rolling_steepness), speed)
-    return size * (a.cos_psi * v_x + a.sin_psi * v_y), size * (a.cos_psi * v_y - a.sin_psi * v_x)
+    along, across = turned(a, v_x, v_y)
+    return size * along, size * across
 
 
 @inlined

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, clipped
+from ballbot.control.parts.part import LawSettings, Part, clipped, row_times, turned
 from ballbot.control.parts.prediction import over_last_sample
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
@@ -56,15 +56,14 @@ def observe(law, memory, seen, n):
     if own.on == 0:
         return
     if state.started > 0:
-        changes = _accelerations(a, state.rates, measured, law.rate)
-        lean = (
-            a.cos_psi * measured[2] + a.sin_psi * measured[3],
-            a.cos_psi * measured[3] - a.sin_psi * measured[2],
+        changes, lean = (
+            _accelerations(a, state.rates, measured, law.rate),
+            turned(a, measured[2], measured[3]),
         )
         for i in range(n):
             if over_last_sample(law.prediction, past.limited, i) > 0.0:
                 continue  # a sample at the limit does not determine the lost torque
-            needed = _torque_needed(own, i, changes, lean)
+            needed = row_times(own.by_acceleration[i], changes) + row_times(own.by_lean[i], lean)
             lost = over_last_sample(law.prediction, past.acting, i) - needed
             compensated = over_last_sample(law.prediction, past.friction_compensation, i)
             error = lost - compensated - state.estimate[i]
@@ -77,25 +76,9 @@ def observe(law, memory, seen, n):
 @inlined
 def _accelerations(a, rates, measured, rate):
     """Return the rates' change since the last sample (5,), heading frame; `rate` is samples a second."""
-    c, s = a.cos_psi, a.sin_psi
-    x, y = rate * (measured[5] - rates[0]), rate * (measured[6] - rates[1])
-    t, p = rate * (measured[7] - rates[2]), rate * (measured[8] - rates[3])
-    return c * x + s * y, c * y - s * x, c * t + s * p, c * p - s * t, rate * (measured[9] - rates[4])
-
-
-@inlined
-def _torque_needed(own, i, changes, lean):
-    """Return a wheel's torque for those accelerations (5,) at that lean (2,)."""
-    by_acceleration, by_lean = own.by_acceleration, own.by_lean
-    return (
-        by_acceleration[i, 0] * changes[0]
-        + by_acceleration[i, 1] * changes[1]
-        + by_acceleration[i, 2] * changes[2]
-        + by_acceleration[i, 3] * changes[3]
-        + by_acceleration[i, 4] * changes[4]
-        + by_lean[i, 0] * lean[0]
-        + by_lean[i, 1] * lean[1]
-    )
+    x, y = turned(a, rate * (measured[5] - rates[0]), rate * (measured[6] - rates[1]))
+    theta, phi = turned(a, rate * (measured[7] - rates[2]), rate * (measured[8] - rates[3]))
+    return x, y, theta, phi, rate * (measured[9] - rates[4])
 
 
 @inlined

@@ -23,7 +23,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, turned
+from ballbot.control.parts.part import LawSettings, Part, both_rows_times, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -52,20 +52,11 @@ def lean_error(law, e, a, wanted):
     own = law.feed_forward
     x, y, _ = wanted
     second, third = turned(a, x.second, y.second), turned(a, x.third, y.third)
-    lean, lean_rate = _times(own.lean, second), _times(own.lean, third)
-    ahead, ahead_rate = _times(own.offset, second), _times(own.offset, third)
-    return (
-        e[0] - ahead[0],
-        e[1] - ahead[1],
-        e[2] + lean[0],
-        e[3] + lean[1],
-        e[4],
-        e[5] - ahead_rate[0],
-        e[6] - ahead_rate[1],
-        e[7] + lean_rate[0],
-        e[8] + lean_rate[1],
-        e[9],
-    )
+    lean, lean_rate = both_rows_times(own.lean, second), both_rows_times(own.lean, third)
+    ahead, ahead_rate = both_rows_times(own.offset, second), both_rows_times(own.offset, third)
+    pose = (e[0] - ahead[0], e[1] - ahead[1], e[2] + lean[0], e[3] + lean[1], e[4])
+    rates = (e[5] - ahead_rate[0], e[6] - ahead_rate[1], e[7] + lean_rate[0], e[8] + lean_rate[1], e[9])
+    return (*pose, *rates)
 
 
 @inlined
@@ -74,19 +65,8 @@ def add_feed_forward(law, torque, now, i):
     own = law.feed_forward
     x, y, psi = now.wanted
     second, fourth = turned(now.a, x.second, y.second), turned(now.a, x.fourth, y.fourth)
-    return torque + (
-        own.by_second[i, 0] * second[0]
-        + own.by_second[i, 1] * second[1]
-        + own.by_fourth[i, 0] * fourth[0]
-        + own.by_fourth[i, 1] * fourth[1]
-        + own.by_turning[i] * psi.second
-    )
-
-
-@inlined
-def _times(M, v):
-    """Return a 2 x 2 matrix times a vector."""
-    return M[0, 0] * v[0] + M[0, 1] * v[1], M[1, 0] * v[0] + M[1, 1] * v[1]
+    motion = row_times(own.by_second[i], second) + row_times(own.by_fourth[i], fourth)
+    return torque + motion + own.by_turning[i] * psi.second
 
 
 @dataclass(frozen=True, kw_only=True)

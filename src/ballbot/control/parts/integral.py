@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pydantic import GetPydanticSchema
 
 from ballbot.arrays import real_array
-from ballbot.control.parts.part import LawSettings, Part
+from ballbot.control.parts.part import LawSettings, Part, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -51,9 +51,8 @@ class IntegralState:
 @inlined
 def add_integral(law, memory, torque, now, i):
     """Add a wheel's torque for the integrals."""
-    gain, sums, c, s = law.integral.gain, memory.integral.sums, now.a.cos_psi, now.a.sin_psi
-    I_x, I_y = c * sums[0] + s * sums[1], c * sums[1] - s * sums[0]
-    return torque + (gain[i, 0] * I_x + gain[i, 1] * I_y + gain[i, 2] * sums[2])
+    sums = memory.integral.sums
+    return torque + row_times(law.integral.gain[i], (*turned(now.a, sums[0], sums[1]), sums[2]))
 
 
 @inlined

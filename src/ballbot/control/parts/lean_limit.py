@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, row_times
+from ballbot.control.parts.part import LawSettings, Part, both_rows_times
 from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
@@ -49,8 +49,8 @@ def limit_error(law, e):
 @inlined
 def _fractions(own, e):
     """Return the shares kept of the position, then of position and speed together, and of the heading."""
-    near = _fraction(own.lean, *_lean(own.asked, (e[0], e[1], 0.0, 0.0)))
-    p = _fraction(own.lean, *_lean(own.asked, (near * e[0], near * e[1], e[5], e[6])))
+    near = _fraction(own.lean, *both_rows_times(own.asked, (e[0], e[1], 0.0, 0.0)))
+    p = _fraction(own.lean, *both_rows_times(own.asked, (near * e[0], near * e[1], e[5], e[6])))
     return near, p, _fraction(own.turn, e[4] + own.turn_rate * e[9], 0.0)
 
 
@@ -58,12 +58,6 @@ def _fractions(own, e):
 def _fraction(limit, a, b):
     size = (a * a + b * b) ** 0.5
     return limit / size if size > limit else 1.0
-
-
-@inlined
-def _lean(asked, errors):
-    """Return the lean that errors command."""
-    return row_times(asked[0], errors), row_times(asked[1], errors)
 
 
 @parameter_class

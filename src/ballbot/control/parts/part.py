@@ -108,6 +108,16 @@ def turned(a, v_x, v_y):
 
 
 @inlined
+def heading_frame(a, v):
+    """Return a state or an error (10,) of the world in the heading frame, by the attitude of the state."""
+    x, y = turned(a, v[0], v[1])
+    theta, phi = turned(a, v[2], v[3])
+    x_dot, y_dot = turned(a, v[5], v[6])
+    theta_dot, phi_dot = turned(a, v[7], v[8])
+    return x, y, theta, phi, v[4], x_dot, y_dot, theta_dot, phi_dot, v[9]
+
+
+@inlined
 def row_times(row, values):
     """Return the product of an array and a tuple."""
     return _product(row, values)
@@ -116,6 +126,12 @@ def row_times(row, values):
 @traced
 def _product(row, values):
     return summed(row[place] * one for place, one in enumerate(values))
+
+
+@inlined
+def both_rows_times(matrix, values):
+    """Return the product of an array of two rows and a tuple."""
+    return row_times(matrix[0], values), row_times(matrix[1], values)
 
 
 @inlined

@@ -224,21 +224,14 @@ class Lanes:
 
         InputError if the indices are not of one length, or one names no row.
         """
-        tables = {
-            "parameter_of": (self.parameters, self.parameter_of),
-            "initial_of": (self.initial, self.initial_of),
-            "torque_of": (self.torques, self.torque_of),
-        }
-        lanes = max(len(rows) for rows, _ in tables.values())
-        for _, index in tables.values():
-            lanes = lanes if index is None else np.size(index)
-        row_of = np.empty((lanes, len(tables)), np.int64)
-        for column, (name, (rows, index)) in enumerate(tables.items()):
-            own = np.zeros(lanes, np.int64) if len(rows) == 1 else np.arange(lanes)
-            row_of[:, column] = index_array(
-                own if index is None else index, name, count=len(rows), length=lanes
-            )
-        return row_of
+        counts = [len(self.parameters), len(self.initial), len(self.torques)]
+        given = {name: getattr(self, name) for name in ("parameter_of", "initial_of", "torque_of")}
+        lanes = max([np.size(index) for index in given.values() if index is not None] or counts)
+        columns = []
+        for count, (name, index) in zip(counts, given.items(), strict=True):
+            own = np.zeros(lanes, np.int64) if count == 1 else np.arange(lanes)
+            columns.append(index_array(own if index is None else index, name, count=count, length=lanes))
+        return np.column_stack(columns)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,8 +311,7 @@ def over_threads(run: Callable[[int], None], lanes: int, threads: int | None) ->
     blocks = range(0, lanes, LANES)
     workers = min(threads or os.cpu_count() or 1, len(blocks))
     if workers <= 1:
-        for first in blocks:
-            run(first)
+        list(map(run, blocks))
         return
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, blocks))

@@ -29,7 +29,6 @@ from ballbot.mechanics.friction import (
     directed_friction,
     friction_shift,
     sign,
-    stribeck_curve,
     stribeck_decay,
     under_load,
 )
@@ -59,28 +58,15 @@ class Classical:
 
     def numbers(self) -> ClassicalNumbers:
         """Return the law's numbers for compiled code."""
-        return ClassicalNumbers(
-            b=self.viscous,
-            c=self.coulomb,
-            s=self.stribeck,
-            inv_vs=1.0 / self.stribeck_speed,
-            delta=self.stribeck_exponent,
-            terms=self.terms,
-        )
+        shape = 1.0 / self.stribeck_speed, self.stribeck_exponent
+        return ClassicalNumbers(self.viscous, self.coulomb, self.stribeck, *shape, self.terms)
 
     def steady_friction(self, speed: ArrayLike) -> NDArray[np.float64]:
         """Return tau(w) [N m] at speeds (...) without load, 0 at rest."""
         w = np.asarray(speed, dtype=float)
-        curve = stribeck_curve(
-            w,
-            viscous=self.viscous,
-            coulomb=self.coulomb,
-            stribeck=self.stribeck,
-            stribeck_speed=self.stribeck_speed,
-            stribeck_exponent=self.stribeck_exponent,
-        )
         E = stribeck_decay(w / self.stribeck_speed, self.stribeck_exponent)
-        return curve + np.abs(np.sign(w)) * (self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry * E)
+        shift = self.terms.coulomb_asymmetry + self.terms.stribeck_asymmetry * E
+        return self.viscous * w + (self.coulomb + self.stribeck * E) * np.sign(w) + shift * np.abs(np.sign(w))
 
     def explicit_slope(self) -> float:
         """Return a bound [N m s/rad] of the slope, but for an infinitely steep start if delta is below 1."""

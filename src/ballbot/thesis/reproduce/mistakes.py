@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,11 +14,7 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Body, Robot
-from ballbot.robot.derived import (
-    shell_wall,
-    thick_shell_inertia,
-    thin_shell_inertia,
-)
+from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.wheel_directions import axles
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.bench import CHANGE, Bench
@@ -247,9 +244,10 @@ def seam_curve(bench: Bench) -> Mistake:  # noqa: ARG001
 def ball_inertia(bench: Bench) -> Mistake:
     """Mistake 11."""
     ball = bench.robot.ball
-    wall = shell_wall(mass=ball.mass, radius=ball.radius, density=RUBBER)
+    inner = math.cbrt(ball.radius**3 - 3.0 * ball.mass / (4.0 * math.pi * RUBBER))
+    wall, ratio = ball.radius - inner, inner / ball.radius
     thin = thin_shell_inertia(mass=ball.mass, radius=ball.radius)
-    thick = thick_shell_inertia(mass=ball.mass, radius=ball.radius, wall=wall)
+    thick = 0.4 * ball.mass * ball.radius**2 * (1.0 - ratio**5) / (1.0 - ratio**3)
     return Mistake(
         number=11,
         where="Appendix III, jb",
