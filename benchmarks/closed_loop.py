@@ -93,10 +93,10 @@ def costs_of_imperfections() -> dict[str, tuple[float, float]]:
     with_all, costs = _best(lambda: run([every] * LANES)), {}
     for name, value in off.items():
         without = replace(every, **{name: value})
-        none, one = (
+        none, single = (
             _best(lambda b=b: run(b)) for b in ([without] * LANES, [every, *[without] * (LANES - 1)])
         )
-        costs[name] = (with_all / none - 1.0, one / none - 1.0)
+        costs[name] = (with_all / none - 1.0, single / none - 1.0)
     return costs
 
 

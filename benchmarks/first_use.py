@@ -95,11 +95,11 @@ class Timed:
 
 def timed(words: Sequence[object], folder: Path) -> Timed:
     """Run a command outside this environment; stop with what it printed if it fails."""
-    own = {name: value for name, value in os.environ.items() if name not in _NOT_PASSED_ON}
+    environment = {name: value for name, value in os.environ.items() if name not in _NOT_PASSED_ON}
     begun = monotonic()
     line = [str(word) for word in words]
     with subprocess.Popen(
-        line, cwd=folder, env=own, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        line, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as process:
         lines = tuple((monotonic() - begun, text) for text in process.stdout or ())
         _, status, used = os.wait4(process.pid, 0)

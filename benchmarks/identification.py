@@ -40,16 +40,16 @@ def rows() -> list[Row]:
     """Time all in this process, by its processor time, and return what the page of timings says."""
     robot = nominal_robot()
     windows = windows_of(robot)
-    here, (scipy, error) = batched(robot, windows, candidates(robot)), by_scipy(robot, windows)
+    ours, (scipy, error) = batched(robot, windows, candidates(robot)), by_scipy(robot, windows)
     return [
         (
             "identification: the cost of one set of parameters on a window of 0.25 s",
-            f"{1e6 * here:.0f} us",
+            f"{1e6 * ours:.0f} us",
             "",
         ),
         (
             f"the same by a loop over SciPy's solve_ivp, sgn smoothed over {SMOOTHING} rad/s, cost off by {error:.2f}",
-            f"{scipy / here:,.0f} times",
+            f"{scipy / ours:,.0f} times",
             "300",
         ),
         *mujoco_rows(without_stribeck(robot)),
@@ -88,18 +88,18 @@ def windows_of(robot: Robot) -> Windows:
 
 def candidates(robot: Robot) -> list[Friction]:
     """Return frictions about the robot's own, each number between nothing and twice of it but for v_s and delta."""
-    random, own = np.random.default_rng(2), robot.friction
+    random, friction = np.random.default_rng(2), robot.friction
 
     def drawn(values: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(float(value) for value in np.array(values) * random.uniform(0.0, 2.0, len(values)))
 
     return [
         replace(
-            own,
-            viscous=drawn(own.viscous),
-            coulomb=drawn(own.coulomb),
-            stribeck=drawn(own.stribeck),
-            rolling=drawn((own.rolling,))[0],
+            friction,
+            viscous=drawn(friction.viscous),
+            coulomb=drawn(friction.coulomb),
+            stribeck=drawn(friction.stribeck),
+            rolling=drawn((friction.rolling,))[0],
         )
         for _ in range(SETS)
     ]
@@ -109,7 +109,7 @@ def batched(robot: Robot, windows: Windows, frictions: list[Friction]) -> float:
     """Return seconds a window of the cost as identification computes it, 1 ms steps, one thread."""
     layout = Layout(wheel_count=robot.wheel_count)
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=layout, threads=1)
-    values = np.array([layout.nominal(robot.replace(friction=one)) for one in frictions])
+    values = np.array([layout.nominal(robot.replace(friction=law)) for law in frictions])
     every = windows.comparison_interval
     seconds = shortest(lambda: predictor.square_sums(values, windows, every=every))
     return seconds / (len(values) * len(windows))
@@ -133,9 +133,9 @@ def by_scipy(robot: Robot, windows: Windows) -> tuple[float, float]:
 
 def whole_fit(robot: Robot, windows: Windows) -> float:
     """Return seconds of a fit of b, c, C_rr and the windows' initial states, which the peer holds."""
-    own, wide = robot.friction, {"viscous": (0.0, 0.1), "coulomb": (0.0, 0.5), "rolling": (0.0, 0.05)}
-    held = {"stribeck": (0.0, 0.0), "stribeck_speed": (own.stribeck_speed,) * 2}
-    held |= {"stribeck_exponent": (own.stribeck_exponent,) * 2}
+    friction, wide = robot.friction, {"viscous": (0.0, 0.1), "coulomb": (0.0, 0.5), "rolling": (0.0, 0.05)}
+    held = {"stribeck": (0.0, 0.0), "stribeck_speed": (friction.stribeck_speed,) * 2}
+    held |= {"stribeck_exponent": (friction.stribeck_exponent,) * 2}
     coordinates = scale_between(robot, bounds=Bounds(wide | held))
     predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
     experiment = Balancing(

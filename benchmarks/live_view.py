@@ -84,11 +84,11 @@ def measured(robots: int, words: tuple[str, ...]) -> Measured:
     command = [sys.executable, "-m", "ballbot", "view", *words, "--no-browser"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
-            found = re.search(r"(http://\S+?)/\?(\S+)", process.stdout.readline() if process.stdout else "")
-            if found is None:
+            match = re.search(r"(http://\S+?)/\?(\S+)", process.stdout.readline() if process.stdout else "")
+            if match is None:
                 raise RuntimeError("ballbot view gave no address")
-            address = f"{found[1].replace('http', 'ws')}/live?{found[2]}"
-            with connect(address, origin=Origin(found[1])) as page:
+            address = f"{match[1].replace('http', 'ws')}/live?{match[2]}"
+            with connect(address, origin=Origin(match[1])) as page:
                 return counted(page, process.pid, robots)
         finally:
             process.terminate()
@@ -98,8 +98,8 @@ def main() -> None:
     """Measure and write the page."""
     rows = []
     for name, (robots, words) in CASES.items():
-        one = measured(robots, words)
-        shown = (f"{one.frames:.1f}", f"{one.pace:.3f}", f"{one.taken:.1%}")
+        case = measured(robots, words)
+        shown = (f"{case.frames:.1f}", f"{case.pace:.3f}", f"{case.taken:.1%}")
         rows.append(f"| {name} | {' | '.join(shown)} |")
         print(rows[-1], flush=True)
     table = "\n".join(rows)

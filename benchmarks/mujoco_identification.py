@@ -67,12 +67,12 @@ def problem(robot: Robot, windows: Windows) -> tuple[Callable, ParameterDict]:
 
 def friction_parameters(robot: Robot) -> ParameterDict:
     """Return b and c of each wheel and C_rr at the robot's own values."""
-    found, friction = ParameterDict(), robot.friction
+    parameters, friction = ParameterDict(), robot.friction
     for i in range(robot.wheel_count):
-        found.add(Parameter(f"b{i + 1}", friction.viscous[i], 0.0, 0.1, modifier=_damping(i)))
-        found.add(Parameter(f"c{i + 1}", friction.coulomb[i], 0.0, 0.5, modifier=_friction_loss(i)))
-    found.add(Parameter("C_rr", friction.rolling, 0.0, 0.05, modifier=_rolling(robot)))
-    return found
+        parameters.add(Parameter(f"b{i + 1}", friction.viscous[i], 0.0, 0.1, modifier=_damping(i)))
+        parameters.add(Parameter(f"c{i + 1}", friction.coulomb[i], 0.0, 0.5, modifier=_friction_loss(i)))
+    parameters.add(Parameter("C_rr", friction.rolling, 0.0, 0.05, modifier=_rolling(robot)))
+    return parameters
 
 
 def sequences(robot: Robot, windows: Windows) -> ModelSequences:
@@ -114,7 +114,7 @@ def mechanism(robot: Robot) -> str:
     roll = robot.ball.inertia / r_b**2
     height, mass = robot.body.center_of_mass, robot.body.mass
     J = robot.body.inertia_about_ball_center() - mass * height**2 * np.diag([1.0, 1.0, 0.0])
-    inertias = " ".join(str(J[place]) for place in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    inertias = " ".join(str(J[index]) for index in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
     return f"""<mujoco><compiler angle="radian"/>
 <option timestep="{STEP}" gravity="0 0 {-robot.gravity}"><flag contact="disable"/></option>
 <worldbody><body><joint name="x" type="slide" axis="1 0 0" armature="{roll}"/>

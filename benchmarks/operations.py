@@ -70,8 +70,8 @@ def runge_kutta_step(selected, P, state, u, h):
     k4, speeds4 = derivative(selected, P, fourth, u, signs)
     end = advanced(advanced(state, add(k1, k4), h / 6.0), add(k2, k3), h / 3.0)
 
-    wheels = [smallest_margin(P, signs, one) for one in (speeds1, speeds2, speeds3, speeds4)]
-    floor = [floor_margin(P, state, one) for one in (state, second, third, fourth, end)]
+    wheels = [smallest_margin(P, signs, speeds) for speeds in (speeds1, speeds2, speeds3, speeds4)]
+    floor = [floor_margin(P, state, at) for at in (state, second, third, fourth, end)]
     margins = (*wheels, *floor, moving_margin(P, ball_velocity(state), speeds1, h))
     return end, smallest(margins)
 

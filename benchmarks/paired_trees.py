@@ -112,10 +112,10 @@ def main() -> None:
     trees = (asked.old.resolve(), asked.new.resolve())
     if asked.logs:
         for name, tree in zip(("old", "new"), trees, strict=True):
-            found = measured(tree, worker=FIT, logs=asked.logs)
+            cost = measured(tree, worker=FIT, logs=asked.logs)
             print(
-                f"identification, {name}: {found['processor']:.1f} s of processor time, {found['clock']:.1f} s by the "
-                f"clock, cost {found['cost']:.5f}"
+                f"identification, {name}: {cost['processor']:.1f} s of processor time, {cost['clock']:.1f} s by the "
+                f"clock, cost {cost['cost']:.5f}"
             )
         return
     for tree in trees:

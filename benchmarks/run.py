@@ -157,9 +157,9 @@ def largest_error(model: Model) -> float:
         axis=1,
     )
     torques = random.normal(0, 2.0, (2000, 3))
-    for state, u, found in zip(states, torques, accelerations(model, states, torques), strict=True):
+    for state, u, acceleration in zip(states, torques, accelerations(model, states, torques), strict=True):
         expected = f(state, u)[5:]
-        worst = max(worst, float(np.abs(found - expected).max() / np.abs(expected).max()))
+        worst = max(worst, float(np.abs(acceleration - expected).max() / np.abs(expected).max()))
     return worst
 
 

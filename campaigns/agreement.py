@@ -153,7 +153,7 @@ def _loop_robot(course: Course) -> LoopRobot:
 def twin_plan() -> list[GridRun]:
     """Return all runs on the twin: of the first seeds hold, single effects, step, square; then the other seeds."""
     first, rest = TWIN_SEEDS[:FEWEST], TWIN_SEEDS[FEWEST:]
-    hold, step, square = (COURSES[place :: len(TASKS)] for place in range(len(TASKS)))
+    hold, step, square = (COURSES[number :: len(TASKS)] for number in range(len(TASKS)))
     return [
         *runs_of(hold, first, on="twin"),
         *runs_of(EFFECTS, first, on="twin", names=EXPLAINED),
@@ -168,7 +168,7 @@ def run_twin(
     """Make the runs that the folder lacks, and return all."""
     inputs = {name: [controller_text(make())] for name, make in CONTROLLERS.items()}
     made_from = identity({**inputs, "courses": [COURSES, EFFECTS], "robot": [ROBOT]}, {})
-    files = {f"{one.condition.course}, {one.candidate}, {one.condition.seed:02d}.json": one for one in runs}
+    files = {f"{run.condition.course}, {run.candidate}, {run.condition.seed:02d}.json": run for run in runs}
     return compared(folder, files, made_from=made_from, stage="running the twin", processes=processes)
 
 
@@ -193,18 +193,18 @@ class Both:
     def values(self, quantity: str, side: int) -> NDArray[np.float64]:
         """Return a quantity's values in shown units, of the runs that did not fall."""
         key, _, scale, _ = QUANTITIES[quantity]
-        return np.array([scale * getattr(one, key) for one in self.scores[side] if one.ended is None])
+        return np.array([scale * getattr(score, key) for score in self.scores[side] if score.ended is None])
 
     def falls(self, side: int) -> int:
         """Return the number of runs that fell."""
-        return sum(one.ended is not None for one in self.scores[side])
+        return sum(score.ended is not None for score in self.scores[side])
 
     def interval(self, quantity: str, side: int) -> tuple[float, float]:
         """Return the 95 % interval of the median, or of the share of falls; without bounds of too few runs."""
         if quantity == "falls":
             return fraction_with_interval(self.falls(side), max(len(self.scores[side]), 1))
-        found = median_with_interval(self.values(quantity, side))
-        return (found.low, found.high) if found.runs >= FEWEST else (-np.inf, np.inf)
+        estimate = median_with_interval(self.values(quantity, side))
+        return (estimate.low, estimate.high) if estimate.runs >= FEWEST else (-np.inf, np.inf)
 
     def ratio(self, quantity: str) -> float:
         """Return the loop's median over the twin's; NaN if all runs fell."""
@@ -219,11 +219,11 @@ class Both:
 
     def orders(self, other: Both, quantity: str) -> int:
         """Return 1 if intervals put two controllers in the same order on both, -1 if not, 0 if they overlap on one."""
-        found = 1
+        order = 1
         for side in (LOOP, TWIN):
             (a, b), (c, d) = self.interval(quantity, side), other.interval(quantity, side)
-            found *= int(a > d) - int(b < c)
-        return found
+            order *= int(a > d) - int(b < c)
+        return order
 
 
 def campaign() -> Section:
@@ -248,7 +248,7 @@ def both(courses: Sequence[Course], loop: GridTable[Score], twin: GridTable[Scor
     ]
 
 
-def section(found: Sequence[Both], effects: Sequence[Both]) -> Section:
+def section(cases: Sequence[Both], effects: Sequence[Both]) -> Section:
     """Return the section of the page: every controller on every course, orders, and what the loop lacks."""
     heads = [f"{name}, {side} [{unit}]" for name, (_, unit, *_) in QUANTITIES.items() for side in _SIDES]
     return Section(
@@ -256,8 +256,8 @@ def section(found: Sequence[Both], effects: Sequence[Both]) -> Section:
         before=f"{_ABOUT} Medians of the runs that did not fall, in brackets the 10th and 90th percentile. Bold: the "
         "loop's median lies outside the twin's 95 % interval of the median.",
         columns=["scenario, course", "controller", *heads, *(f"falls, {side}" for side in _SIDES)],
-        rows=[_row(one) for one in found],
-        after=f"{_orders(found)}\n\n{_outside(found)}\n\n{_effects_table(found, effects)}",
+        rows=[_row(case) for case in cases],
+        after=f"{_orders(cases)}\n\n{_outside(cases)}\n\n{_effects_table(cases, effects)}",
     )
 
 
@@ -272,34 +272,34 @@ _ABOUT = (
 )
 
 
-def _row(one: Both) -> list[str]:
+def _row(case: Both) -> list[str]:
     cells = []
     for quantity, (*_, decimals) in QUANTITIES.items():
         for side in (LOOP, TWIN):
-            values = one.values(quantity, side)
+            values = case.values(quantity, side)
             low, middle, high = np.quantile(values, (0.1, 0.5, 0.9)) if len(values) else [np.nan] * 3
-            bold = "**" if side == LOOP and one.outside(quantity) else ""
+            bold = "**" if side == LOOP and case.outside(quantity) else ""
             cells.append(
                 f"{bold}{middle:.{decimals}f}{bold} ({low:.{decimals}f}–{high:.{decimals}f})"
                 if len(values)
                 else "–"
             )
     return [
-        *(one.course, one.controller, *cells),
-        *(f"{one.falls(side)} of {len(one.scores[side])}" for side in (LOOP, TWIN)),
+        *(case.course, case.controller, *cells),
+        *(f"{case.falls(side)} of {len(case.scores[side])}" for side in (LOOP, TWIN)),
     ]
 
 
-def _orders(found: Sequence[Both]) -> str:
+def _orders(cases: Sequence[Both]) -> str:
     """Return how many pairs of controllers that intervals separate on both have one order."""
-    pairs = [(one, other) for one, other in combinations(found, 2) if one.course == other.course]
+    pairs = [(case, other) for case, other in combinations(cases, 2) if case.course == other.course]
     words, contrary = [], []
     for quantity in (*QUANTITIES, "falls"):
-        signs = [one.orders(other, quantity) for one, other in pairs]
+        signs = [case.orders(other, quantity) for case, other in pairs]
         words.append(f"{signs.count(1)} of {signs.count(1) + signs.count(-1)} by {quantity}")
         contrary += [
-            f"{quantity} of {one.controller} and {other.controller} ({one.course})"
-            for (one, other), sign in zip(pairs, signs, strict=True)
+            f"{quantity} of {case.controller} and {other.controller} ({case.course})"
+            for (case, other), sign in zip(pairs, signs, strict=True)
             if sign < 0
         ]
     return (
@@ -308,25 +308,25 @@ def _orders(found: Sequence[Both]) -> str:
     )
 
 
-def _outside(found: Sequence[Both]) -> str:
+def _outside(cases: Sequence[Both]) -> str:
     """Return how many of the loop's medians lie outside the twin's interval, and how far."""
     words = []
     for quantity in QUANTITIES:
-        known = [one for one in found if np.isfinite(one.interval(quantity, TWIN)).all()]
-        ratios = [one.ratio(quantity) for one in known if one.outside(quantity)]
+        known = [case for case in cases if np.isfinite(case.interval(quantity, TWIN)).all()]
+        ratios = [case.ratio(quantity) for case in known if case.outside(quantity)]
         span = f", loop over twin {min(ratios):.2f} to {max(ratios):.2f}" if ratios else ""
         words.append(f"{len(ratios)} of {len(known)} by {quantity}{span}")
     return f"Medians of the loop outside the twin's interval: {'; '.join(words)}."
 
 
-def _named(found: Sequence[Both], effects: Sequence[Both]) -> str:
+def _named(cases: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return which effect, switched off, brings each ratio that lies outside in the hold nearest to 1."""
     words = []
-    for one in found:
-        if one.course != "nominal, hold" or one.controller not in EXPLAINED:
+    for case in cases:
+        if case.course != "nominal, hold" or case.controller not in EXPLAINED:
             continue
         without = {
-            other.course.rpartition(",")[0]: other for other in effects if other.controller == one.controller
+            other.course.rpartition(",")[0]: other for other in effects if other.controller == case.controller
         }
         for quantity in QUANTITIES:
             ratios = {
@@ -334,18 +334,19 @@ def _named(found: Sequence[Both], effects: Sequence[Both]) -> str:
                 for name, other in without.items()
                 if len(other.values(quantity, TWIN)) >= FEWEST // 2
             }
-            if one.outside(quantity) and ratios:
+            if case.outside(quantity) and ratios:
                 name = min(ratios, key=lambda effect: abs(np.log(ratios[effect])))
                 words.append(
-                    f"{one.controller}, {quantity}: {name} ({one.ratio(quantity):.2f} with, {ratios[name]:.2f} without)"
+                    f"{case.controller}, {quantity}: {name} "
+                    f"({case.ratio(quantity):.2f} with, {ratios[name]:.2f} without)"
                 )
     return f"Of those outside in the hold, nearest to 1 without: {'; '.join(words) or 'none is outside'}."
 
 
-def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
+def _effects_table(compared: Sequence[Both], effects: Sequence[Both]) -> str:
     """Return the loop's medians over the twin's with one effect after another switched off on both."""
     heads = [f"{name}: {quantity}" for name in EXPLAINED for quantity in QUANTITIES]
-    seeds = [len(one.scores[TWIN]) for one in effects if one.controller in EXPLAINED]
+    seeds = [len(case.scores[TWIN]) for case in effects if case.controller in EXPLAINED]
     words = (
         "What makes the difference: the hold in the nominal scenario, loop over twin (ratio of medians), with one "
         f"effect after another switched off on both ({min(seeds, default=0)} seeds or more on the twin). Rollers: "
@@ -358,11 +359,13 @@ def _effects_table(found: Sequence[Both], effects: Sequence[Both]) -> str:
     rows = []
     cases = {"nothing": "nominal, hold"} | {effect: f"{effect}, hold" for effect in WITHOUT}
     for effect, course in cases.items():
-        cells = [one for one in (*found, *effects) if one.course == course and one.controller in EXPLAINED]
+        cells = [
+            case for case in (*compared, *effects) if case.course == course and case.controller in EXPLAINED
+        ]
         ratios = [
-            f"{one.ratio(quantity):.2f}" if len(one.values(quantity, TWIN)) else "–"
-            for one in cells
+            f"{cell.ratio(quantity):.2f}" if len(cell.values(quantity, TWIN)) else "–"
+            for cell in cells
             for quantity in QUANTITIES
         ]
         rows.append([effect, *ratios])
-    return "\n\n".join([words, markdown_table(["without", *heads], rows), _named(found, effects)])
+    return "\n\n".join([words, markdown_table(["without", *heads], rows), _named(compared, effects)])

@@ -186,16 +186,16 @@ def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
     for both in training:
         coordinates = both[0].coordinates
         points, covariances = (
-            np.concatenate([getattr(one.by_log, name) for one in both]) for name in ("points", "covariances")
+            np.concatenate([getattr(fit.by_log, name) for fit in both]) for name in ("points", "covariances")
         )
-        places = np.flatnonzero(np.isfinite(covariances.diagonal(axis1=1, axis2=2)).all(axis=0))
-        units = scaled_units(coordinates, np.mean([_known(one) for one in both], axis=0))
+        columns = np.flatnonzero(np.isfinite(covariances.diagonal(axis1=1, axis2=2)).all(axis=0))
+        units = scaled_units(coordinates, np.mean([_known(fit) for fit in both], axis=0))
         robots.append(
             RobotLogs(
-                estimates=points[:, places],
-                covariances=covariances[:, places[:, None], places],
-                units=units[places],
-                groups=np.array([FRICTION.index(coordinates.names[i]) for i in places]),
+                estimates=points[:, columns],
+                covariances=covariances[:, columns[:, None], columns],
+                units=units[columns],
+                groups=np.array([FRICTION.index(coordinates.names[i]) for i in columns]),
             )
         )
     prior = fit_prior(robots, groups=len(FRICTION))
@@ -233,11 +233,11 @@ def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
     coordinates = first.coordinates
     stated, varied = widened(coordinates, first.within, first.by_log, priors=priors)
     kinds = (stated.intervals, varied.predictions)
-    for place, label in enumerate(coordinates.labels):
-        numbers = (float(first.values[place]), float(second.values[place]))
+    for index, label in enumerate(coordinates.labels):
+        numbers = (float(first.values[index]), float(second.values[index]))
         if label in first.within.intervals and np.isfinite(numbers).all():
-            ends = np.array([(one[label].lower, one[label].upper) for one in kinds])
-            within = np.clip(ends, coordinates.lower[place], coordinates.upper[place])
+            ends = np.array([(kind[label].lower, kind[label].upper) for kind in kinds])
+            within = np.clip(ends, coordinates.lower[index], coordinates.upper[index])
             yield Judged(label=label, own=numbers[0], other=numbers[1], ends=within)
 
 
@@ -246,13 +246,13 @@ def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
 
     That is twice 1.96 of the standard deviation that the differences of the pairs show, each parameter's own.
     """
-    held = np.array([one.held for one in judged]).sum(axis=0)
+    held = np.array([case.held for case in judged]).sum(axis=0)
     relative = []
-    for label in dict.fromkeys(one.label for one in judged):
-        mine = [one for one in judged if one.label == label]
-        spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (one.own - one.other) ** 2 for one in mine]))
+    for label in dict.fromkeys(case.label for case in judged):
+        mine = [case for case in judged if case.label == label]
+        spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (case.own - case.other) ** 2 for case in mine]))
         relative += [
-            np.diff(one.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.inf] * 2 for one in mine
+            np.diff(case.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.inf] * 2 for case in mine
         ]
     cells = []
     for count, width in zip(held.tolist(), np.median(relative, axis=0).tolist(), strict=True):
@@ -270,7 +270,7 @@ def campaign() -> Section:
     for first, second in pairs(UNSEEN):
         judged += [*judge((first, second), priors), *judge((second, first), priors)]
     nominal = [fit_of(nominal_log(seed), f"nominal_24_{seed:02d}") for seed in SEEDS]
-    of_nominal = [one for both in permutations(nominal, 2) for one in judge(both, priors)]
+    of_nominal = [case for both in permutations(nominal, 2) for case in judge(both, priors)]
     return Section(
         title="Intervals for the estimate from another log",
         before=f"{len(UNSEEN)} twins with all faults at once, of random sizes, each with two logs of {DURATION:g} s; "
@@ -282,7 +282,7 @@ def campaign() -> Section:
         columns=list(COLUMNS),
         rows=[
             *(
-                coverage_row(name, [one for one in judged if one.label.rstrip("123") == name])
+                coverage_row(name, [case for case in judged if case.label.rstrip("123") == name])
                 for name in _SYMBOLS
             ),
             coverage_row("all", judged),
@@ -329,7 +329,7 @@ def effective() -> Section:
         fits = [
             fit_of(log, f"{scenario.name}_{seed}") for log, seed in zip(logs, _SWITCHED_SEEDS, strict=True)
         ]
-        rows.append([name, *_means(_mean_known(np.array([one.values for one in fits])))])
+        rows.append([name, *_means(_mean_known(np.array([fit.values for fit in fits])))])
     return Section(
         title="What the identified parameters represent",
         before="The nominal twin with single faults switched off, identified from balancing: means over the wheels "
@@ -349,7 +349,7 @@ def _mean_known(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _means(values: NDArray[np.float64]) -> list[str]:
     parts = [*(values[3 * k : 3 * k + 3].mean() for k in range(3)), *values[9:12], _dry(values).mean()]
-    return [f"{one:.3g}" if one == one else "" for one in parts]
+    return [f"{part:.3g}" if part == part else "" for part in parts]
 
 
 def write_prior() -> None:
@@ -365,8 +365,8 @@ def calibrated(priors: Priors, training: Sequence[tuple[Fit, Fit]]) -> Priors:
     """
     for factor in np.arange(1.0, 4.0, 0.25).tolist():
         wider = replace(priors, sizes={name: factor * size for name, size in priors.sizes.items()})
-        judged = [one for both in training for pair in (both, both[::-1]) for one in judge(pair, wider)]
-        if np.mean([one.held for one in judged], axis=0).min() >= _HELD:
+        judged = [case for both in training for pair in (both, both[::-1]) for case in judge(pair, wider)]
+        if np.mean([case.held for case in judged], axis=0).min() >= _HELD:
             return wider
     raise RuntimeError("The priors that the training robots give hold too few of their own estimates.")
 

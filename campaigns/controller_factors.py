@@ -123,14 +123,14 @@ def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
         for seed in seeds
         for cell in CELLS
     ]
-    made_from = identity({str(cell): [controller_text(one)] for cell, one in controllers.items()}, {})
-    files = {f"{one.candidate} {one.condition.seed}": one for one in runs}
-    found = compared(KEPT, files, made_from=made_from, stage="comparing controllers", processes=processes)
-    return {cell: _peaks(found.of(str(cell))) for cell in CELLS}
+    made_from = identity({str(cell): [controller_text(law)] for cell, law in controllers.items()}, {})
+    files = {f"{run.candidate} {run.condition.seed}": run for run in runs}
+    scores = compared(KEPT, files, made_from=made_from, stage="comparing controllers", processes=processes)
+    return {cell: _peaks(scores.of(str(cell))) for cell in CELLS}
 
 
 def _peaks(scores: Sequence[Score]) -> NDArray[np.float64]:
-    return np.array([one.peak_position_error if one.ended is None else np.nan for one in scores])
+    return np.array([score.peak_position_error if score.ended is None else np.nan for score in scores])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,13 +174,13 @@ def campaign() -> Section:
         if cell.compensation:
             continue
         with_it = replace(cell, compensation=True)
-        fell = [int(np.isnan(peaks[one]).sum()) for one in (cell, with_it)]
+        fell = [int(np.isnan(peaks[key]).sum()) for key in (cell, with_it)]
         rows.append(
             [
                 "stiff" if cell.stiff else "soft",
                 "Kalman" if cell.filter else "thesis's",
                 *("yes" if has else "–" for has in (cell.shaping, cell.observer)),
-                *(_millimetres(peaks[one]) for one in (cell, with_it)),
+                *(_millimetres(peaks[key]) for key in (cell, with_it)),
                 _ratio(Paired(peaks[cell], peaks[with_it]).ratio),
                 f"{fell[0]} and {fell[1]}",
             ]
@@ -205,7 +205,7 @@ def _effects_table(peaks: Peaks) -> str:
         whole, *conditional = (
             effect(peaks, factor, given=given) for given in ({}, {other: False}, {other: True})
         )
-        shown = [f"{_ratio(one.ratio)} [{one.cells}]" for one in (whole, *conditional)]
+        shown = [f"{_ratio(effect.ratio)} [{effect.cells}]" for effect in (whole, *conditional)]
         rows.append([words, shown[0], FACTORS[other], *shown[1:], f"{whole.falls[0]} and {whole.falls[1]}"])
     headings = ("factor", "over all", "interacts with", "without that", "with that", "falls")
     return (
@@ -216,15 +216,15 @@ def _effects_table(peaks: Peaks) -> str:
     )
 
 
-def _ratio(found: Estimate) -> str:
-    if np.isnan(found.mean):
+def _ratio(estimate: Estimate) -> str:
+    if np.isnan(estimate.mean):
         return "–"
-    return f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
+    return f"{estimate.mean:.2f} ({estimate.low:.2f} to {estimate.high:.2f})"
 
 
 def _millimetres(peaks: NDArray[np.float64]) -> str:
-    found = median_with_interval(peaks)
-    return f"{1e3 * found.median:.1f}" if found.runs else "–"
+    median = median_with_interval(peaks)
+    return f"{1e3 * median.median:.1f}" if median.runs else "–"
 
 
 #: of the study's targets: each a reference, and how long it is followed [s]
@@ -250,14 +250,14 @@ def choice() -> Section:
         for course, (_, duration) in COURSES.items()
         for seed in COURSE_SEEDS
     ]
-    found = run_grid(
+    table = run_grid(
         Grid(controllers={name: known[name] for name in ("none", "precise")}, conditions=conditions)
     )
     rows = []
     for course in COURSES:
-        scores = [found.of(name, course) for name in ("none", "precise")]
+        scores = [table.of(name, course) for name in ("none", "precise")]
         none, precise = map(_peaks, scores)
-        falls = [sum(one.ended is not None for one in runs) for runs in scores]
+        falls = [sum(run.ended is not None for run in runs) for runs in scores]
         medians = [_interval(median_with_interval(peaks), 1e3) for peaks in (none, precise)]
         ratio = _interval(Paired(none, precise).median_ratio)
         worst = f"{1e3 * max(precise):.1f}"

@@ -87,31 +87,30 @@ def campaign() -> Section:
     return section(outcomes(JUDGED, of="judged"))
 
 
-def section(found: Sequence[Outcome]) -> Section:
+def section(outcomes: Sequence[Outcome]) -> Section:
     """Return the section of the page that the judged twins make."""
-    stood = [one for one in found if not one.fell]
-    inside = [sum(_quantity(one, name).place == "inside" for one in stood) for name in QUANTITIES]
+    stood = [case for case in outcomes if not case.fell]
+    inside = [sum(_quantity(case, name).place == "inside" for case in stood) for name in QUANTITIES]
     rows = [
         _row(SHOWN[name].words, count, len(stood), _outside(stood, name), _ratios(stood, name))
         for name, count in zip(QUANTITIES, inside, strict=True)
     ]
-    every = sum(one.place == "inside" for each in found for one in each.verdict.quantities)
+    every = sum(quantity.place == "inside" for each in outcomes for quantity in each.verdict.quantities)
     rows += [
         _row("all", sum(inside), len(QUANTITIES) * len(stood)),
-        _row("all, with the runs that ended early", every, len(QUANTITIES) * len(found)),
+        _row("all, with the runs that ended early", every, len(QUANTITIES) * len(outcomes)),
     ]
     return Section(
         title="A study's prediction of its controller on robots with unknown faults",
         before=f"One study of the nominal twin predicts the precise controller's square (32 s) from 20 perturbed"
-        f" plants; {len(found)} twins with faults that the study did not contain ({len(KINDS)} kinds, mild to severe, "
-        f"half"
-        " of them with a second, mild fault) run it once each. The model discrepancy was chosen on"
+        f" plants; {len(outcomes)} twins with faults that the study did not contain ({len(KINDS)} kinds, mild to"
+        " severe, half of them with a second, mild fault) run it once each. The model discrepancy was chosen on"
         f" {len(DEVELOPMENT)} other faulty twins. The interval of the fraction of all quantities treats them as"
         " independent, which those of one run are not. Errors are those "
         "of the logged state, as measured by the robot itself.",
         columns=["quantity", "inside its 95 % interval", "share", "better, worse", "measured over predicted"],
         rows=rows,
-        after=_verdict_words(found),
+        after=_verdict_words(outcomes),
     )
 
 
@@ -119,25 +118,26 @@ def _row(name: str, count: int, runs: int, outside: str = "", ratios: str = "") 
     return [name, f"{count} of {runs}", share_words(count, runs), outside, ratios]
 
 
-def _outside(found: Sequence[Outcome], name: str) -> str:
-    places = [_quantity(one, name) for one in found if _quantity(one, name).place != "inside"]
-    worse = sum(one.worse for one in places)
-    return f"{len(places) - worse}, {worse}"
+def _outside(outcomes: Sequence[Outcome], name: str) -> str:
+    results = [_quantity(case, name) for case in outcomes if _quantity(case, name).place != "inside"]
+    worse = sum(result.worse for result in results)
+    return f"{len(results) - worse}, {worse}"
 
 
-def _verdict_words(found: Sequence[Outcome]) -> str:
-    bad, good = [one for one in found if not one.good], [one for one in found if one.good]
-    reverted = [one for one in bad if one.verdict.recommendation == "revert"]
-    wrong = [one for one in good if one.verdict.recommendation == "revert"]
+def _verdict_words(outcomes: Sequence[Outcome]) -> str:
+    bad = [case for case in outcomes if not case.good]
+    good = [case for case in outcomes if case.good]
+    reverted = [case for case in bad if case.verdict.recommendation == "revert"]
+    wrong = [case for case in good if case.verdict.recommendation == "revert"]
     counts = {
-        name: sum(one.verdict.recommendation == name for one in found)
+        name: sum(case.verdict.recommendation == name for case in outcomes)
         for name in ("keep", "weaken", "revert")
     }
-    kinds = ", ".join(f"{one.twin.kind} (seed {one.twin.seed})" for one in bad) or "none"
+    kinds = ", ".join(f"{case.twin.kind} (seed {case.twin.seed})" for case in bad) or "none"
     return (
         f"Verdicts: {', '.join(f'{count} {name}' for name, count in counts.items())}."
-        f" {len(bad)} controllers fall ({sum(one.fell for one in bad)}) or have a larger peak error than none on the"
-        f" same twin ({sum(not one.fell for one in bad)}): {kinds}; {len(reverted)} of them get `revert`. Of the"
+        f" {len(bad)} controllers fall ({sum(case.fell for case in bad)}) or have a larger peak error than none on the"
+        f" same twin ({sum(not case.fell for case in bad)}): {kinds}; {len(reverted)} of them get `revert`. Of the"
         f" {len(good)} good ones {len(wrong)} do ({share_words(len(wrong), len(good))}){_named(wrong)}."
     )
 
@@ -145,19 +145,19 @@ def _verdict_words(found: Sequence[Outcome]) -> str:
 def _named(wrong: Sequence[Outcome]) -> str:
     """Return which good controllers are wrongly reverted, and how good they are."""
     words = [
-        f"{one.twin.kind} (seed {one.twin.seed}), peak error {one.seen.peak_error:.2f} m and without compensation"
-        f" {one.without.peak_error:.2f} m"
-        for one in wrong
+        f"{case.twin.kind} (seed {case.twin.seed}), peak error {case.seen.peak_error:.2f} m and without compensation"
+        f" {case.without.peak_error:.2f} m"
+        for case in wrong
     ]
     return f": {'; '.join(words)}" if words else ""
 
 
-def _quantity(one: Outcome, name: str) -> QuantityResult:
-    return next(each for each in one.verdict.quantities if each.name == name)
+def _quantity(case: Outcome, name: str) -> QuantityResult:
+    return next(each for each in case.verdict.quantities if each.name == name)
 
 
-def _ratios(found: Sequence[Outcome], name: str) -> str:
-    pairs = [(one.value, one.predicted.median) for each in found for one in [_quantity(each, name)]]
+def _ratios(outcomes: Sequence[Outcome], name: str) -> str:
+    pairs = [(part.value, part.predicted.median) for each in outcomes for part in [_quantity(each, name)]]
     ratios = [_used(name, value) / _used(name, median) for value, median in pairs]
     low, middle, high = np.quantile(ratios, (0.0, 0.5, 1.0))
     return f"{low:.2f} to {high:.2f}, median {middle:.2f}"
@@ -172,7 +172,7 @@ def calibrate() -> None:
     study = studied()
     logs = recorded([drawn(seed) for seed in DEVELOPMENT], of="development")
     for controller in CONTROLLERS:
-        of_controller = [one[controller] for one in logs]
+        of_controller = [run[controller] for run in logs]
         _print_discrepancy(study, controller, [log for log in of_controller if log.ended is None])
 
 
@@ -182,7 +182,7 @@ def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> 
     print(f"{controller}, {len(logs)} runs that did not end early:")
     for name in QUANTITIES:
         actual, predicted = (
-            np.array([_used(name, getattr(one, name)) for one in runs]) for runs in (seen, drawn_runs)
+            np.array([_used(name, getattr(run, name)) for run in runs]) for runs in (seen, drawn_runs)
         )
         low, high = discrepancy(predicted, actual)
         print(f'    "{name}": ({low:.2g}, {high:.2g}),')

@@ -155,15 +155,15 @@ class EventDriven:
         wheels, ball_rests = sorted(resting - {n}), n in resting
         if ball_rests:
             state = np.concatenate([state[:5], [0.0, 0.0], state[7:]])
-            found = self._choice(state, u, wheels, mode._replace(rolls=False))
-            if found is not None:
-                return state, found
+            choice = self._choice(state, u, wheels, mode._replace(rolls=False))
+            if choice is not None:
+                return state, choice
             pull = self._motion(state, u, mode._replace(rolls=False)).floor
             state = np.concatenate([state[:5], _BALL_AT_REST * pull / np.hypot(*pull), state[7:]])
-        found = self._choice(state, u, wheels, mode._replace(rolls=True))
-        if found is None:
+        choice = self._choice(state, u, wheels, mode._replace(rolls=True))
+        if choice is None:
             raise RuntimeError(f"no motion of the contacts is consistent at {state.tolist()}")
-        return state, found
+        return state, choice
 
     def _choice(
         self, state: NDArray[np.float64], u: NDArray[np.float64], wheels: list[int], mode: Mode
@@ -310,12 +310,12 @@ def campaign() -> Section:
     for name, make in kinds.items():
         cases = make(rng, 20)
         known = follow(cases)
-        found = errors(cases, known, STEPS)
+        sizes = errors(cases, known, STEPS)
         # below 1e-12 the smooth motion's error is rounding, and the reference's
-        kept = found > 1e-12
-        orders.append(observed_order(tuple(np.array(STEPS)[kept]), found[kept]))
-        all_errors.append(found)
-        columns.append(f"{name} ({np.mean([changes(one) for one in known]):.1f} changes)")
+        kept = sizes > 1e-12
+        orders.append(observed_order(tuple(np.array(STEPS)[kept]), sizes[kept]))
+        all_errors.append(sizes)
+        columns.append(f"{name} ({np.mean([changes(case) for case in known]):.1f} changes)")
     rows = [[f"{1e3 * step:g} ms", *(f"{e[i]:.1e}" for e in all_errors)] for i, step in enumerate(STEPS)]
     rows.append(["**order**", *(f"**{order:.2f}**" for order in orders)])
     return Section(

@@ -102,8 +102,8 @@ def campaign() -> Section:
     for name in SOURCES:
         log_file(name)
     with tempfile.TemporaryDirectory() as folder:
-        found = {name: found_in(name, Path(folder)) for name in SOURCES}
-    judged = {both: judge_pair(*(found[name] for name in both)) for both in permutations(found, 2)}
+        by_source = {name: found_in(name, Path(folder)) for name in SOURCES}
+    judged = {both: judge_pair(*(by_source[name] for name in both)) for both in permutations(by_source, 2)}
     hashes = ", ".join(f"{name} ({source.sha256[:12]})" for name, source in SOURCES.items())
     return Section(
         title="Intervals for the estimate from another log, on a real robot",
@@ -116,19 +116,19 @@ def campaign() -> Section:
         "explain the lean best. Width: median, over the spread of the estimates from repeated logs.",
         columns=list(COLUMNS),
         rows=[
-            *(coverage_row(f"{one} for {other}", judged[one, other]) for one, other in judged),
-            coverage_row("all", [one for pair in judged.values() for one in pair]),
+            *(coverage_row(f"{source} for {other}", judged[source, other]) for source, other in judged),
+            coverage_row("all", [case for pair in judged.values() for case in pair]),
         ],
     )
 
 
-def judge_pair(one: Identification, other: Identification) -> list[Judged]:
+def judge_pair(fit: Identification, other: Identification) -> list[Judged]:
     """Return how the intervals from one log compare with the estimates from another."""
     judged = []
-    numbers = zip(one.labels, one.values.tolist(), other.values.tolist(), one.bounds, strict=True)
-    for label, own, others, bounds in numbers:
-        kinds = (one.intervals, one.another_log)
-        if label.rstrip("123") in _GROUPS and label in one.intervals:
+    numbers = zip(fit.labels, fit.values.tolist(), other.values.tolist(), fit.bounds, strict=True)
+    for label, value, others, bounds in numbers:
+        kinds = (fit.intervals, fit.another_log)
+        if label.rstrip("123") in _GROUPS and label in fit.intervals:
             ends = np.clip([(kind[label].lower, kind[label].upper) for kind in kinds], *bounds)
-            judged.append(Judged(label=label, own=own, other=others, ends=ends))
+            judged.append(Judged(label=label, own=value, other=others, ends=ends))
     return judged

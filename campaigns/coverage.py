@@ -109,20 +109,20 @@ def truth_of(name: str) -> dict[str, float]:
 
 def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[bool]:
     """Return whether the interval held the truth, for each repeat that gave the parameter one."""
-    return [truth[label] in one.intervals[label] for one in done if label in one.intervals]
+    return [truth[label] in run.intervals[label] for run in done if label in run.intervals]
 
 
 def campaign() -> Section:
     """Run what is not yet done and return the section of docs/generated/evidence.md."""
     runs = {f"{name} {seed}": (name, seed) for name, count in REPEATS.items() for seed in range(count)}
     packages = ("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
-    found = finished("coverage", _repeat_of, runs, packages=packages)
-    done = {name: [one for key, one in found.items() if runs[key][0] == name] for name in REPEATS}
+    repeats = finished("coverage", _repeat_of, runs, packages=packages)
+    done = {name: [run for key, run in repeats.items() if runs[key][0] == name] for name in REPEATS}
     truth, everything = truth_of("all"), done["all"]
     least, most = binom.interval(0.95, len(everything), 0.95)
     rows = [_row(label, everything, truth) for label in truth]
     bare = done["no break-away"]
-    given = {label: sum(one.estimates[label] is not None for one in bare) for label in ("v_s", "delta")}
+    given = {label: sum(run.estimates[label] is not None for run in bare) for label in ("v_s", "delta")}
     false = {label: f"{given[label]} of {len(bare)}" for label in given}
     return Section(
         title="Coverage of identification's intervals",
@@ -138,12 +138,12 @@ def campaign() -> Section:
 
 
 def _row(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[str]:
-    values = np.array([value for one in done if (value := one.estimates[label]) is not None])
+    values = np.array([value for run in done if (value := run.estimates[label]) is not None])
     inside = held(label, done, truth)
     widths = [
-        one.intervals[label].upper - one.intervals[label].lower for one in done if label in one.intervals
+        run.intervals[label].upper - run.intervals[label].lower for run in done if label in run.intervals
     ]
-    methods = Counter(one.intervals[label].method for one in done if label in one.intervals)
+    methods = Counter(run.intervals[label].method for run in done if label in run.intervals)
     deviation = values.std(ddof=1)
     return [
         label,

@@ -53,8 +53,8 @@ def main() -> None:
     """Record both runs and write the file."""
     robot = Robot.load(demo.ROBOT)
     soft = recorded(robot, nominal_controller(robot))
-    found = ballbot.identify(robot, soft.without_truth()).robot
-    precise = recorded(robot, precise_controller(found))
+    identified = ballbot.identify(robot, soft.without_truth()).robot
+    precise = recorded(robot, precise_controller(identified))
     path = Path(demo.__file__).with_name("demo_runs.npz")
     path.write_bytes(runs_file({demo.SOFT: soft, demo.PRECISE: precise}))
     print(f"{path}: {path.stat().st_size} bytes")

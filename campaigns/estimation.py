@@ -93,20 +93,20 @@ def side_by_side(
     }
 
 
-def rows(name: str, found: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
+def rows(name: str, runs: Sequence[dict[str, EstimationErrors]]) -> list[list[str]]:
     """Return a row for each estimator: means over the runs, and the worst drift over the thesis's on the same run."""
     table = []
-    for estimator in found[0]:
-        errors = [run[estimator] for run in found]
-        drift = [one.position_drift for one in errors]
-        ratio = max(one / run[THESIS].position_drift for one, run in zip(drift, found, strict=True))
+    for estimator in runs[0]:
+        errors = [run[estimator] for run in runs]
+        drift = [error.position_drift for error in errors]
+        ratio = max(value / run[THESIS].position_drift for value, run in zip(drift, runs, strict=True))
         table.append(
             [
                 f"{name}: {estimator}",
-                f"{np.degrees(np.mean([one.lean for one in errors])):.3f}",
-                f"{np.degrees(np.mean([one.rate for one in errors])):.3f}",
-                f"{1e3 * np.mean([one.velocity for one in errors]):.1f}",
-                f"{np.degrees(np.mean([one.heading for one in errors])):.2f}",
+                f"{np.degrees(np.mean([error.lean for error in errors])):.3f}",
+                f"{np.degrees(np.mean([error.rate for error in errors])):.3f}",
+                f"{1e3 * np.mean([error.velocity for error in errors]):.1f}",
+                f"{np.degrees(np.mean([error.heading for error in errors])):.2f}",
                 f"{1e3 * np.mean(drift):.1f}",
                 f"{1e3 * max(drift):.1f}",
                 f"{ratio:.2f}",
@@ -127,10 +127,10 @@ def campaign(seeds: Sequence[int] = SEEDS, duration: float = DURATION) -> Sectio
         return side_by_side(robot, scenario, named_reference(reference), seed=seed, duration=duration)
 
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(run, product(cases, seeds)))
+        runs = list(pool.map(run, product(cases, seeds)))
     count = len(seeds)
     table = [
-        row for k, (name, _, _) in enumerate(cases) for row in rows(name, found[k * count : (k + 1) * count])
+        row for k, (name, _, _) in enumerate(cases) for row in rows(name, runs[k * count : (k + 1) * count])
     ]
     return Section(
         title="The on-board state: the thesis's way and a Kalman filter on the same runs",

@@ -118,8 +118,8 @@ def _gyro_bias(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
 
 
 def _noise(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    own, factor = s.sensors, 1.0 + 6.0 * size
-    noisy = replace(own, gyro_noise=factor * own.gyro_noise, attitude_noise=factor * own.attitude_noise)
+    given, factor = s.sensors, 1.0 + 6.0 * size
+    noisy = replace(given, gyro_noise=factor * given.gyro_noise, attitude_noise=factor * given.attitude_noise)
     return replace(s, sensors=noisy)
 
 
@@ -238,12 +238,12 @@ def studied() -> Studied:
 
 
 def _study() -> Studied:
-    found = identified()
-    made = candidates(found, sample_time=SAMPLE_TIME)
+    identification = identified()
+    made = candidates(identification, sample_time=SAMPLE_TIME)
     controllers = {name: made[name] for name in CONTROLLERS}
-    plants = draw_plants(found, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
+    plants = draw_plants(identification, scenario=Scenario.nominal(ROBOT), count=DRAWS, seed=SEED)
     choice = choose_controller(controllers, plants)
-    return Studied(found=found, controllers=controllers, choice=choice)
+    return Studied(found=identification, controllers=controllers, choice=choice)
 
 
 def record(study: Studied, twin: FaultyTwin, name: str) -> Log:

@@ -55,26 +55,26 @@ def is_available() -> bool:
 
 def real_words(schema: Schema = STATE, first: int = 0) -> list[int]:
     """Return the places of a record's real numbers, in words of 4 bytes; its whole numbers are indices and flags."""
-    places: list[int] = []
-    for one in schema.fields.values():
+    indices: list[int] = []
+    for field in schema.fields.values():
         size = (
-            one.dtype("single").itemsize // 4
-            if isinstance(one, Schema)
-            else int(np.prod(one.shape, dtype=int))
+            field.dtype("single").itemsize // 4
+            if isinstance(field, Schema)
+            else int(np.prod(field.shape, dtype=int))
         )
-        if isinstance(one, Schema):
-            places += real_words(one, first)
-        elif not one.whole:
-            places += range(first, first + size)
+        if isinstance(field, Schema):
+            indices += real_words(field, first)
+        elif not field.whole:
+            indices += range(first, first + size)
         first += size
-    return places
+    return indices
 
 
 def records_header() -> str:
     """Return the parameters of every preset and part, and the real words of the state, as C."""
     records = [export_controller(make()).parameters for make in controllers().values()]
     words = [record.view(np.uint32).tolist() for record in records]
-    rows = ",\n".join("{ " + ", ".join(f"{word}u" for word in one) + " }" for one in words)
+    rows = ",\n".join("{ " + ", ".join(f"{word}u" for word in row) + " }" for row in words)
     return (
         f"#define RECORD_COUNT {len(words)}u\n"
         f"static const uint32_t RECORDS[RECORD_COUNT][{len(words[0])}] = {{\n{rows}\n}};\n"
@@ -123,15 +123,15 @@ def fuzz(folder: Path, *, seconds: int, seed: int = 1) -> Fuzzed:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise InputError(f"The firmware fails under an input of {folder}: {done.stderr[-3000:]}")
-    found = re.findall(r"cov: (\d+) ft: \d+ corp: (\d+)/", done.stderr)
+    matches = re.findall(r"cov: (\d+) ft: \d+ corp: (\d+)/", done.stderr)
     inputs = re.search(r"stat::number_of_executed_units: (\d+)", done.stderr)
-    assert found
+    assert matches
     assert inputs
     ended = re.search(r"Done \d+ runs in (\d+) second", done.stderr)
     return Fuzzed(
         inputs=int(inputs[1]),
-        branches=int(found[-1][0]),
-        corpus=int(found[-1][1]),
+        branches=int(matches[-1][0]),
+        corpus=int(matches[-1][1]),
         seconds=float(ended[1]) if ended else float(seconds),
     )
 

@@ -128,27 +128,27 @@ def compare(controller: Controller, *, lanes: int, count: int, seed: int) -> Com
 def controllers() -> dict[str, Callable[[], Controller]]:
     """Return what designs the presets and every part on and off, for three and four wheels, by name."""
     alten = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
-    found: dict[str, Callable[[], Controller]] = {}
+    by_name: dict[str, Callable[[], Controller]] = {}
     for robot, wheels in ((alten, "3 wheels"), (four_wheeled(friction=True), "4 wheels")):
         for compensation in ("none", "full", "partial"):
-            found[f"nominal, {compensation}, {wheels}"] = partial(
+            by_name[f"nominal, {compensation}, {wheels}"] = partial(
                 nominal_controller, robot, compensation=compensation
             )
-        found[f"precise, {wheels}"] = partial(precise_controller, robot)
-        found[f"every part, {wheels}"] = partial(everything, robot)
+        by_name[f"precise, {wheels}"] = partial(precise_controller, robot)
+        by_name[f"every part, {wheels}"] = partial(everything, robot)
         directed = replace(
             robot.friction,
             coulomb_asymmetry=(0.02,) * robot.wheel_count,
             stribeck_asymmetry=(-0.01,) * robot.wheel_count,
             load=(0.05,) * robot.wheel_count,
         )
-        found[f"every part, directed friction, {wheels}"] = partial(
+        by_name[f"every part, directed friction, {wheels}"] = partial(
             everything, robot.replace(friction=directed)
         )
     for name in KINDS:
-        found[f"without {name}"] = partial(_without, alten, name)
-        found[f"{name} alone"] = partial(_alone, alten, name)
-    return found
+        by_name[f"without {name}"] = partial(_without, alten, name)
+        by_name[f"{name} alone"] = partial(_alone, alten, name)
+    return by_name
 
 
 def _without(robot: Robot, name: str) -> Controller:
@@ -161,7 +161,7 @@ def _without(robot: Robot, name: str) -> Controller:
 def _alone(robot: Robot, name: str) -> Controller:
     """Return the precise controller with one part and those that it needs."""
     kept = {name, *KINDS[name].needs}
-    parts = Parts(**{one: part for one, part in everything(robot).parts.present() if one in kept})
+    parts = Parts(**{name: part for name, part in everything(robot).parts.present() if name in kept})
     return precise_controller(robot).with_parts(parts)
 
 
@@ -169,12 +169,12 @@ def campaign(states: int = 1_000_000) -> Section:
     """Return the differences of each controller's torques over so many states together."""
     chosen = controllers()
     count = math.ceil(states / (len(chosen) * _LANES))
-    found = {
-        name: compare(design(), lanes=_LANES, count=count, seed=place)
-        for place, (name, design) in enumerate(chosen.items())
+    results = {
+        name: compare(design(), lanes=_LANES, count=count, seed=number)
+        for number, (name, design) in enumerate(chosen.items())
     }
-    total = sum(one.states for one in found.values())
-    beyond = sum(one.beyond for one in found.values())
+    total = sum(row.states for row in results.values())
+    beyond = sum(row.beyond for row in results.values())
     return Section(
         title="The firmware's control law in single precision",
         before=f"Torques of the C law against those of Python's float64 law, single updates from {total:,} equal "
@@ -182,6 +182,8 @@ def campaign(states: int = 1_000_000) -> Section:
         "0.3 rad, rates up to 2 rad/s, references that move and jump. Where the law switches, a torque may be that of "
         f"the other branch: then it differs by more than {TOLERANCE:g}.",
         columns=["controller", "states", "largest difference", "of the other branch"],
-        rows=[[name, f"{one.states:,}", f"{one.worst:.1e}", str(one.beyond)] for name, one in found.items()],
+        rows=[
+            [name, f"{row.states:,}", f"{row.worst:.1e}", str(row.beyond)] for name, row in results.items()
+        ],
         after=f"Of the other branch may be at most 0.1 % of the states; here {100.0 * beyond / total:.4f} %.",
     )

@@ -21,7 +21,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.build import source_files
-from ballbot.firmware.emulator import CLOCK, CYCLES, Board, Image, Run, compile_image
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, EmulatedCall, Image, compile_image
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import SAMPLES, Update, readings, rehearse
@@ -42,7 +42,7 @@ class Timing:
     """The calls of one function."""
 
     name: str
-    runs: tuple[Run, ...]
+    runs: tuple[EmulatedCall, ...]
     flash: int  #: of the function and all that it calls [bytes]
     ram: int  #: of its record and its memory [bytes]
     stack: int  #: at most [bytes]
@@ -72,21 +72,21 @@ def image() -> Image:
 
 def reachable(image: Image, name: str) -> set[str]:
     """Return the names of a function and of all that it calls, directly or through others."""
-    found, left = {name}, [name]
+    names, left = {name}, [name]
     while left:
-        new = image.calls(left.pop()) - found
-        found |= new
+        new = image.calls(left.pop()) - names
+        names |= new
         left += new
-    return found
+    return names
 
 
-def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
+def timing(name: str, function: str, runs: list[EmulatedCall], ram: int) -> Timing:
     """Return the timing of calls of a function."""
     whole = image()
     return Timing(
         name=name,
         runs=tuple(runs),
-        flash=sum(len(whole.functions[one]) for one in reachable(whole, function)),
+        flash=sum(len(whole.functions[callee]) for callee in reachable(whole, function)),
         ram=ram,
         stack=whole.stack_bound(function),
     )
@@ -94,7 +94,7 @@ def timing(name: str, function: str, runs: list[Run], ram: int) -> Timing:
 
 def estimator_runs(
     name: EstimatorName, robot: Robot, *, samples: int, missing: float = 0.0, fixes: float = 0.0
-) -> Iterator[tuple[Run, bool]]:
+) -> Iterator[tuple[EmulatedCall, bool]]:
     """Return each call of an estimator, and whether state and memory are those of this computer bit for bit."""
     board, host = Board(image()), Compiled(name, robot, sample_time=_PERIOD)
     record, memory = board.place(host.record), board.place(host.memory)
@@ -107,13 +107,13 @@ def estimator_runs(
         board.write(given, taken)
         run = board.call(f"ballbot_{name}_update", record, memory, robot.wheel_count, given, answer)
         expected = host.take(taken)[0].astype(np.float32)
-        found, kept = board.read(answer, state), board.read(memory, host.memory)
-        yield run, found.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
+        result, kept = board.read(answer, state), board.read(memory, host.memory)
+        yield run, result.tobytes() == expected.tobytes() and kept.tobytes() == host.memory.tobytes()
 
 
 def law_runs(
     controller: Controller, *, lanes: int, count: int, board: Board | None = None
-) -> Iterator[tuple[Run, bool]]:
+) -> Iterator[tuple[EmulatedCall, bool]]:
     """Return each call of a control law, and whether its torques are those of this computer bit for bit.
 
     A new board is taken if none is given.
@@ -156,7 +156,7 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         If a number is not that of this computer bit for bit.
     """
     robot = Robot.load("alten")
-    found = []
+    table = []
     cases: list[tuple[str, EstimatorName, float]] = [
         ("Kalman filter", "kalman", 0.0),
         ("Kalman filter, with fixes", "kalman", 0.05),
@@ -167,14 +167,14 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         _check(label, rows)
         host = Compiled(name, robot)
         ram = host.record.nbytes + host.memory.nbytes
-        found.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
+        table.append(timing(label, f"ballbot_{name}_update", [run for run, _ in rows], ram))
     for label, design in controllers().items():
         if label.startswith("without") or label.endswith("alone"):  # those of the test of each part
             continue
         rows = list(law_runs(design(), lanes=10, count=count))
         _check(label, rows)
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
-        found.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
+        table.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
 
     ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
     for label, controller in presets().items():
@@ -182,9 +182,9 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         _check(label, updates_of)
         takes_fixes = controller.estimator == "kalman"
         for suffix, with_fix in (("", False), (", with fixes", True))[: 1 + takes_fixes]:
-            runs = [one.run for one, _ in updates_of if one.has_fix == with_fix]
-            found.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
-    return found
+            runs = [update.run for update, _ in updates_of if update.has_fix == with_fix]
+            table.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
+    return table
 
 
 def presets() -> dict[str, Controller]:
@@ -192,14 +192,14 @@ def presets() -> dict[str, Controller]:
     robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
     compensations: tuple[Compensation, ...] = ("none", "full", "partial")
     estimators: tuple[EstimatorName, ...] = ("onboard", "kalman")
-    found = {
+    by_name = {
         f"nominal {compensation}, {estimator}": nominal_controller(
             robot, compensation=compensation
         ).with_estimator(estimator)
         for compensation in compensations
         for estimator in estimators
     }
-    return found | {"precise, kalman": precise_controller(robot)}
+    return by_name | {"precise, kalman": precise_controller(robot)}
 
 
 def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
@@ -213,7 +213,7 @@ def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
 def campaign() -> Section:
     """Return the table."""
     whole = image()
-    found = timings(samples=_SAMPLES, count=_UPDATES)
+    table = timings(samples=_SAMPLES, count=_UPDATES)
     return Section(
         title="The firmware on the processor",
         before="The estimators and controllers of the firmware on an emulated Cortex-M4F, compiled by Clang with -O2: "
@@ -225,6 +225,6 @@ def campaign() -> Section:
             "update", "instructions", "largest", "cycles", "share", "highest rate, Hz",
             "flash, B", "RAM, B", "stack, B",
         ],
-        rows=[one.cells() for one in found],
+        rows=[row.cells() for row in table],
         after=f"The whole library takes {whole.flash:,} bytes of flash and {whole.ram} bytes of variables.",
     )  # fmt: skip

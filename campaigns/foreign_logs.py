@@ -248,10 +248,10 @@ def _inertial(part: Log, t: Floats, habits: Habits, random: np.random.Generator)
     angles[:, :2] += habits.noise * random.standard_normal((len(t), 2))
     angles = angles[:, order]
     lean = np.degrees(angles) if habits.lean_unit == "deg" else angles
-    found = {
-        _name(name, habits.lean_unit, habits): lean[:, place]
-        for place, name in enumerate(habits.names.lean)
-        if place < 2 or habits.yaw
+    columns = {
+        _name(name, habits.lean_unit, habits): lean[:, axis]
+        for axis, name in enumerate(habits.names.lean)
+        if axis < 2 or habits.yaw
     }
     if habits.gyro_unit is not None and habits.layout != "no_header":
         c, s = np.cos(habits.turn), np.sin(habits.turn)
@@ -260,8 +260,8 @@ def _inertial(part: Log, t: Floats, habits: Habits, random: np.random.Generator)
         turned = np.degrees(rates) if habits.gyro_unit == "deg/s" else rates
         axes = "XYZ" if habits.names.gyro[0].isupper() else "xyz"
         stem = habits.names.gyro
-        found |= {_name(stem.format(axes[k]), habits.gyro_unit, habits): turned[:, k] for k in range(3)}
-    return found
+        columns |= {_name(stem.format(axes[k]), habits.gyro_unit, habits): turned[:, k] for k in range(3)}
+    return columns
 
 
 def _wheels(part: Log, t: Floats, habits: Habits, robot: Robot) -> Columns:

@@ -48,12 +48,12 @@ def campaign() -> Section:
     robot = robot.replace(friction=Scenario.nominal(robot).friction)
     cases = [_case(robot, compensation, limit) for compensation, limit in CASES]
     drawn = cases[:2]
-    model, twin = {one.name: one.model for one in drawn}, {one.name: one.twin for one in drawn}
+    model, twin = {case.name: case.model for case in drawn}, {case.name: case.twin for case in drawn}
     pictures = [
         write_picture("limits_planes", lambda: planes_figure(model)),
         write_picture("limits_directions", lambda: directions_figure(model, twin)),
     ]
-    compared = [limit.agrees for one in cases for limit in one.twin]
+    compared = [limit.agrees for case in cases for limit in case.twin]
     return Section(
         title="The largest tilts and impulses from which the robot recovers",
         before="The smallest over four directions of the largest tilt at rest, and of the largest impulse at the height"
@@ -63,7 +63,7 @@ def campaign() -> Section:
             "compensation, torque limit",
             *(f"{kind}: {which}" for kind in ("tilt [deg]", "impulse [N s]") for which in _BOUNDS),
         ],
-        rows=[_row(one) for one in cases],
+        rows=[_row(case) for case in cases],
         after=f"The twin's limit lies between the model's two bounds in {sum(compared)} of {len(compared)}"
         f" cases, to 5 %. {_cost(cases[0])}\n\n"
         + "\n\n".join(f"![{alt}]({path})" for alt, path in zip(_ALTS, pictures, strict=True)),
@@ -86,10 +86,10 @@ def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
     return Case(name=f"{compensation}, {limit:g} N m", loop=loop, model=model, twin=edges)
 
 
-def _row(one: Case) -> list[str]:
-    cells = [one.name]
+def _row(case: Case) -> list[str]:
+    cells = [case.name]
     for kind, unit in (("lean", 180.0 / np.pi), ("impulse", 1.0)):
-        edges = [edge for edge in one.twin if edge.kind == kind]
+        edges = [edge for edge in case.twin if edge.kind == kind]
         cells += [
             f"{unit * min(getattr(edge, which) for edge in edges):.1f}"
             for which in ("lower", "twin", "upper")
@@ -97,9 +97,9 @@ def _row(one: Case) -> list[str]:
     return cells
 
 
-def _cost(one: Case) -> str:
+def _cost(case: Case) -> str:
     """Say whether outcomes change by cutting runs short."""
-    plane = one.model.plane
-    whole = one.loop.recovers(plane.starts(), cut_short=False)
+    plane = case.model.plane
+    whole = case.loop.recovers(plane.starts(), cut_short=False)
     differing = int((whole != plane.lower.ravel()).sum())
     return f"Of {len(whole)} of the runs, {differing} end otherwise when they are not cut short."

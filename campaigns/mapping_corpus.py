@@ -81,18 +81,18 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tup
         table = columns_of(truth, habits, robot, dead_band=dead_band)
         path, given = write(Path(folder) / "log", table, habits)
         try:
-            found = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)), robot)
+            evaluation = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)), robot)
         except InputError as error:
             return "asked", str(error)[:160].replace(str(path), "")
         except Exception as error:  # a user would see a traceback
             return "wrong", f"crash: {error!r}"
-    if found.log is None or found.refusal:
-        return "asked", found.refusal[:200]
-    wrong = differences(found, truth, robot, habits, _less_friction(truth, robot, dead_band))
+    if evaluation.log is None or evaluation.refusal:
+        return "asked", evaluation.refusal[:200]
+    wrong = differences(evaluation, truth, robot, habits, _less_friction(truth, robot, dead_band))
     return ("wrong" if wrong else "right"), wrong
 
 
-def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
+def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
     """Return in what the mapped log differs from the truth under the best of the transformations; empty if in nothing.
 
     The transformations leave every measured signal and the robot's dynamics unchanged:
@@ -108,7 +108,7 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, uns
     wheels turn the way their duties drive them. The torques are compared with the truth's less these (M, n),
     `unstated`, so that what wheels that turn against their duties make of it is an error.
     """
-    log = found.log
+    log = evaluation.log
     if log is None:
         return "no log"
     t = log.t - habits.time_offset
@@ -123,7 +123,7 @@ def differences(found: Evaluation, truth: Log, robot: Robot, habits: Habits, uns
     real["torques"] = _as_written(truth, truth.torques - unstated, habits, t)
     still = not habits.yaw and float(np.std(real["heading"])) < TURNING_BY_WHEELS
     equivalents = _equivalents(real, robot, half_turn=still)
-    return min((_compared(mapped, one, habits.yaw, log.sample_time) for one in equivalents), key=len)
+    return min((_compared(mapped, form, habits.yaw, log.sample_time) for form in equivalents), key=len)
 
 
 #: a robot is in motion while a wheel turns faster [rad/s]
@@ -154,10 +154,10 @@ def _equivalents(real: Signals, robot: Robot, *, half_turn: bool) -> Iterator[Si
     for mirrored in (False, True):
         z = -np.exp(2j * first) * lean.conj() if mirrored else lean
         sign = -1.0 if mirrored else 1.0
-        places = [(-k) % n for k in range(n)] if mirrored else list(range(n))
+        order = [(-k) % n for k in range(n)] if mirrored else list(range(n))
         for k in range(n):
             turned = z * np.exp(-2j * np.pi * k / n)
-            moved = [places[(i + k) % n] for i in range(n)]
+            moved = [order[(i + k) % n] for i in range(n)]
             for half in (1.0, -1.0) if half_turn else (1.0,):
                 yield {
                     "lean": half * np.array([turned.real, turned.imag]),
@@ -170,18 +170,18 @@ def _equivalents(real: Signals, robot: Robot, *, half_turn: bool) -> Iterator[Si
 def _compared(mapped: Signals, real: Signals, heading: bool, interval: float) -> str:
     """Return the names of the signals that differ, with by how much."""
     wrong = []
-    z, y = (np.array([1.0, 1j]) @ _smoothed(one["lean"], interval) for one in (mapped, real))
+    z, y = (np.array([1.0, 1j]) @ _smoothed(signals["lean"], interval) for signals in (mapped, real))
     z, y = z - z.mean(), y - y.mean()
     gain = np.vdot(y, z) / np.vdot(y, y)
     if abs(abs(gain) - 1.0) > LEAN_ERROR or abs(np.angle(gain)) > TURN_ERROR:
         wrong.append(f"lean {abs(gain):.2f} at {np.degrees(np.angle(gain)):.0f} deg")
-    turned, turning = (_smoothed(one["heading"], interval) for one in (mapped, real))
+    turned, turning = (_smoothed(signals["heading"], interval) for signals in (mapped, real))
     if heading and _size_error(turned, turning) > LEAN_ERROR:
         wrong.append("heading")
     errors = [_size_error(a[None], b[None]) for a, b in zip(mapped["wheels"], real["wheels"], strict=True)]
     if max(errors) > WHEEL_ERROR:
         wrong.append(f"wheels {max(errors):.2f}")
-    a, b = (_smoothed(one["torques"], interval) for one in (mapped, real))
+    a, b = (_smoothed(signals["torques"], interval) for signals in (mapped, real))
     least = LEAST_TORQUE * float(np.sqrt(b.var(axis=1).mean()))
     errors = [float(np.std(x - y) / max(np.std(y), least)) for x, y in zip(a, b, strict=True)]
     if max(errors) > TORQUE_ERROR:
@@ -211,8 +211,8 @@ def _as_written(truth: Log, torques: Floats, habits: Habits, t: Floats) -> Float
     start = written + late if habits.interval else truth.t[last]
     # means over a row of the mapped log, as a mapping makes them, so that chatter of the commands cancels
     parts = [t + part * float(np.median(np.diff(t))) for part in np.arange(0.05, 1.0, 0.1)]
-    places = [np.clip(np.searchsorted(start, part, side="right") - 1, 0, None) for part in parts]
-    return np.mean([held[place] for place in places], axis=0).T
+    rows = [np.clip(np.searchsorted(start, part, side="right") - 1, 0, None) for part in parts]
+    return np.mean([held[row] for row in rows], axis=0).T
 
 
 def _size_error(mapped: Floats, real: Floats) -> float:
@@ -245,15 +245,17 @@ def campaign() -> Section:
     judged = finished(
         "mapping_outcomes", outcome, {f"{seed:05}": seed for seed in seeds}, packages=["log"], workers=workers
     )
-    found, rows = list(judged.values()), []
+    outcomes, rows = list(judged.values()), []
     for shortest, longest in DURATIONS:
-        counts = Counter(one.result for one in found if shortest <= one.duration <= longest)
-        shares = [f"{counts[one]}: {share_words(counts[one], counts.total())}" for one in RESULTS]
+        counts = Counter(case.result for case in outcomes if shortest <= case.duration <= longest)
+        shares = [f"{counts[result]}: {share_words(counts[result], counts.total())}" for result in RESULTS]
         rows.append([f"{shortest:.0f} to {longest:.0f} s", f"{counts.total()}", *shares])
     wrong = [
-        f"{one.seed} ({one.robot}, {one.motion}): {one.reason}" for one in found if one.result == "wrong"
+        f"{case.seed} ({case.robot}, {case.motion}): {case.reason}"
+        for case in outcomes
+        if case.result == "wrong"
     ]
-    asked = Counter(one.reason.split(";")[0][:90].strip() for one in found if one.result == "asked")
+    asked = Counter(case.reason.split(";")[0][:90].strip() for case in outcomes if case.result == "asked")
     return Section(
         title="Mappings proposed for foreign logs",
         before=f"Stretches of 5 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"

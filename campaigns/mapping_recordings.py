@@ -50,9 +50,9 @@ KEPT = Path(__file__).parents[1] / "build" / "mapping_corpus"
 @cache
 def robot_named(name: str) -> Robot:
     """Return a robot of the corpus as its team would describe it: a preset, one with four wheels, or one of its own."""
-    own = _own_robot(name)
-    if own is not None:
-        return own
+    described = _own_robot(name)
+    if described is not None:
+        return described
     preset = name.removesuffix("_four_wheels")
     robot = Robot.load(preset)
     if preset in WHEEL_INERTIA:
@@ -90,7 +90,7 @@ trolley_four_wheels rezero 13.0 0.37   1.22        0.118  2.6    -      -       
 def _own_robot(name: str) -> Robot | None:
     """Return the robot of a row of `OWN_ROBOTS`; None without one."""
     headings, *rows = (line.split() for line in OWN_ROBOTS.strip().splitlines())
-    row = next((one for one in rows if one[0] == name), None)
+    row = next((cells for cells in rows if cells[0] == name), None)
     if row is None:
         return None
     robot = Robot.load(row[1])
@@ -190,9 +190,9 @@ def _reference(motion: str, seed: int) -> Reference:
         """Two slow sways and a quicker one of a few centimetres, now and then turned, from rest."""
         now, pose = slow * t, np.zeros(10)
         slower = np.sin(0.8 * now + phases[0]) + 1j * np.sin(0.55 * now + phases[1])
-        place = size * (0.35 * slower * np.exp(1j * way) + 0.05 * np.exp(1j * (4.0 * now + phases[2])))
+        position = size * (0.35 * slower * np.exp(1j * way) + 0.05 * np.exp(1j * (4.0 * now + phases[2])))
         pose[[0, 1, 4]] = min(t / 5.0, 1.0) * np.array(
-            [place.real, place.imag, turn * np.sin(0.5 * now) ** 3]
+            [position.real, position.imag, turn * np.sin(0.5 * now) ** 3]
         )
         return pose
 

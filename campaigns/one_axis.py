@@ -49,7 +49,7 @@ def emps_record() -> AxisRecord:
 def campaign() -> Section:
     """Identify the axis and return the section of docs/generated/evidence.md."""
     record = emps_record()
-    found = identify_axis(record)
+    result = identify_axis(record)
     published = ["published (inverse model)", *(f"{v:.4f} ± {s:.4f}" for v, s in PUBLISHED.values()), ""]
     return Section(
         title="One axis: the EMPS benchmark",
@@ -59,32 +59,32 @@ def campaign() -> Section:
         "methods. The asymmetric law's b is that of both directions. Open loop: RMS position error over the whole "
         "record [mm].",
         columns=["law", "M [kg]", "b [N s/m]", "c [N]", "offset [N]", "open loop"],
-        rows=[published, *(_row(name, one) for name, one in found.by_law.items())],
-        after=_after(found),
+        rows=[published, *(_row(name, fit) for name, fit in result.by_law.items())],
+        after=_after(result),
     )
 
 
-def _row(name: str, one: AxisEstimate) -> list[str]:
+def _row(name: str, fit: AxisEstimate) -> list[str]:
     texts = []
     for parameter in PUBLISHED:
-        value, error = one.values.get(parameter, 0.0), one.standard_errors.get(parameter, 0.0)
-        texts.append(f"{value:.4g} ± {error:.2g}" if parameter in one.values else "")
-        if parameter == "viscous" and "asymmetry" in one.values:
-            change = one.values["asymmetry"]
+        value, error = fit.values.get(parameter, 0.0), fit.standard_errors.get(parameter, 0.0)
+        texts.append(f"{value:.4g} ± {error:.2g}" if parameter in fit.values else "")
+        if parameter == "viscous" and "asymmetry" in fit.values:
+            change = fit.values["asymmetry"]
             texts[-1] = f"{value + change:.4g} / {value - change:.4g}"
-    return [name, *texts, f"{1e3 * one.errors[one.motions[0].record.name].open_loop_rmse:.2f}"]
+    return [name, *texts, f"{1e3 * fit.errors[fit.motions[0].record.name].open_loop_rmse:.2f}"]
 
 
-def _after(found: AxisIdentification) -> str:
+def _after(result: AxisIdentification) -> str:
     gains = "; ".join(
-        f"{name} over {LAWS[name][1]} {100.0 * one.gain.share:.0f} % "
-        f"({100.0 * one.gain.lower:.0f} to {100.0 * one.gain.upper:.0f})"
-        for name, one in found.by_law.items()
-        if one.gain
+        f"{name} over {LAWS[name][1]} {100.0 * fit.gain.share:.0f} % "
+        f"({100.0 * fit.gain.lower:.0f} to {100.0 * fit.gain.upper:.0f})"
+        for name, fit in result.by_law.items()
+        if fit.gain
     )
     return (
-        f"The windows last {found.window:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
-        f"{' '.join(texts(found.findings))} `python -m campaigns.one_axis --data DIR` prints this section."
+        f"The windows last {result.window:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
+        f"{' '.join(texts(result.findings))} `python -m campaigns.one_axis --data DIR` prints this section."
     )
 
 
@@ -139,7 +139,7 @@ def trial(machine: Machine, logging: Logging, seed: int) -> Trial:
     """Identify one machine from one record with the law coulomb, all else selected."""
     record = record_of(machine, logging, seed)
     try:
-        stopping = [one for one in record_findings(record) if one.severity == "error"]
+        stopping = [finding for finding in record_findings(record) if finding.severity == "error"]
         if stopping:
             raise InputError(stopping[0].text)
         best = identify_axis(record, options=AxisOptions(law="coulomb")).best
@@ -162,16 +162,18 @@ def _trials() -> Iterator[tuple[str, list[Trial]]]:
                 for seed in range(100, 100 + SEEDS)
                 for motion in motions
             ]
-            yield f"{kind}, {logger}", [trial(*one) for one in drawn]
+            yield f"{kind}, {logger}", [trial(*arguments) for arguments in drawn]
 
 
 def machines() -> Section:
     """Identify simulated machines and return the section of docs/generated/evidence.md."""
     table = dict(_trials())
     rows = [[name, *_distribution(trials)] for name, trials in table.items()]
-    everything = [one for trials in table.values() for one in trials]
+    everything = [trial for trials in table.values() for trial in trials]
     rows.append(["all", *_distribution(everything)])
-    refused = [f"{name}: {one.refused}" for name, trials in table.items() for one in trials if one.refused]
+    refused = [
+        f"{name}: {trial.refused}" for name, trials in table.items() for trial in trials if trial.refused
+    ]
     return Section(
         title="One axis: simulated machines",
         before="Random machines (campaigns/axis_machines.py), simulated apart from Ballbot and identified with the law "
@@ -183,7 +185,7 @@ def machines() -> Section:
         "intervals contain it, at the end with the 95 % interval of that share (Clopper and Pearson).",
         columns=[
             "machine and record",
-            *(f"{one} {what}" for one in SYMBOLS.values() for what in ("error, half [%]", "covered")),
+            *(f"{symbol} {what}" for symbol in SYMBOLS.values() for what in ("error, half [%]", "covered")),
         ],
         rows=rows,
         after=f"Refused: {'; '.join(refused)}" if refused else "None was refused.",
@@ -191,13 +193,13 @@ def machines() -> Section:
 
 
 def _distribution(trials: Sequence[Trial]) -> list[str]:
-    done = [one for one in trials if not one.refused]
+    done = [trial for trial in trials if not trial.refused]
     if not done:
         return ["refused", "", "", "", "", ""]
     texts = []
     for name in SYMBOLS:
-        sizes = 100.0 * np.abs([one.errors[name] for one in done])
-        halves = 100.0 * np.array([one.halves[name] for one in done])
+        sizes = 100.0 * np.abs([trial.errors[name] for trial in done])
+        halves = 100.0 * np.array([trial.halves[name] for trial in done])
         inside = int(np.sum(sizes <= halves))
         covered = f"{inside} of {len(done)}"
         if len(done) > 2 * 3 * SEEDS:

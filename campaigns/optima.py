@@ -75,7 +75,7 @@ def fitted(task: Task, start: int | None) -> End:
     begun = process_time()
     point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
-        found = search(
+        result = search(
             prepared.experiment,
             fixed_starts(prepared.experiment.coordinates),
             method=task.options.search,
@@ -83,33 +83,36 @@ def fitted(task: Task, start: int | None) -> End:
             most_steps=task.options.gauss_newton_steps,
             run=_RUN,
         )
-        points = [found.best] if found.other is None else [found.best, found.other]
+        points = [result.best] if result.other is None else [result.best, result.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]
     steps = task.options.gauss_newton_steps
-    fits = [descend(prepared.experiment, one, free=free, most_steps=steps, run=_RUN) for one in points]
-    seconds, best = process_time() - begun, min(fits, key=lambda one: one.cost)
+    fits = [
+        descend(prepared.experiment, start_point, free=free, most_steps=steps, run=_RUN)
+        for start_point in points
+    ]
+    seconds, best = process_time() - begun, min(fits, key=lambda fit: fit.cost)
     return End(cost=best.cost, point=best.point, errors=best.errors, seconds=seconds)
 
 
 def tasks() -> dict[str, Task]:
     """Return the logs by name."""
-    found: dict[str, Task] = {}
+    by_name: dict[str, Task] = {}
     options = IdentificationOptions()
     for seed, reference in enumerate(("square", "hold", "figure_eight"), start=1):
         log = twin_log(reference, duration=DURATION, seed=seed)
-        found[f"twin, {reference}"] = Task(robot="alten", log=log, options=options)
+        by_name[f"twin, {reference}"] = Task(robot="alten", log=log, options=options)
     folder = data_folder()
     for name in ("square_soft", "hold_soft", "thesis_step_soft"):
         log = Log.read(folder / "bbr" / f"{name}.csv")
-        found[f"bbr, {name}"] = Task(robot="alten", log=log, options=options)
+        by_name[f"bbr, {name}"] = Task(robot="alten", log=log, options=options)
     with tempfile.TemporaryDirectory() as made:
         for name in SOURCES:
             log, back_emf = mapped(name, Path(made))
-            own = IdentificationOptions(excluded_states=("psi", "psi_dot"), back_emf=back_emf)
-            found[f"rob311, {name}"] = Task(robot="rob311", log=log, options=own)
-    return found
+            excluding = IdentificationOptions(excluded_states=("psi", "psi_dot"), back_emf=back_emf)
+            by_name[f"rob311, {name}"] = Task(robot="rob311", log=log, options=excluding)
+    return by_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +143,7 @@ COLUMNS = (
 
 def row(name: str, ends: Ends) -> list[str]:
     """Return a row of the table."""
-    costs = np.array([one.cost for one in ends.drawn])
+    costs = np.array([fit.cost for fit in ends.drawn])
     ours, best = ends.searched, min((ends.searched, ends.genetic, *ends.drawn), key=lambda end: end.cost)
     near = [end.point - best.point for end in ends.drawn if end.cost < best.cost + 1e-4]
     with np.errstate(invalid="ignore"):

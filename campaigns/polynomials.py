@@ -40,9 +40,9 @@ def single_fits() -> dict[str, tuple[list[np.float32], str]]:
     Terms that are written out there are not among the coefficients: -r^2/2 of the cosine and 2/ln 2 of the logarithm.
     """
     with mp.workdps(40):
-        found = _single_fits()
+        fits = _single_fits()
     return {
-        name: ([np.float32(c) for c in coefficients], error) for name, (coefficients, error) in found.items()
+        name: ([np.float32(c) for c in coefficients], error) for name, (coefficients, error) in fits.items()
     }
 
 

@@ -53,13 +53,13 @@ def entry_table(entries: Sequence[Entry]) -> str:
     """Return a Markdown table of printed, reproduced and right numbers."""
     rows = [
         [
-            one.name,
-            one.printed,
-            f"{one.reproduced:.5g}",
-            "to its last digit" if one.comes_out else f"off by {100.0 * one.difference:+.2f} %",
-            f"{one.right:.5g}",
+            entry.name,
+            entry.printed,
+            f"{entry.reproduced:.5g}",
+            "to its last digit" if entry.comes_out else f"off by {100.0 * entry.difference:+.2f} %",
+            f"{entry.right:.5g}",
         ]
-        for one in entries
+        for entry in entries
     ]
     return markdown_table(["", "printed", "reproduced", "comes out", "right"], rows)
 
@@ -87,15 +87,17 @@ def entries_of(
     right: SourceModel,
 ) -> list[Entry]:
     """Return every number of a printed A and B that is not zero; `names` are of the models' states."""
-    places = [(row, column, "A", names.index(column)) for row, column in A]
-    places += [(row, f"T{k + 1}", "B", k) for row, printed in B.items() for k in range(len(printed))]
-    found = []
-    for row, column, matrix, k in places:
+    cells = [(row, column, "A", names.index(column)) for row, column in A]
+    cells += [(row, f"T{k + 1}", "B", k) for row, printed in B.items() for k in range(len(printed))]
+    entries = []
+    for row, column, matrix, k in cells:
         printed = A[row, column] if matrix == "A" else B[row][k]
         if float(printed):
-            ours, exact = (float(getattr(one, matrix)[names.index(row), k]) for one in (reproduced, right))
-            found.append(Entry(name=f"{row}/{column}", printed=printed, reproduced=ours, right=exact))
-    return found
+            ours, exact = (
+                float(getattr(linear, matrix)[names.index(row), k]) for linear in (reproduced, right)
+            )
+            entries.append(Entry(name=f"{row}/{column}", printed=printed, reproduced=ours, right=exact))
+    return entries
 
 
 def unstable_poles(model: LinearModel) -> tuple[float, float]:
@@ -161,9 +163,9 @@ def _kugle_section(robot: Robot) -> str:
         "with the inertia right, wheels still on relative speed": all_on_relative_speed(robot),
         "right": robot,
     }
-    found = {name: unstable_poles(Model(one).linearize()) for name, one in models.items()}
-    poles = [[name, *(f"{pole:.4f}" for pole in both)] for name, both in found.items()]
-    body, faster = robot.body, found["right"][0] / found["as printed"][0]
+    poles_of = {name: unstable_poles(Model(model).linearize()) for name, model in models.items()}
+    poles = [[name, *(f"{pole:.4f}" for pole in both)] for name, both in poles_of.items()]
+    body, faster = robot.body, poles_of["right"][0] / poles_of["as printed"][0]
     return f"""\
 ## Kugle (Aalborg University, 2019)
 
@@ -240,7 +242,7 @@ def in_rezero_state(model: LinearModel, robot: Robot) -> SourceModel:
 def rezero_entries(robot: Robot) -> list[Entry]:
     """Return every number of Rezero's printed three-dimensional A and B that is not zero."""
     ours, right = (
-        in_rezero_state(one, robot) for one in (rezero_as_modelled(robot), Model(robot).linearize())
+        in_rezero_state(linear, robot) for linear in (rezero_as_modelled(robot), Model(robot).linearize())
     )
     return entries_of(_REZERO_A, _REZERO_B, _REZERO_STATE, reproduced=ours, right=right)
 
@@ -266,7 +268,7 @@ twice.
 
 **How it is switched on.** The rotor's inertia moves to the wheel (data), and of the thesis's corrections "reflected
 rotors" and "locked wheels once" stay off. The heading then comes out to its last digit, and only then; the lean comes
-within {100.0 * max(abs(one.difference) for one in entries):.1f} %:
+within {100.0 * max(abs(entry.difference) for entry in entries):.1f} %:
 
 {entry_table(entries)}
 

@@ -35,7 +35,7 @@ searches within the usual values.
 
 Units are SI. [The twin](../twin.md) has an example.
 
-{_parameters(replace(one, written_in=one.unit) for one in parameters_of(Scenario))}
+{_parameters(replace(part, written_in=part.unit) for part in parameters_of(Scenario))}
 ## Codes of findings
 
 `--accept CODE` continues despite an error of that code ([what checks find](../logs.md#what-checks-find)).
@@ -46,14 +46,14 @@ Units are SI. [The twin](../twin.md) has an example.
 def _parameters(parameters: Iterable[Parameter]) -> str:
     rows = [
         (
-            f"`{one.name}`",
-            one.meaning.replace("|", "\\|"),
-            _unit(one),
-            _allowed(one),
-            _usual(one),
-            _default(one.default),
+            f"`{parameter.name}`",
+            parameter.meaning.replace("|", "\\|"),
+            _unit(parameter),
+            _allowed(parameter),
+            _usual(parameter),
+            _default(parameter.default),
         )
-        for one in parameters
+        for parameter in parameters
     ]
     return _table(("key", "meaning", "unit", "allowed", "usual", "default"), rows)
 
@@ -63,31 +63,35 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
 
-def _unit(one: Parameter) -> str:
-    unit = "" if one.unit == DIMENSIONLESS else one.unit
-    return unit if one.written_in == one.unit else f"{unit}; written in {one.written_in}"
+def _unit(parameter: Parameter) -> str:
+    unit = "" if parameter.unit == DIMENSIONLESS else parameter.unit
+    return unit if parameter.written_in == parameter.unit else f"{unit}; written in {parameter.written_in}"
 
 
 def _default(default: Value | str | None) -> str:
     if default is None:
         return ""
     if isinstance(default, tuple):
-        return f"`[{', '.join(f'{one:g}' for one in default)}]`" if default else "zeros"
+        return f"`[{', '.join(f'{number:g}' for number in default)}]`" if default else "zeros"
     return f"`{str(default).lower()}`" if isinstance(default, bool | str) else f"`{default:g}`"
 
 
-def _usual(one: Parameter) -> str:
-    return " to ".join(f"{end:g}" for end in one.usual) if math.isfinite(one.usual[0]) else ""
+def _usual(parameter: Parameter) -> str:
+    return " to ".join(f"{end:g}" for end in parameter.usual) if math.isfinite(parameter.usual[0]) else ""
 
 
-def _allowed(one: Parameter) -> str:
-    if one.shape in ("text", "truth value"):
-        return one.shape
-    if one.least < 0.0:
-        return "any" if math.isinf(one.most) else f"-{one.most:.4g} to {one.most:.4g}"
-    if math.isinf(one.most):
-        return f"{one.least:g} or more" if one.least_is_allowed else "above 0"
-    return f"{one.least:g} to {one.most:g}" if one.least_is_allowed else f"above 0, at most {one.most:.4g}"
+def _allowed(parameter: Parameter) -> str:
+    if parameter.shape in ("text", "truth value"):
+        return parameter.shape
+    if parameter.least < 0.0:
+        return "any" if math.isinf(parameter.most) else f"-{parameter.most:.4g} to {parameter.most:.4g}"
+    if math.isinf(parameter.most):
+        return f"{parameter.least:g} or more" if parameter.least_is_allowed else "above 0"
+    return (
+        f"{parameter.least:g} to {parameter.most:g}"
+        if parameter.least_is_allowed
+        else f"above 0, at most {parameter.most:.4g}"
+    )
 
 
 if __name__ == "__main__":

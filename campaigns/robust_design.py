@@ -38,7 +38,7 @@ def campaign() -> Section:
     """Search, compare, and return the section of docs/generated/evidence.md."""
     robot = identified().robot
     began = perf_counter()
-    found = robust_design(
+    result = robust_design(
         robot,
         compensation="full",
         spread=PerturbationRanges(),
@@ -47,13 +47,13 @@ def campaign() -> Section:
     )
     took = perf_counter() - began
     controllers = {
-        name: Controller(robot, one.gain, compensation="full") for name, one in found.compared.items()
+        name: Controller(robot, design.gain, compensation="full") for name, design in result.compared.items()
     }
-    weights = ", ".join(f"{weight:.3g}" for weight in found.state_weights)
+    weights = ", ".join(f"{weight:.3g}" for weight in result.state_weights)
     return Section(
         title="Weights optimised over perturbed robots",
         before=f"`ballbot design --robust --compensation full`: {EFFORT.robots} perturbed robots (mass, height and"
-        f" friction 20 %, up to 2 samples late, floor up to 1°) evaluate every candidate, {len(found.history)} "
+        f" friction 20 %, up to 2 samples late, floor up to 1°) evaluate every candidate, {len(result.history)} "
         f"generations"
         f" of {EFFORT.population} ({took:.0f} s); compared on {EFFORT.fresh} fresh robots, and on twins that differ "
         f"from the robot file: peak position error on a 0.5 m square at least {SETTLE:g} s after each corner, mean of"
@@ -61,24 +61,24 @@ def campaign() -> Section:
         " logs.",
         columns=["", "weights found", "nominal weights"],
         rows=[
-            *_on_fresh(found),
+            *_on_fresh(result),
             *(_on_twin(robot, controllers, case, state) for state in ESTIMATORS for case in TWINS),
         ],
-        after=f"Found: Q = diag({weights}), R = {found.torque_weight:g} I.",
+        after=f"Found: Q = diag({weights}), R = {result.torque_weight:g} I.",
     )
 
 
 _ORDER = ("robust", "nominal")
 
 
-def _on_fresh(found: RobustDesign) -> list[list[str]]:
-    designs = [found.compared[name] for name in _ORDER]
+def _on_fresh(result: RobustDesign) -> list[list[str]]:
+    designs = [result.compared[name] for name in _ORDER]
     return [
-        ["worst tenth of J", *(f"{one.worst_tenth:.2f}" for one in designs)],
-        ["mean J", *(f"{one.mean:.2f}" for one in designs)],
-        ["worst tenth of settled errors [mm]", *(f"{1e3 * one.worst_error:.0f}" for one in designs)],
-        ["worst tenth of torque changes [N m]", *(f"{one.worst_roughness:.3f}" for one in designs)],
-        ["falls", *(f"{one.falls}" for one in designs)],
+        ["worst tenth of J", *(f"{design.worst_tenth:.2f}" for design in designs)],
+        ["mean J", *(f"{design.mean:.2f}" for design in designs)],
+        ["worst tenth of settled errors [mm]", *(f"{1e3 * design.worst_error:.0f}" for design in designs)],
+        ["worst tenth of torque changes [N m]", *(f"{design.worst_roughness:.3f}" for design in designs)],
+        ["falls", *(f"{design.falls}" for design in designs)],
     ]
 
 
@@ -97,14 +97,14 @@ def _on_twin(
     conditions = [
         Condition(plant=plant, reference=square, duration=SQUARE.duration, seed=seed) for seed in SEEDS
     ]
-    asked = {design: one.with_estimator(state) for design, one in controllers.items()}
+    asked = {design: law.with_estimator(state) for design, law in controllers.items()}
     made = run_grid(Grid(controllers=asked, conditions=conditions))
     return [f"{name}, {ESTIMATORS[state]}: peak error [mm]", *(_cell(made.of(design)) for design in _ORDER)]
 
 
 def _cell(scores: Sequence[Score]) -> str:
-    falls = sum(one.ended is not None for one in scores)
+    falls = sum(score.ended is not None for score in scores)
     if falls:
         return f"{falls} of {len(scores)} fall"
-    peak, rough = np.mean([(one.peak_position_error, one.rms_torque_change) for one in scores], axis=0)
+    peak, rough = np.mean([(score.peak_position_error, score.rms_torque_change) for score in scores], axis=0)
     return f"{1e3 * peak:.0f} ({rough:.2f} N m)"

@@ -124,8 +124,8 @@ def compared(
 ) -> GridTable[Score]:
     """Return scores by the files of their runs; those that the folder lacks are made."""
     kept = RunFolder(path=folder, made_from=made_from, write=_write_score, read=_read_score)
-    found, _ = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
-    return GridTable(runs=tuple(runs.values()), answers=tuple(found.values()))
+    scores, _ = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
+    return GridTable(runs=tuple(runs.values()), answers=tuple(scores.values()))
 
 
 def _scored(run: GridRun) -> Score:

@@ -136,22 +136,22 @@ def campaign() -> Section:
     """Return the scores of all kinds."""
     with worker_pool(2) as pool:
         waiting = {
-            name: pool.submit(score, kind, seed=21 + place)
-            for place, (name, kind) in enumerate(KINDS.items())
+            name: pool.submit(score, kind, seed=21 + number)
+            for number, (name, kind) in enumerate(KINDS.items())
         }
-        scores = {name: one.result() for name, one in waiting.items()}
+        scores = {name: future.result() for name, future in waiting.items()}
     rows = [
         [
             name,
-            f"{one.peak:.1f}",
-            f"**{100 * one.error:.2f}**",
-            f"{100 * one.claimed:.2f}",
-            f"{100 * one.inside:.0f} %",
-            f"{100 * one.tracked:.1f} %",
-            f"{one.stretches}",
-            f"{one.frames_per_second:.0f}",
+            f"{score.peak:.1f}",
+            f"**{100 * score.error:.2f}**",
+            f"{100 * score.claimed:.2f}",
+            f"{100 * score.inside:.0f} %",
+            f"{100 * score.tracked:.1f} %",
+            f"{score.stretches}",
+            f"{score.frames_per_second:.0f}",
         ]
-        for name, one in scores.items()
+        for name, score in scores.items()
     ]
     return Section(
         title="The ball's velocity from video",

@@ -46,8 +46,8 @@ class Counted:
 
 def covered(done: Sequence[Counted]) -> tuple[int, int]:
     """Return how many intervals contain the truth, and how many there are."""
-    given = [one for one in done if not math.isnan(one.lower)]
-    return sum(one.lower <= one.truth <= one.upper for one in given), len(given)
+    given = [number for number in done if not math.isnan(number.lower)]
+    return sum(number.lower <= number.truth <= number.upper for number in given), len(given)
 
 
 def _share_cells(done: Sequence[Counted]) -> list[str]:
@@ -59,16 +59,16 @@ def of_sweep(seed: int) -> dict[str, list[Counted]]:
     """Return b, c, s and v_s of the three wheels of a sweep; the twin's delta is 1.1."""
     torques = bench_torques(ROBOT, NOMINAL, bench="stand", duration=SWEEP)
     log, _ = run_bench(ROBOT, NOMINAL, torques, bench="stand", seed=seed)
-    found: dict[str, list[Counted]] = {name: [] for name in NAMES}
+    counted: dict[str, list[Counted]] = {name: [] for name in NAMES}
     for wheel, sweep in enumerate(sweeps_of(ROBOT, log)):
         fit, true = fit_driveline(sweep), NOMINAL.friction
         truths = (true.viscous[wheel], true.coulomb[wheel], true.stribeck[wheel], true.stribeck_speed)
         numbers = zip(NAMES, truths, fit.values, fit.standard_errors, fit.intervals, strict=True)
         for name, truth, value, error, (lower, upper) in numbers:
-            found[name].append(
+            counted[name].append(
                 Counted(truth=truth, value=value, error=error, lower=float(lower), upper=float(upper))
             )
-    return found
+    return counted
 
 
 def scenario_of(seed: int) -> Scenario:
@@ -105,27 +105,27 @@ def of_ball(seed: int) -> tuple[dict[str, list[Counted]], bool]:
     s and v_s, for delta = 1, have no truth on a robot of another.
     """
     scenario = scenario_of(seed)
-    found = identify_upside_down(ROBOT, recorded(scenario, seed))
+    result = identify_upside_down(ROBOT, recorded(scenario, seed))
     truths = {"b": scenario.friction.viscous, "c": scenario.friction.coulomb}
     numbers: dict[str, list[Counted]] = {name: [] for name in truths}
     for name, of_wheels in truths.items():
         for wheel, truth in enumerate(of_wheels):
-            lower, upper = found.intervals.get(f"{name}{wheel + 1}", (math.nan, math.nan))
-            value = float(np.atleast_1d(found.parameters[name])[wheel])
+            lower, upper = result.intervals.get(f"{name}{wheel + 1}", (math.nan, math.nan))
+            value = float(np.atleast_1d(result.parameters[name])[wheel])
             numbers[name].append(Counted(truth=truth, value=value, error=math.nan, lower=lower, upper=upper))
-    return numbers, found.verdict.usable
+    return numbers, result.verdict.usable
 
 
 def drivelines() -> Section:
     """Sweep what is not yet done and return the section of docs/generated/evidence.md."""
     runs = {str(seed): seed for seed in SWEEP_SEEDS}
-    found = finished("driveline_coverage", of_sweep, runs, packages=_PACKAGES).values()
+    sweeps = finished("driveline_coverage", of_sweep, runs, packages=_PACKAGES).values()
     rows = []
     for name in NAMES:
-        done = [one for of_seed in found for one in of_seed[name]]
-        off = np.array([(one.value - one.truth) / one.error for one in done])
+        done = [number for of_seed in sweeps for number in of_seed[name]]
+        off = np.array([(number.value - number.truth) / number.error for number in done])
         off = off[np.isfinite(off)]
-        half = 0.5 * float(np.nanmedian([one.upper - one.lower for one in done]))
+        half = 0.5 * float(np.nanmedian([number.upper - number.lower for number in done]))
         bias = f"{off.mean():+.2f} ± {off.std(ddof=1) / math.sqrt(len(off)):.2f}"
         rows.append(
             [name.replace("_", r"\_"), bias, f"{off.std(ddof=1):.2f}", *_share_cells(done), f"{half:.2g}"]
@@ -145,11 +145,11 @@ def drivelines() -> Section:
 def upside_down() -> Section:
     """Record what is not yet done and return the section of docs/generated/evidence.md."""
     runs = {str(seed): seed for seed in ROBOT_SEEDS}
-    found = list(finished("upside_down", of_ball, runs, packages=_PACKAGES).values())
+    balls = list(finished("upside_down", of_ball, runs, packages=_PACKAGES).values())
     rows = []
     for name in ("b", "c"):
-        done = [one for numbers, _ in found for one in numbers[name]]
-        halves = np.array([0.5 * (one.upper - one.lower) / one.truth for one in done])
+        done = [number for numbers, _ in balls for number in numbers[name]]
+        halves = np.array([0.5 * (number.upper - number.lower) / number.truth for number in done])
         half = float(np.median(halves[np.isfinite(halves)]))
         rows.append([name, *_share_cells(done), f"{100.0 * half:.2g} %"])
     return Section(
@@ -162,5 +162,5 @@ def upside_down() -> Section:
         "over the truth, of intervals that end on both sides.",
         columns=["", "truth within", "share", "half width"],
         rows=rows,
-        after=f"Called usable: {sum(usable for _, usable in found)} of {len(ROBOT_SEEDS)}.",
+        after=f"Called usable: {sum(usable for _, usable in balls)} of {len(ROBOT_SEEDS)}.",
     )

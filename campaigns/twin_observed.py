@@ -59,11 +59,11 @@ def roller_ripple(scenario: Scenario, *, seed: int) -> Ripple:
     log, _ = run_bench(ROBOT, scenario, np.full((6000, 3), 0.25), bench="upside_down", seed=seed)
     even = log.t > RUNNING_IN
     angle, speed = log["wheel1"][even], log["wheel1_dot"][even]
-    places = np.arange(angle[0], angle[-1], 2 * np.pi / POINTS)
-    ripple = np.interp(places, angle, speed) / speed.mean() - 1.0
+    angles = np.arange(angle[0], angle[-1], 2 * np.pi / POINTS)
+    ripple = np.interp(angles, angle, speed) / speed.mean() - 1.0
     amplitude = 4 / len(ripple) * np.abs(np.fft.rfft(ripple * np.hanning(len(ripple))))
     return Ripple(
-        turns=(places - places[0]) / (2 * np.pi),
+        turns=(angles - angles[0]) / (2 * np.pi),
         ripple=ripple,
         order=np.arange(len(amplitude)) * POINTS / len(ripple),
         amplitude=amplitude,
@@ -113,19 +113,19 @@ _OFF: LineStyle = {"color": BLUE, "linestyle": "-", "linewidth": 1.0}
 _TURNS = 3.0  # that are shown of a wheel's
 
 
-def rollers_figure(found: Mapping[str, Ripple]) -> Figure:
+def rollers_figure(ripples: Mapping[str, Ripple]) -> Figure:
     """Return the wheel's speed over its angle, and the orders in it, of wheels of several kinds."""
-    figure = Figure(figsize=(7.4, 1.35 * len(found)), layout="constrained")
-    panels = figure.subplots(len(found), 2, sharex="col", width_ratios=(3, 2), squeeze=False)
-    highest = 1.15 * max(float(np.abs(one.ripple).max()) for one in found.values())
-    for (speed, orders), (name, one) in zip(panels, found.items(), strict=True):
-        shown = one.turns < _TURNS
-        speed.plot(one.turns[shown], 100 * one.ripple[shown], color=BLUE, linewidth=0.9)
+    figure = Figure(figsize=(7.4, 1.35 * len(ripples)), layout="constrained")
+    panels = figure.subplots(len(ripples), 2, sharex="col", width_ratios=(3, 2), squeeze=False)
+    highest = 1.15 * max(float(np.abs(ripple.ripple).max()) for ripple in ripples.values())
+    for (speed, orders), (name, ripple) in zip(panels, ripples.items(), strict=True):
+        shown = ripple.turns < _TURNS
+        speed.plot(ripple.turns[shown], 100 * ripple.ripple[shown], color=BLUE, linewidth=0.9)
         speed.set(xlim=(0.0, _TURNS), ylim=(-100 * highest, 100 * highest))
-        speed.set_title(f"{name.replace('_', ' ')}: {100 * one.line:.2f} % at {one.per_row} a turn")
-        below = (one.order > 1.0) & (one.order < 30.0)
-        orders.semilogy(one.order[below], 100 * one.amplitude[below], color=BLUE, linewidth=0.9)
-        orders.axvline(one.per_row, color=ORANGE, linewidth=2.5, alpha=0.35)
+        speed.set_title(f"{name.replace('_', ' ')}: {100 * ripple.line:.2f} % at {ripple.per_row} a turn")
+        below = (ripple.order > 1.0) & (ripple.order < 30.0)
+        orders.semilogy(ripple.order[below], 100 * ripple.amplitude[below], color=BLUE, linewidth=0.9)
+        orders.axvline(ripple.per_row, color=ORANGE, linewidth=2.5, alpha=0.35)
         orders.set(xlim=(0.0, 30.0), ylim=(1e-3, 20.0))
     figure.supylabel("wheel speed, off its mean [%]", fontsize=8.5, color=INK)
     panels[0, 1].set_title("amplitude of each order [%]")
@@ -139,9 +139,9 @@ def resonance_figure(on: Mapping[str, Spectrum], off: Mapping[str, Spectrum]) ->
     figure = Figure(figsize=(7.4, 2.6), layout="constrained")
     panels = figure.subplots(1, len(on), sharex=True, sharey=True, squeeze=False)[0]
     for axes, name in zip(panels, on, strict=True):
-        for label, one, line in (("off", off[name], _OFF), ("on", on[name], _ON)):
-            text = f"{label}: {one.height:.0f} times the median at {one.peak:.0f} Hz"
-            axes.semilogy(one.frequency, one.power, label=text, **line)
+        for label, log, line in (("off", off[name], _OFF), ("on", on[name], _ON)):
+            text = f"{label}: {log.height:.0f} times the median at {log.peak:.0f} Hz"
+            axes.semilogy(log.frequency, log.power, label=text, **line)
         axes.axvline(on[name].peak, color=MUTED, linewidth=0.8, linestyle=":")
         axes.set_title(f"Resonance, {name}")
         axes.set_xlabel("frequency [Hz]")
@@ -180,8 +180,8 @@ def closed_loop(run: Run) -> Log:
 
 def campaign() -> Section:
     """Return each observation and its number, and draw it."""
-    played = [Run(scenario=one, seed=seed) for one in PLAY.values() for seed in SEEDS]
-    twisted = [Run(scenario=one) for pair in RESONANCE.values() for one in pair]
+    played = [Run(scenario=play, seed=seed) for play in PLAY.values() for seed in SEEDS]
+    twisted = [Run(scenario=twist) for pair in RESONANCE.values() for twist in pair]
     wanted = list(dict.fromkeys([*played, *twisted]))
     with worker_pool(os.cpu_count()) as pool:
         logs = dict(zip(wanted, pool.map(closed_loop, wanted), strict=True))
@@ -189,14 +189,16 @@ def campaign() -> Section:
         name: [roller_ripple(Scenario.named(name, ROBOT), seed=seed) for seed in (1, 2, 3)] for name in WHEELS
     }
     kicks = {
-        name: [impulses(logs[Run(scenario=one, seed=seed)]) for seed in SEEDS] for name, one in PLAY.items()
+        name: [impulses(logs[Run(scenario=play, seed=seed)]) for seed in SEEDS] for name, play in PLAY.items()
     }
     spectra = {
-        name: [residual_spectrum(logs[Run(scenario=one)], NOMINAL.friction) for one in pair]
+        name: [residual_spectrum(logs[Run(scenario=twist)], NOMINAL.friction) for twist in pair]
         for name, pair in RESONANCE.items()
     }
     off, on = ({name: pair[k] for name, pair in spectra.items()} for k in (0, 1))
-    write_picture("twin_rollers", lambda: rollers_figure({name: found[0] for name, found in ripples.items()}))
+    write_picture(
+        "twin_rollers", lambda: rollers_figure({name: repeats[0] for name, repeats in ripples.items()})
+    )
     write_picture("twin_resonance", lambda: resonance_figure(on, off))
     return Section(
         title="What the thesis observed, on the twin",
@@ -212,9 +214,9 @@ def campaign() -> Section:
 
 def _roller_rows(ripples: Mapping[str, list[Ripple]]) -> list[list[str]]:
     rows = []
-    for name, found in ripples.items():
+    for name, repeats in ripples.items():
         line, background = (
-            100 * np.mean([getattr(one, part) for one in found]) for part in ("line", "background")
+            100 * np.mean([getattr(repeat, part) for repeat in repeats]) for part in ("line", "background")
         )
         text = f"{line:.2f} % of it, background {background:.3f} %"
         rows.append([f"ripple of the wheel's speed at roller passing, {name}", text])
@@ -223,8 +225,8 @@ def _roller_rows(ripples: Mapping[str, list[Ripple]]) -> list[list[str]]:
 
 def _impulse_rows(kicks: Mapping[str, list[tuple[float, float]]]) -> list[list[str]]:
     rows = []
-    for name, found in kicks.items():
-        largest, kurtosis = np.mean(found, axis=0)
+    for name, repeats in kicks.items():
+        largest, kurtosis = np.mean(repeats, axis=0)
         text = f"up to {largest:.0f} rad/s^2, kurtosis {kurtosis:.1f} times a normal distribution's"
         rows.append([f"wheel acceleration from sample to sample, {name}", text])
     return rows
@@ -234,8 +236,8 @@ def _resonance_rows(spectra: Mapping[str, list[Spectrum]]) -> list[list[str]]:
     return [
         [
             f"peak of the one-step residuals of x_dot, resonance {state}, {name}",
-            f"{one.height:.0f} times the median, at {one.peak:.0f} Hz",
+            f"{log.height:.0f} times the median, at {log.peak:.0f} Hz",
         ]
         for name, pair in spectra.items()
-        for state, one in zip(("off", "on"), pair, strict=True)
+        for state, log in zip(("off", "on"), pair, strict=True)
     ]

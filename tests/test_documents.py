@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from cyclopts import App
 
@@ -180,3 +181,26 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
     found = doctest.DocTestRunner(verbose=False).run(examples, out=said.append)
     assert not found.failed, "".join(said)
     assert found.attempted >= 20
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "estimation",
+        "mechanics.model",
+        "robot.friction_law",
+        "robot.robot",
+        "simulation.batch",
+        "simulation.run",
+        "twin.scenario",
+        "twin.scenario_file",
+        "twin.twin",
+        "viewer.page",
+    ],
+)
+def test_the_examples_of_docstrings_run(name):
+    if name == "twin.twin":
+        pytest.importorskip("mujoco")
+    done = doctest.testmod(importlib.import_module(f"ballbot.{name}"), extraglobs={"np": np})
+    assert done.attempted
+    assert not done.failed

@@ -13,7 +13,7 @@ from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot, emulated_robot
 from ballbot.link.lock_step import LockStep
-from ballbot.link.messages import Capability, ControllerPlace, Result, State
+from ballbot.link.messages import AnswerResult, Capability, ControllerPlace, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
 from ballbot.simulation.imperfections import Imperfections
@@ -50,7 +50,7 @@ def balancing(robot, **options) -> Session:
     """Return a session with a robot that is armed."""
     session = connected(robot)
     assert session.self_test() is SelfTestOutcome.PASSED
-    assert session.arm(lambda: True, **options) is Result.OK
+    assert session.arm(lambda: True, **options) is AnswerResult.OK
     return session
 
 
@@ -99,7 +99,7 @@ def test_sessions_after_a_reset_differ_by_the_number_of_the_start_alone(monkeypa
 def test_arming_needs_the_person_at_the_host():
     session = connected(emulated())
     session.self_test()
-    assert session.arm(lambda: False) is Result.CONFIRM
+    assert session.arm(lambda: False) is AnswerResult.CONFIRM
     assert not any(one.armed for one in states(session, 0.1))
 
 
@@ -107,15 +107,15 @@ def test_arming_needs_the_robots_button_if_it_has_one():
     robot = emulated(capabilities=Capability.BUTTON)
     session = connected(robot)
     session.self_test()
-    assert session.arm(lambda: True) is Result.BUTTON
+    assert session.arm(lambda: True) is AnswerResult.BUTTON
 
     def press() -> bool:
         robot._steps.line.press_button()
         return True
 
     robot._steps.line.press_button()  # before it was asked for: it does not count
-    assert session.arm(lambda: True) is Result.BUTTON
-    assert session.arm(press) is Result.OK
+    assert session.arm(lambda: True) is AnswerResult.BUTTON
+    assert session.arm(press) is AnswerResult.OK
 
 
 def test_controller_on_the_host_balances_through_the_robots_safety_layer():
@@ -148,13 +148,13 @@ def test_parameters_are_read_and_written_while_disarmed_only():
     changed = parameters().copy()
     changed["law"]["torque_limit"] *= 0.5
     assert session.self_test() is SelfTestOutcome.PASSED
-    assert session.arm(lambda: True) is Result.OK
+    assert session.arm(lambda: True) is AnswerResult.OK
     with pytest.raises(LinkError, match="armed or its self-test runs"):
         session.write_parameters(changed)
     session.disarm()
     session.write_parameters(changed)
     assert session.read_parameters().tobytes() == changed.tobytes()
-    assert session.arm(lambda: True) is Result.SELF_TEST  # once more, with the new numbers
+    assert session.arm(lambda: True) is AnswerResult.SELF_TEST  # once more, with the new numbers
 
 
 @pytest.mark.parametrize("place", list(ControllerPlace))

@@ -17,6 +17,7 @@ from ballbot.link.messages import (
     TO_HOST,
     TO_ROBOT,
     Answer,
+    AnswerResult,
     Arm,
     AskCounts,
     Commit,
@@ -28,7 +29,6 @@ from ballbot.link.messages import (
     Message,
     Read,
     Reference,
-    Result,
     SelfTest,
     Torques,
     Welcome,
@@ -255,7 +255,7 @@ def test_silence_stops_the_robot_within_50_ms_latched(place):
     assert session.state is not None
     assert stop_reason(session.state) is StopReason.LINK
     assert not session.state.torques.any()
-    assert session.arm(lambda: True, controller=place) is Result.OK  # the self-test has passed before
+    assert session.arm(lambda: True, controller=place) is AnswerResult.OK  # the self-test has passed before
     session.poll(H)
     assert session.state.armed
     assert stop_reason(session.state) is None
@@ -363,4 +363,4 @@ def test_confirmation_is_good_for_ten_seconds(late):
             robot.read(0.0)
         return True
 
-    assert session.arm(think) is (Result.OK if late < 10.0 else Result.NONCE)
+    assert session.arm(think) is (AnswerResult.OK if late < 10.0 else AnswerResult.NONCE)

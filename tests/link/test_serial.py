@@ -12,7 +12,7 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
-from ballbot.link.messages import Layer, Result
+from ballbot.link.messages import AnswerResult, Layer
 from ballbot.link.session import Session
 from ballbot.link.transport import LinkError, SerialTransport, Transport, open_transport
 from tests.link.test_emulated import H, emulated
@@ -126,7 +126,7 @@ def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fa
         loop = Loop(port, far, to_robot=to_robot, to_host=to_host)
         session = loop.session()
         assert session.self_test() is SelfTestOutcome.PASSED
-        assert session.arm(lambda: True) is Result.OK
+        assert session.arm(lambda: True) is AnswerResult.OK
         for k in range(200):
             session.set_reference([1e-4 * k, *np.zeros(9)])
             session.poll(H)

@@ -20,7 +20,7 @@ from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.twin import Scenario
-from ballbot.twin.driveline import Driveline
+from ballbot.twin.driveline import TwinDriveline
 from ballbot.twin.engine import Engine
 from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario_file import scenario_text
@@ -195,7 +195,7 @@ def test_loop_with_gear_play_and_sensors_runs_under_the_law():
 def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():
     scenario = replace(Scenario.nominal("alten"), friction=FRICTION)
     engine = Engine(twin_mjcf(Robot.load("alten"), scenario))
-    driveline = Driveline(Robot.load("alten"), scenario, engine)
+    driveline = TwinDriveline(Robot.load("alten"), scenario, engine)
     driveline.speeds[:] = speeds = np.array([1.5, -0.3, 8.0])
     torques = np.array([0.5, -1.0, 0.2])
     driveline.command(torques)

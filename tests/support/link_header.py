@@ -24,10 +24,10 @@ from ballbot.link.messages import (
     SCHEMAS,
     VERSION,
     WATCHDOG,
+    AnswerResult,
     Capability,
     ControllerPlace,
     Layer,
-    Result,
     message_digest,
     message_words,
 )
@@ -84,7 +84,7 @@ def messages_header() -> str:
 /* Checks that a frame must pass, in order. */
 {_names("layer", _members(Layer))}
 /* Answers to a command. */
-{_names("result", _members(Result))}
+{_names("result", _members(AnswerResult))}
 /* Which controller an armed robot obeys: its own or the host's. */
 {_names("controller", _members(ControllerPlace))}
 /* Bits of a robot's capabilities. */

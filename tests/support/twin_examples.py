@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, twin_mjcf
-from ballbot.twin.driveline import Driveline
+from ballbot.twin.driveline import TwinDriveline
 from ballbot.twin.engine import Engine
 
 ALTEN = Robot.load("alten")
@@ -23,9 +23,9 @@ def ideal(**faults: Any) -> Scenario:
     return replace(IDEAL, **faults)
 
 
-def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, Driveline]:
+def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, TwinDriveline]:
     engine = Engine(twin_mjcf(ALTEN, scenario, mounting="stand"))
-    return engine, Driveline(ALTEN, scenario, engine)
+    return engine, TwinDriveline(ALTEN, scenario, engine)
 
 
 def mass_matrix(engine: Engine) -> NDArray[np.float64]:
@@ -41,7 +41,9 @@ def block_of(engine: Engine, joint: str) -> NDArray[np.float64]:
     return mass_matrix(engine)[first : first + 6, first : first + 6]
 
 
-def turn(engine: Engine, driveline: Driveline, torques: NDArray[np.float64], steps: int) -> list[list[float]]:
+def turn(
+    engine: Engine, driveline: TwinDriveline, torques: NDArray[np.float64], steps: int
+) -> list[list[float]]:
     driveline.command(torques)
     speeds = []
     for _ in range(steps):

@@ -29,7 +29,7 @@ from ballbot.report.page import page_of
 from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import Reproduction
-from ballbot.thesis.reproduce.item import Check, Item, Mistake
+from ballbot.thesis.reproduce.item import ClaimCheck, Item, Mistake
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import reproduction_report
@@ -45,16 +45,16 @@ def bench() -> Bench:
     return Bench(robot=Robot.load("alten"), seed=0)
 
 
-def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> Check:
+def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> ClaimCheck:
     return check_of("it is so", "a number", value, "m", lowest, highest)
 
 
-def item_of(*checks: Check) -> Item:
+def item_of(*checks: ClaimCheck) -> Item:
     return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
 
 
 def test_verdict_requires_the_whole_interval() -> None:
-    def over(*values: float) -> Check:
+    def over(*values: float) -> ClaimCheck:
         return check_of("it is so", "a number", values, lowest=1.0)
 
     clear, uncertain, against = over(*range(2, 11)), over(*(0.1 * k for k in range(6, 15))), over(*[0.5] * 9)

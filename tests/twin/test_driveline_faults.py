@@ -9,7 +9,7 @@ import pytest
 from ballbot.robot import Friction
 from ballbot.simulation.imperfections import Supply
 from ballbot.twin import Twin, twin_mjcf
-from ballbot.twin.driveline import Driveline
+from ballbot.twin.driveline import TwinDriveline
 from ballbot.twin.engine import Engine
 from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence
 from tests.support.twin_examples import ALTEN, INERTIA, ROTOR, ideal, turn, wheels_in_the_air
@@ -85,7 +85,7 @@ def test_battery_limits_torque_and_speed_and_sags() -> None:
     for inner, volts in ((0.0, 24.0), (R_i, None)):
         scenario = ideal(supply=Supply(winding_resistance=R, internal_resistance=inner))
         engine = Engine(twin_mjcf(strong, scenario, mounting="stand"))
-        driveline = Driveline(strong, scenario, engine)
+        driveline = TwinDriveline(strong, scenario, engine)
         driveline.command(np.full(3, 20.0))
         driveline.prepare_step()
         ampere = 20.0 / (27.6 * 0.0315)

@@ -1,7 +1,7 @@
 """The state from the robot's own sensors, and from a fix where there is one.
 
 `OnboardState` is the thesis's way. `ballbot.estimation.kalman.KalmanFilter`, the better one, is compiled and comes
-from its own file, so that only who uses it loads Numba; `named_estimator` makes either.
+from its own file, so that Numba is loaded only if it is used; `named_estimator` makes either.
 """
 
 from ballbot.estimation.interface import Estimator, EstimatorName, Fix, Reading, checked_name
@@ -15,6 +15,12 @@ def named_estimator(name: EstimatorName, robot: Robot, *, sample_time: float) ->
     """Return a new estimator of a robot, updated every sample time [s].
 
     InputError if no estimator has that name, or the sample time is not positive.
+
+    >>> estimator = named_estimator("onboard", Robot.load("alten"), sample_time=0.005)
+    >>> zero = np.zeros(3)
+    >>> leaning = Reading(wheel_angles=zero, wheel_speeds=zero, gyro=zero, attitude=np.array([0.01, 0.0, 0.0]))
+    >>> estimator.update(leaning)[2].item()
+    0.01
     """
     if checked_name(name) == "onboard":
         return OnboardState(robot, sample_time=sample_time)

@@ -17,7 +17,7 @@ _LARGEST = 1e6
 
 @dataclass(frozen=True, kw_only=True)
 class Fix:
-    """Where something outside the robot sees it now: cameras, a laser scanner, a beacon.
+    """A pose measured from outside the robot, by cameras, a laser scanner or a beacon.
 
     Either part may be missing, as None or as NaN. A deviation is a standard deviation, above 0.
     """
@@ -47,7 +47,7 @@ class Reading:
     attitude: NDArray[np.float64]
     #: (3,) specific force of an accelerometer, body frame [m/s^2]
     acceleration: NDArray[np.float64] | None = None
-    fix: Fix | None = None  #: seldom there
+    fix: Fix | None = None  #: rarely available
 
     @property
     def whole(self) -> bool:
@@ -63,7 +63,7 @@ def known(values: ArrayLike) -> NDArray[np.bool_]:
 
 def all_known(values: NDArray[np.float64]) -> bool:
     """Return whether all of a sensor's values (...) are there."""
-    # a small sum of squares shows that four times as fast; that of a NaN is not small
+    # a small sum of squares is four times as fast to check; that of a NaN is not small
     return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
 
 
@@ -136,8 +136,8 @@ EstimatorName = Literal["onboard", "kalman"]
 
 def checked_name(name: str) -> EstimatorName:
     """Return the name of an estimator; InputError if the name is unknown."""
-    for one in get_args(EstimatorName):
-        if name == one:
-            return one
+    for known in get_args(EstimatorName):
+        if name == known:
+            return known
     hint = suggest(name, get_args(EstimatorName), otherwise="the estimators are")
     raise InputError(f"There is no estimator {name!r}; {hint}")

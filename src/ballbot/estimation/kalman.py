@@ -167,7 +167,7 @@ class KalmanFilter:
         return np.concatenate((x[X : X + 2], attitude, velocity, angle_rates(attitude, rate)))
 
     def _take_fix(self, fix: Fix) -> None:
-        position, heading = (np.nan if one is None else one for one in (fix.position, fix.heading))
+        position, heading = (np.nan if value is None else value for value in (fix.position, fix.heading))
         seen = np.append(np.broadcast_to(position, 2), heading)
         seen[~known(seen)] = np.nan
         seen[2] = self._x[PSI] + math.remainder(seen[2] - self._x[PSI], 2 * math.pi)

@@ -1,7 +1,7 @@
 """The Kalman filter's model of robot and sensors, with the noise it assumes and its two linear steps.
 
     14 states     b        (3) gyro bias, body frame [rad/s]
-                  r        how fast the AHRS's heading runs away [rad/s]
+                  r        drift rate of the AHRS's heading [rad/s]
                   a        (2) slow error of the AHRS's g [-]
                   g        (2) x and y of the upward direction in the body's frame, its lean [-]
                   s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
@@ -20,9 +20,9 @@
     a fix         x, y, psi
 
 C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
-with the robot. With velocity or lean in the world frame, each linearisation at another estimate would draw a little
-knowledge of the heading out of nothing (tried: after three minutes the filter was sure to 0.5 degrees and wrong by 3
-to 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
+with the robot. With velocity or lean in the world frame, each new linearisation point would create
+spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was wrong by 3 to
+6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
 
 The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
 for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
@@ -69,13 +69,13 @@ class FilterNoise:
 
     gyro: float  #: of each sample [rad/s]
     attitude: float  #: white part of the AHRS's angles [rad]
-    heading_drift: float  #: how fast the AHRS's heading may run away [rad/s]
+    heading_drift: float  #: drift rate of the AHRS's heading [rad/s]
     heading_drift_walk: float = 1e-5  #: how that changes [rad/s/sqrt(s)]
     heading_walk: float = 1e-4  #: the AHRS's heading besides [rad/sqrt(s)]
     gyro_bias: float = math.radians(0.2)  #: at the start [rad/s]
     gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
     lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
-    lean_error_time: float = 10.0  #: over which that forgets itself [s]
+    lean_error_time: float = 10.0  #: correlation time of that error [s]
     push: float = 0.02  #: of the momentum, by what pushes from outside [m/s/sqrt(s)]
     rolling: float = 1e-3  #: of the distance by the wheels: rollers, play, slip [m/sqrt(s)]
     pivoting: float = 5e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
@@ -89,7 +89,7 @@ class FilterNoise:
 
     @staticmethod
     def of(robot: Robot) -> FilterNoise:
-        """Return what goes with a robot's own sensors; a perfect sensor is taken as a very good one."""
+        """Return the noise of a robot's own sensors; a perfect sensor gets a very small noise."""
         sensors = robot.sensors
         return FilterNoise(
             gyro=max(sensors.gyro_noise, 1e-5),
@@ -131,7 +131,7 @@ class FilterModel(NamedTuple):
 
     def row(self) -> NDArray[np.float64]:
         """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
-        return np.concatenate([np.ravel(one) for one in self])
+        return np.concatenate([np.ravel(part) for part in self])
 
 
 class Numbers(NamedTuple):
@@ -311,9 +311,9 @@ SENSORS = (*_EVERY_SAMPLE, _FIX)
 #: of each seen number the states that it depends on
 SEEN = tuple(states for sensor in SENSORS for states in sensor.states)
 NUMBERS = len(SEEN)
-_STARTS = accumulate((len(one.states) for one in SENSORS), initial=0)
+_STARTS = accumulate((len(sensor.states) for sensor in SENSORS), initial=0)
 #: place of each sensor's first number, by its name
-FIRST = {one.name: start for one, start in zip(SENSORS, _STARTS, strict=False)}
+FIRST = {sensor.name: start for sensor, start in zip(SENSORS, _STARTS, strict=False)}
 #: sensors whose numbers a `Reading` has under their name, and the firmware's
 DIRECT = tuple(sensor for sensor in SENSORS if sensor.name not in ("wheels", "attitude", "fix"))
 #: place of each number's first entry
@@ -395,13 +395,13 @@ def _propagate(work, width):
         for i in range(STATES):
             row = [carried(i, f, column) for column in columns]
             for j in range(i + 1):
-                found = carried(j, f, row)
+                covariance = carried(j, f, row)
                 for b in range(BIAS, BIAS + 3):
                     if (i, b) in by_bias and (j, b) in by_bias:
-                        found = found + noise * (by_bias[i, b] * by_bias[j, b])
+                        covariance = covariance + noise * (by_bias[i, b] * by_bias[j, b])
                 if i == j:
-                    found = found + entry(work, _WALK + i, lane)
-                put(work, COVARIANCE + _triangle(i, j), lane, found)
+                    covariance = covariance + entry(work, _WALK + i, lane)
+                put(work, COVARIANCE + _triangle(i, j), lane, covariance)
 
 
 def _product(number, *factors):
@@ -431,10 +431,10 @@ def _compare(work, lane, sensor: Sensor):
     first, v = FIRST[sensor.name], restored(_TWO, work, _VELOCITY, lane)
     model, x, gyro = _inputs(work, lane)
     shown = restored((0.0,) * len(sensor.states), work, SHOWN + first, lane)
-    there = tuple(number == number for number in shown)
-    complete = tuple(where(yes, number, 0.0) for yes, number in zip(there, shown, strict=True))
+    present = tuple(number == number for number in shown)
+    complete = tuple(where(yes, number, 0.0) for yes, number in zip(present, shown, strict=True))
     residuals, entries = sensor.seen(model, x, complete, gyro, v)
-    residuals = tuple(where(yes, number, math.nan) for yes, number in zip(there, residuals, strict=True))
+    residuals = tuple(where(yes, number, math.nan) for yes, number in zip(present, residuals, strict=True))
     stored(work, _RESIDUAL + first, lane, residuals)
     stored(work, _ROWS_SEEN + ENTRY_OF[first], lane, entries)
     if sensor.name == "wheels":
@@ -445,7 +445,7 @@ def projected(number: int, h: Sequence, p: Callable, change: Sequence):
     """Return q = P h of a number, h^T q, and what h expects of the changes; p(i, j) is P's entry, i >= j."""
     states = SEEN[number]
     q = tuple(
-        summed([p(max(i, j), min(i, j)) * one for j, one in zip(states, h, strict=True)])
+        summed([p(max(i, j), min(i, j)) * partial for j, partial in zip(states, h, strict=True)])
         for i in range(STATES)
     )
     return q, inner(h, [q[j] for j in states]), inner(h, [change[j] for j in states])
@@ -464,11 +464,11 @@ def _take_in(work, lane, number):
         taken = both(taken, entry(work, PIVOTS, lane) == 0.0)
     k = scale(q, where(taken, 1.0 / s, 0.0))
     stored(work, _CHANGE, lane, add(change, scale(k, where(taken, residual, 0.0))))
-    rest = [one - s * gain for one, gain in zip(q, k, strict=True)]
+    rest = [value - s * gain for value, gain in zip(q, k, strict=True)]
     for i in range(STATES):
         for j in range(i + 1):
-            place = _triangle(i, j)
-            put(work, COVARIANCE + place, lane, p[place] - k[i] * q[j] - rest[i] * k[j])
+            index = _triangle(i, j)
+            put(work, COVARIANCE + index, lane, p[index] - k[i] * q[j] - rest[i] * k[j])
 
 
 @traced

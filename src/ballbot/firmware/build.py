@@ -64,35 +64,35 @@ def has_zig() -> bool:
 
 def compilers() -> dict[str, tuple[str, ...]]:
     """Return the C compilers of this computer by name, each as the start of its command line."""
-    found: dict[str, tuple[str, ...]] = {
+    commands: dict[str, tuple[str, ...]] = {
         name: (path,) for name in ("gcc", "clang") if (path := shutil.which(name))
     }
     if has_zig():
-        found["zig"] = (*ZIG, "cc")
-    return found
+        commands["zig"] = (*ZIG, "cc")
+    return commands
 
 
 def chosen_tool(
-    there: Mapping[str, _Tool], name: str | None, *, kind: str, install: str
+    tools: Mapping[str, _Tool], name: str | None, *, kind: str, install: str
 ) -> tuple[str, _Tool]:
     """Return the name and the tool of that name, or the first one there is; InputError if there is none.
 
     `kind` says what the tool is, `install` what to install if there is none.
     """
-    wanted = name or next(iter(there), "")
-    if wanted not in there:
+    wanted = name or next(iter(tools), "")
+    if wanted not in tools:
         named = f" {wanted!r}" if wanted else ""
         raise InputError(
             f"There is no {kind}{named} on this computer; install {install}, or `pip install ziglang`."
         )
-    return wanted, there[wanted]
+    return wanted, tools[wanted]
 
 
 def run_tool(*command: str | Path, name: str = "The compiler") -> None:
     """Run a compiler or a linker; raise InputError with what it prints if it fails or does not end."""
     words = [str(word) for word in command]
     environment = dict(os.environ)
-    if tuple(words[: len(ZIG)]) == ZIG:  # which waits for ever where it cannot write
+    if tuple(words[: len(ZIG)]) == ZIG:  # it hangs if its cache cannot be written
         environment.setdefault("ZIG_GLOBAL_CACHE_DIR", str(_cache_folder("zig")))
     try:
         done = subprocess.run(
@@ -135,7 +135,7 @@ def compile_objects(
     *,
     command: Sequence[str | Path],  # start of the compiler's command line
     # more options for all sources but `RUNTIME`, in whose functions the compiler must recognise none
-    own: Sequence[str],
+    flags: Sequence[str],
 ) -> list[Path]:
     """Compile each source into an object of a folder, all at once, and return the objects.
 
@@ -144,7 +144,7 @@ def compile_objects(
 
     def compiled(number: int, source: Path) -> Path:
         target = folder / f"{number}.o"
-        options = ("-fno-builtin",) if source == RUNTIME else own
+        options = ("-fno-builtin",) if source == RUNTIME else flags
         run_tool(*command, *options, "-c", source, "-o", target)
         return target
 

@@ -78,26 +78,26 @@ class Image:
         InputError if functions call each other in a circle.
         """
 
-        def deepest(one: str, above: tuple[str, ...]) -> int:
-            if one in above:
+        def deepest(function: str, above: tuple[str, ...]) -> int:
+            if function in above:
                 raise InputError(
-                    f"The firmware's {' calls '.join([*above, one])}; there is no bound of its stack."
+                    f"The firmware's {' calls '.join([*above, function])}; there is no bound of its stack."
                 )
-            below = [deepest(other, (*above, one)) for other in self.calls(one)]
-            return self.frames.get(self.functions[one].start, 0) + max(below, default=0)
+            below = [deepest(other, (*above, function)) for other in self.calls(function)]
+            return self.frames.get(self.functions[function].start, 0) + max(below, default=0)
 
         return deepest(name, ())
 
     def calls(self, name: str) -> set[str]:
         """Return the names of the functions that a function calls."""
-        names = {addresses.start: one for one, addresses in self.functions.items()}
+        names = {addresses.start: function for function, addresses in self.functions.items()}
         addresses = self.functions[name]
-        found = set()
+        called = set()
         for address, code in self._instructions(addresses):
             target = branch_target(code, address)
             if target is not None and target not in addresses:
-                found |= {names[target]} if target in names else set()
-        return found
+                called |= {names[target]} if target in names else set()
+        return called
 
     def _instructions(self, addresses: range) -> Iterator[tuple[int, bytes]]:
         """Return address and code of each instruction of a function, without the constants among them."""
@@ -109,10 +109,10 @@ class Image:
         address, is_code = addresses.start, True
         while address < addresses.stop:
             is_code = self.is_code.get(address, is_code)
-            here = code[address - start : address - start + 4]
+            instruction = code[address - start : address - start + 4]
             if is_code:
-                yield address, here
-            address += _length(here) if is_code else 2
+                yield address, instruction
+            address += _length(instruction) if is_code else 2
 
 
 def compile_image(
@@ -130,7 +130,7 @@ def compile_image(
     command = (*ZIG, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *(f"-I{path}" for path in include))
     with tempfile.TemporaryDirectory(prefix="ballbot-arm-") as name:
         folder = Path(name)
-        objects = compile_objects(folder, [*sources, RUNTIME], command=command, own=())
+        objects = compile_objects(folder, [*sources, RUNTIME], command=command, flags=())
         script, target = folder / "memory.ld", folder / "image.elf"
         script.write_text(_LINKER_SCRIPT)
         run_tool(*ZIG, "ld.lld", "-T", script, "--entry=0", *objects, "-o", target)
@@ -157,8 +157,8 @@ def read_elf(content: bytes) -> Image:
     )
     rows = [_SECTION.unpack_from(content, table + width * i) for i in range(count)]
 
-    def text(section: int, place: int) -> str:
-        start = rows[section][4] + place
+    def text(section: int, position: int) -> str:
+        start = rows[section][4] + position
         return content[start : content.index(b"\0", start)].decode()
 
     segments: dict[int, bytes] = {}
@@ -168,41 +168,41 @@ def read_elf(content: bytes) -> Image:
     flash = ram = 0
     for row in rows:
         label, kind, flags, address, offset, size, link = row[:7]
-        here = content[offset : offset + size]
+        data = content[offset : offset + size]
         if flags & _ALLOCATED and size:
-            segments[address] = bytes(size) if kind == _NO_BITS else here
+            segments[address] = bytes(size) if kind == _NO_BITS else data
             ram += size if flags & _WRITTEN else 0
             flash += 0 if kind == _NO_BITS else size
         elif kind == _SYMBOL_TABLE:
-            for name, value, length, info, _, _ in _SYMBOL.iter_unpack(here):
+            for name, value, length, info, _, _ in _SYMBOL.iter_unpack(data):
                 mark = text(link, name)[:2]  # the linker marks where code and constants begin
                 if mark in ("$t", "$d"):
                     is_code[value & ~1] = mark == "$t"
                 if info & 0xF == _FUNCTION:
-                    own = text(link, name)
-                    own = own if own not in functions else f"{own} at {value:#x}"  # static, in another file
-                    functions[own] = range(value & ~1, (value & ~1) + length)
+                    key = text(link, name)
+                    key = key if key not in functions else f"{key} at {value:#x}"  # static, in another file
+                    functions[key] = range(value & ~1, (value & ~1) + length)
         elif text(names_at, label) == ".stack_sizes":
-            frames = dict(_stack_sizes(here))
+            frames = dict(_stack_sizes(data))
     return Image(segments=segments, functions=functions, is_code=is_code, frames=frames, flash=flash, ram=ram)
 
 
 def _stack_sizes(content: bytes) -> Iterator[tuple[int, int]]:
     """Return address and stack frame of each function from what LLVM writes with -fstack-size-section."""
-    place = 0
-    while place < len(content):
-        (address,) = struct.unpack_from("<I", content, place)
-        place, size, shift = place + 4, 0, 0
+    position = 0
+    while position < len(content):
+        (address,) = struct.unpack_from("<I", content, position)
+        position, size, shift = position + 4, 0, 0
         while True:
-            byte = content[place]
-            place, size, shift = place + 1, size | (byte & 0x7F) << shift, shift + 7
+            byte = content[position]
+            position, size, shift = position + 1, size | (byte & 0x7F) << shift, shift + 7
             if byte < 0x80:
                 break
         yield address & ~1, size
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class EmulatedCall:
     """A call of a function."""
 
     returned: int  #: register r0
@@ -226,7 +226,7 @@ def branch_target(code: bytes, address: int) -> int | None:
     if first >> 11 != 0b11110 or second & 0xD000 not in (0xD000, 0x9000):
         return None
     sign = first >> 10 & 1
-    i1, i2 = (1 - ((second >> place & 1) ^ sign) for place in (13, 11))
+    i1, i2 = (1 - ((second >> bit & 1) ^ sign) for bit in (13, 11))
     offset = i1 << 23 | i2 << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1
     return address + 4 + offset - (sign << 24)
 
@@ -276,14 +276,14 @@ class Board:
         content = bytes(self._core.mem_read(address, like.nbytes))
         return np.frombuffer(content, like.dtype).reshape(like.shape).copy()
 
-    def call(self, name: str, *arguments: int) -> Run:
+    def call(self, name: str, *arguments: int) -> EmulatedCall:
         """Call a function with addresses or whole numbers, and count; InputError if the image has no such function."""
         if name not in self.image.functions:
             raise InputError(f"The firmware's image has no function {name!r}.")
         arm, core = self._arm, self._core
         top = RAM + RAM_SIZE
         core.mem_write(top - _STACK, bytes([_PAINT]) * _STACK)
-        more = b"".join((one & 0xFFFFFFFF).to_bytes(4, "little") for one in arguments[4:])
+        more = b"".join((argument & 0xFFFFFFFF).to_bytes(4, "little") for argument in arguments[4:])
         pointer = top - (len(more) + 7) // 8 * 8
         core.mem_write(pointer, more)
         registers = (arm.UC_ARM_REG_R0, arm.UC_ARM_REG_R1, arm.UC_ARM_REG_R2, arm.UC_ARM_REG_R3)
@@ -294,7 +294,7 @@ class Board:
         self._instructions = 0
         core.emu_start(self.image.functions[name].start | 1, _RETURN)
         stack = bytes(core.mem_read(top - _STACK, pointer - (top - _STACK)))
-        return Run(
+        return EmulatedCall(
             returned=int(core.reg_read(arm.UC_ARM_REG_R0)),
             instructions=self._instructions,
             stack=len(stack.lstrip(bytes([_PAINT]))),
@@ -303,13 +303,13 @@ class Board:
     @property
     def executed(self) -> set[int]:
         """Addresses of all instructions that calls have gone through so far."""
-        return {one for start, size in self._blocks for one in range(start, start + size, 2)}
+        return {address for start, size in self._blocks for address in range(start, start + size, 2)}
 
     def _on_block(self, core, address: int, size: int, _) -> None:
         known = self._blocks.get((address, size))
         if known is None:
-            code, place, known = bytes(core.mem_read(address, size)), 0, 0
-            while place < size:
-                place, known = place + _length(code[place:]), known + 1
+            code, position, known = bytes(core.mem_read(address, size)), 0, 0
+            while position < size:
+                position, known = position + _length(code[position:]), known + 1
             self._blocks[address, size] = known
         self._instructions += known

@@ -48,7 +48,7 @@ class ReadingRecord:
 
 _READING = schema_of(ReadingRecord)
 _SHOWN: dict[str, Number | Schema] = {
-    one.name: Number(unit=one.units, shape=(len(one.states),)) for one in DIRECT
+    sensor.name: Number(unit=sensor.units, shape=(len(sensor.states),)) for sensor in DIRECT
 }
 #: with what the Kalman filter's further sensors show
 READING = replace(_READING, fields={**_READING.fields, **_SHOWN})

@@ -114,23 +114,23 @@ static const struct {struct_name(schema)} ballbot_parameters = {{
 
 def _schemas(schema: Schema) -> Iterator[Schema]:
     """Return the schemas within a schema, each once and before those that contain it."""
-    found: dict[str, Schema] = {}
+    schemas: dict[str, Schema] = {}
 
-    def walk(one: Schema) -> None:
-        for inner in one.fields.values():
+    def walk(outer: Schema) -> None:
+        for inner in outer.fields.values():
             if isinstance(inner, Schema):
                 walk(inner)
-                assert found.setdefault(inner.name, inner).lines() == inner.lines(), inner.name
+                assert schemas.setdefault(inner.name, inner).lines() == inner.lines(), inner.name
 
     walk(schema)
-    return iter(found.values())
+    return iter(schemas.values())
 
 
 def struct_text(schema: Schema) -> str:
     """Return a struct with a check of its size."""
     name = struct_name(schema)
     comment = f"/* {schema.text} */\n" if schema.text else ""
-    members = "".join(_member(place, one) for place, one in schema.fields.items())
+    members = "".join(_member(key, field) for key, field in schema.fields.items())
     count = schema.dtype("single").itemsize // _BYTES
     return (
         f"{comment}struct {name} {{\n{members}}};\n"
@@ -138,55 +138,55 @@ def struct_text(schema: Schema) -> str:
     )
 
 
-def _member(name: str, one: Number | Schema) -> str:
-    if isinstance(one, Schema):
-        return f"    struct {struct_name(one)} {name};\n"
-    lengths = "".join(f"[{length}]" for length in _lengths(one.shape))
-    unit = "" if one.whole else f" /* [{one.unit}] */"
-    return f"    {'int32_t' if one.whole else 'float'} {name}{lengths};{unit}\n"
+def _member(name: str, field: Number | Schema) -> str:
+    if isinstance(field, Schema):
+        return f"    struct {struct_name(field)} {name};\n"
+    lengths = "".join(f"[{length}]" for length in _lengths(field.shape))
+    unit = "" if field.whole else f" /* [{field.unit}] */"
+    return f"    {'int32_t' if field.whole else 'float'} {name}{lengths};{unit}\n"
 
 
 def _lengths(shape: tuple[int, ...]) -> list[str]:
     """Return an array's lengths, the first ones by name: updates, then wheels."""
     lengths = [str(size) for size in shape]
-    for place, size in enumerate(shape):
+    for axis, size in enumerate(shape):
         if size not in _NAMED_LENGTHS:
             break
-        lengths[place] = _NAMED_LENGTHS[size]
+        lengths[axis] = _NAMED_LENGTHS[size]
     return lengths
 
 
 def _members(record: np.void, schema: Schema, *, indent: int) -> Iterator[str]:
     """Return the lines of a record's initializer."""
     space = "    " * indent
-    for name, one in schema.fields.items():
-        if isinstance(one, Number):
-            unit = "" if one.whole else f" /* [{one.unit}] */"
-            yield f"{space}.{name} = {_value(record[name], one, indent)},{unit}\n"
+    for name, field in schema.fields.items():
+        if isinstance(field, Number):
+            unit = "" if field.whole else f" /* [{field.unit}] */"
+            yield f"{space}.{name} = {_value(record[name], field, indent)},{unit}\n"
         elif not any(record[name].tobytes()):  # a part that the controller lacks
-            yield f"{space}.{name} = {{ .{next(iter(one.fields))} = 0 }},\n"
+            yield f"{space}.{name} = {{ .{next(iter(field.fields))} = 0 }},\n"
         else:
             yield f"{space}.{name} = {{\n"
-            yield from _members(record[name], one, indent=indent + 1)
+            yield from _members(record[name], field, indent=indent + 1)
             yield f"{space}}},\n"
 
 
-def _value(value: NDArray[np.generic] | np.generic, one: Number, indent: int) -> str:
+def _value(value: NDArray[np.generic] | np.generic, field: Number, indent: int) -> str:
     """Return a number or an array as an initializer."""
-    if not one.shape:
-        return _literal(value, one)
+    if not field.shape:
+        return _literal(value, field)
     rows = np.asarray(value)
     if rows.ndim == 1:
-        return f"{{ {', '.join(_literal(number, one) for number in rows)} }}"
+        return f"{{ {', '.join(_literal(number, field) for number in rows)} }}"
     space = "    " * (indent + 1)
-    inner = Number(unit=one.unit, shape=one.shape[1:], whole=one.whole)
+    inner = Number(unit=field.unit, shape=field.shape[1:], whole=field.whole)
     lines = "".join(f"{space}{_value(row, inner, indent + 1)},\n" for row in rows)
     return f"{{\n{lines}{'    ' * indent}}}"
 
 
-def _literal(value: object, one: Number) -> str:
+def _literal(value: object, field: Number) -> str:
     """Return a number as a literal of its own type: the shortest that is read back as the same float."""
-    return str(int(value)) if one.whole else f"{np.float32(value)!s}f"  # type: ignore[arg-type]
+    return str(int(value)) if field.whole else f"{np.float32(value)!s}f"  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

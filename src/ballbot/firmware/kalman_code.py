@@ -43,7 +43,7 @@ from ballbot.estimation.kalman_model import (
     projected,
     transition,
 )
-from ballbot.mechanics.engine.tracing import REAL, Number, written_by
+from ballbot.mechanics.engine.tracing import REAL, TracedNumber, written_by
 
 KALMAN_HEADER = "estimation/kalman_model.h"
 _INTRINSICS = {"llvm.sqrt": "ballbot_square_root"}
@@ -51,7 +51,7 @@ _COLUMNS = 118
 
 _Operand: TypeAlias = "_Expression | ir.Constant"
 #: numbers of C by what they are assigned to
-Results: TypeAlias = "dict[str, Number | float]"
+Results: TypeAlias = "dict[str, TracedNumber | float]"
 
 
 @dataclass(eq=False)
@@ -121,7 +121,7 @@ class _Writer:
         """Yield the statements that give the results."""
         values = {
             target: self.operation(
-                "{}", number.value if isinstance(number, Number) else ir.Constant(REAL, number)
+                "{}", number.value if isinstance(number, TracedNumber) else ir.Constant(REAL, number)
             )
             for target, number in results.items()
         }
@@ -141,9 +141,9 @@ def _literal(number: float) -> str:
 def _bare(text: str) -> str:
     """Return an expression without the brackets around the whole."""
     depth = 0
-    for place, letter in enumerate(text):
+    for index, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
-        if depth == 0 and place < len(text) - 1:
+        if depth == 0 and index < len(text) - 1:
             return text
     return text[1:-1] if text.startswith("(") else text
 
@@ -169,9 +169,9 @@ def _function(comment: str, head: str, body: Iterable[str]) -> str:
     return "\n".join([*textwrap.wrap(f"/* {comment} */", _COLUMNS), *opening, "{", *lines, "}", ""])
 
 
-def _named(text: str) -> Number:
+def _named(text: str) -> TracedNumber:
     """Return what stands for a number of C."""
-    return Number(_Expression(text))
+    return TracedNumber(_Expression(text))
 
 
 def _array(text: str, *shape: int) -> tuple:
@@ -180,7 +180,7 @@ def _array(text: str, *shape: int) -> tuple:
     return tuple(_array(f"{text}[{i}]", *inner) if inner else _named(f"{text}[{i}]") for i in range(shape[0]))
 
 
-def _numbered(target: str, numbers: Iterable[Number | float], first: int = 0) -> Results:
+def _numbered(target: str, numbers: Iterable[TracedNumber | float], first: int = 0) -> Results:
     return {f"{target}[{i}]": number for i, number in enumerate(numbers, first)}
 
 
@@ -218,10 +218,10 @@ def _shaken() -> Results:
     return {target: _named(target) + _named("gyro_variance") * number for target, number in by_bias.items()}
 
 
-def _shown() -> tuple[Results, list[Number | float]]:
+def _shown() -> tuple[Results, list[TracedNumber | float]]:
     """Return the residuals, and the entries of H in their order."""
     residuals: Results = {}
-    entries: list[Number | float] = []
+    entries: list[TracedNumber | float] = []
     for sensor in SENSORS:
         source = f"reading->{sensor.name}" if sensor in DIRECT else sensor.name
         numbers, h = sensor.seen(_MODEL, _X, _array(source, len(sensor.states)), _GYRO, _VELOCITY)
@@ -232,10 +232,10 @@ def _shown() -> tuple[Results, list[Number | float]]:
 
 def _expected() -> Results:
     residuals, entries = _shown()
-    return residuals | _numbered("h", (entry for entry in entries if isinstance(entry, Number)))
+    return residuals | _numbered("h", (entry for entry in entries if isinstance(entry, TracedNumber)))
 
 
-def _projected(number: int, h: Sequence[Number | float]) -> Results:
+def _projected(number: int, h: Sequence[TracedNumber | float]) -> Results:
     change = [_named(f"change[{name}]") for name in STATE_NAMES]
     mine = h[ENTRY_OF[number] : ENTRY_OF[number + 1]]
     q, spread, known = projected(
@@ -247,7 +247,7 @@ def _projected(number: int, h: Sequence[Number | float]) -> Results:
     }
 
 
-def _cases(h: Sequence[Number | float]) -> Iterator[str]:
+def _cases(h: Sequence[TracedNumber | float]) -> Iterator[str]:
     """Yield a case for each seen number; the last one is the default, so that the compiler sees a result for all."""
     yield "    switch (number) {"
     for number in range(NUMBERS):
@@ -257,7 +257,7 @@ def _cases(h: Sequence[Number | float]) -> Iterator[str]:
     yield "    }"
 
 
-def _functions(h: Sequence[Number | float]) -> Iterator[str]:
+def _functions(h: Sequence[TracedNumber | float]) -> Iterator[str]:
     yield _function(
         "Give what a sample adds to the states before the place, and the mean of v (2) [m/s] over it.",
         f"moved({_GIVEN}, float change[X], float velocity[2])",
@@ -298,8 +298,8 @@ def kalman_header() -> str:
     """Return the text of `KALMAN_HEADER`."""
     with written_by(_Writer()):  # pyright: ignore[reportArgumentType]
         entries = _shown()[1]
-    places = count()
-    h = [_named(f"h[{next(places)}]") if isinstance(entry, Number) else entry for entry in entries]
+    indices = count()
+    h = [_named(f"h[{next(indices)}]") if isinstance(entry, TracedNumber) else entry for entry in entries]
     sensors = ", ".join(f"{name.upper()} = {first}" for name, first in FIRST.items())
     together = ", ".join(f"{{{STATE_NAMES[i]}, {STATE_NAMES[j]}}}" for i, j in SHOWN_TOGETHER)
     return f"""\
@@ -324,7 +324,7 @@ enum {{
 enum {{ {sensors}, NUMBERS = {NUMBERS} }};
 
 /* Entries of F besides the unit matrix, and those of H that vary. */
-enum {{ F_ENTRIES = {len(ENTRIES)}, H_ENTRIES = {next(places)} }};
+enum {{ F_ENTRIES = {len(ENTRIES)}, H_ENTRIES = {next(indices)} }};
 
 /* Omega_z, which does not count while the ball pivots. */
 enum {{ PIVOTING_SEEN = {PIVOTING_SEEN} }};

@@ -1,4 +1,4 @@
-"""What a controller takes on its processor: instructions of an update, flash, RAM and stack.
+"""The load of a controller on its processor: instructions of an update, flash, RAM and stack.
 
 The library is compiled for a Cortex-M4F and takes a rehearsal of some hundred samples on the emulator
 (`ballbot.firmware.emulator`): a robot that sways, turns and rolls, a reference that stands, moves and jumps, and now
@@ -22,7 +22,7 @@ from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.firmware.build import source_files
-from ballbot.firmware.emulator import CLOCK, CYCLES, Board, Run, compile_image
+from ballbot.firmware.emulator import CLOCK, CYCLES, Board, EmulatedCall, compile_image
 from ballbot.firmware.estimators import reading_record, step_of
 from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
@@ -91,7 +91,7 @@ class ProcessorLoad:
 
 
 def what_to_install() -> str:
-    """Return one sentence on what a measurement needs and lacks; empty if all is there."""
+    """Return one sentence on what is missing for a measurement; empty if nothing is."""
     missing = [name for name in _NEEDED if importlib.util.find_spec(name) is None]
     return (
         f"Not measured: instructions, cycles, flash and stack need `pip install {' '.join(missing)}`."
@@ -114,7 +114,7 @@ def measure_load(
     *,
     clock: float = CLOCK,  # of the processor [Hz]
 ) -> ProcessorLoad:
-    """Return what an exported controller takes on its processor, measured on the emulator.
+    """Return the load of an exported controller on its processor, measured on the emulator.
 
     InputError if `ziglang` or `unicorn` is not installed.
     """
@@ -148,7 +148,7 @@ class Update:
     has_fix: bool
     torques: NDArray[np.float32]  #: (n,) [N m]
     state: NDArray[np.void]  #: (1,) of `STATE` after the update
-    run: Run
+    run: EmulatedCall
 
 
 def rehearse(
@@ -188,8 +188,8 @@ def rehearse(
 
 def _disturbed(reading: Reading, k: int) -> Reading:
     """Return a sample's reading, every now and then without a sensor or with a fix of the pose."""
-    turn, place = divmod(k, _MISSING_EVERY)
-    lost = turn % 3 if place == _MISSING_EVERY - 1 else None
+    turn, step = divmod(k, _MISSING_EVERY)
+    lost = turn % 3 if step == _MISSING_EVERY - 1 else None
     fix = Fix(position=np.array([0.1, 0.0]), heading=0.0) if k % _FIX_EVERY == _FIX_EVERY - 1 else None
     gone = np.full_like
     return Reading(
@@ -206,12 +206,12 @@ def _next_reference(
 ) -> NDArray[np.float32]:
     """Return the reference (10,) of sample k: it jumps at the start of a phase and moves on slowly within."""
     reference = before.copy()
-    phase, place = divmod(k, _PHASE)
-    if place == 0:
+    phase, step = divmod(k, _PHASE)
+    if step == 0:
         offset = _OFFSETS[phase % len(_OFFSETS)]
         reference[[0, 1, 4]] = estimate[[0, 1, 4]] + np.array(offset, np.float32)
-    elif place >= _PHASE - len(_HEADINGS):
-        reference[4] = _HEADINGS[place - _PHASE]
+    elif step >= _PHASE - len(_HEADINGS):
+        reference[4] = _HEADINGS[step - _PHASE]
     elif phase % 2:
         reference[[0, 1, 4]] += np.float32(_SLOW)
     return reference
@@ -247,7 +247,7 @@ def readings(
         gyro = gyro + bias + random.normal(0.0, robot.sensors.gyro_noise, 3)
         shown = attitude + random.normal(0.0, robot.sensors.attitude_noise, 3) + [0.0, 0.0, drift * t]
         speeds, gyro, shown = (
-            one.astype(np.float32).astype(np.float64) for one in ((counted - before) / h, gyro, shown)
+            values.astype(np.float32).astype(np.float64) for values in ((counted - before) / h, gyro, shown)
         )
         lost = random.random(3) < missing
         heading = float(attitude[2]) + 2.0 * np.pi * random.integers(-2, 3)

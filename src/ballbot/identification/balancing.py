@@ -359,7 +359,7 @@ def _differences(
 
 
 @dataclass(kw_only=True, eq=False)
-class _Lanes:
+class _SettlingStarts:
     """Starts that settle side by side, each of a window; changed in place."""
 
     rows: NDArray[np.int64]  #: (n,), the windows
@@ -374,7 +374,7 @@ def _lanes(
     starts: NDArray[np.float64],
     rows: NDArray[np.int64],
     residuals: NDArray[np.float64] | None = None,
-) -> _Lanes:
+) -> _SettlingStarts:
     """Return starts (n, 10) of windows with their slopes by the starts, and residuals (n, 1 + k, 10) if not given."""
     m, here = about.parameters, residuals
     if here is None:
@@ -385,7 +385,7 @@ def _lanes(
         values[:, m + state, :, state] = 1.0
     unknown = np.zeros(len(rows), dtype=bool)
     slopes = _Slopes(values=values, starts=starts.copy(), residuals=here.copy(), known=unknown)
-    return _Lanes(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
+    return _SettlingStarts(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
 
 
 def _differences_of(
@@ -409,7 +409,7 @@ def _differences_of(
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
-def _complete(work: Work, about: _Differences, lanes: _Lanes, places: NDArray[np.int64]) -> None:
+def _complete(work: Work, about: _Differences, lanes: _SettlingStarts, places: NDArray[np.int64]) -> None:
     """Take the slopes by parameters of lanes that lack them."""
     slopes, m = lanes.slopes, about.parameters
     places = places[~slopes.known[places]]
@@ -466,7 +466,7 @@ def _by_parameters_piece(
 def _settled_piece(
     work: Work,
     piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
-) -> tuple[_Lanes, NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[_SettlingStarts, NDArray[np.float64], NDArray[np.float64]]:
     """Return each window's best start near the best of those offered, its ties, and others."""
     about, own, others, rows = piece
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
@@ -490,7 +490,7 @@ _HOLDS, _STRAIGHT = 0.5, 0.9
 _TIE = 1e6
 
 
-def _settle(work: Work, about: _Differences, lanes: _Lanes) -> NDArray[np.float64]:
+def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[np.float64]:
     """Bring each lane to the least cost over its start; return its ties (n, m + 10, m + 10)."""
     m, W = about.parameters, about.weights
     ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))

@@ -65,7 +65,7 @@ _MOTIONS = (
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Excitation:
+class Identifiability:
     """The parameters that logs can and cannot determine."""
 
     refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
@@ -90,7 +90,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
-def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Excitation:
+def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Identifiability:
     """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
     InputError if no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
@@ -118,7 +118,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         raise InputError(
             f"These logs do not determine the parameters to be estimated: {' '.join(texts(findings))}"
         )
-    return Excitation(refused=refused, findings=tuple(findings))
+    return Identifiability(refused=refused, findings=tuple(findings))
 
 
 #: what shows in a wheel's speed

@@ -34,7 +34,7 @@ from ballbot.identification.alike import (
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import (
-    Excitation,
+    Identifiability,
     chatter,
     chatter_finding,
     check_count,
@@ -294,7 +294,7 @@ class Prepared:
     experiment: Balancing  #: windows to fit
     drawn: NDArray[np.int64]  #: the number of those that the search looks at
     held_out: Windows
-    excitation: Excitation
+    excitation: Identifiability
 
     @property
     def groups(self) -> NDArray[np.int64]:

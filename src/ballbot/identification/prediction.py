@@ -23,14 +23,14 @@ from ballbot.identification.windows import (
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.parameters import (
-    PLACE_SPEED_SCALE,
-    PLACES,
+    COLUMN_SPEED_SCALE,
+    COLUMNS,
     Formulation,
-    friction_places,
-    law_places,
+    friction_columns,
+    law_columns,
     pack,
     selector,
-    term_places,
+    term_columns,
 )
 from ballbot.robot import Robot
 
@@ -184,25 +184,25 @@ class Predictor:
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
-        places = friction_places(n)
-        rows[:, places] = values[:, : len(places)]
-        rows[:, places[:n]] += self.back_emf
-        rows[:, PLACE_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
-        rows[:, PLACES["rolling_force"]] = robot.weight * layout.number("rolling", values)
+        columns = friction_columns(n)
+        rows[:, columns] = values[:, : len(columns)]
+        rows[:, columns[:n]] += self.back_emf
+        rows[:, COLUMN_SPEED_SCALE] = 1.0 / layout.number("stribeck_speed", values)
+        rows[:, COLUMNS["rolling_force"]] = robot.weight * layout.number("rolling", values)
         # a torque offset stands for the asymmetry of Coulomb friction
         of_term = (None, layout.part("stribeck_asymmetry", values), layout.part("load", values))
         law = robot.friction.own_law
-        for columns, part in zip(term_places(n), of_term, strict=True):
+        for columns, part in zip(term_columns(n), of_term, strict=True):
             rows[:, columns] = 0.0 if part is None else part
         if law:
-            rows[:, term_places(n)[2]] = 1.0  # see `ballbot.mechanics.friction.OwnWheel.factor`
+            rows[:, term_columns(n)[2]] = 1.0  # see `ballbot.mechanics.friction.OwnWheel.factor`
             for index, name in enumerate(law.takes):
                 part = layout.part(name, values)
                 if part is not None:
-                    rows[:, law_places(n, index, law)] = part
+                    rows[:, law_columns(n, index, law)] = part
         pivoting = layout.part("pivoting", values)
         if pivoting is not None:
-            rows[:, PLACES["pivoting"]] = pivoting[:, 0]
+            rows[:, COLUMNS["pivoting"]] = pivoting[:, 0]
         return rows
 
     @cached_property

@@ -49,9 +49,9 @@ def stir(robot: LiveRobot, seed: int) -> Callable[[float], NDArray[np.float64]]:
 
 @contextmanager
 def held_parameters(robot: LiveRobot) -> Iterator[None]:
-    """Let a robot that is held have any lean and the on-board state while the block runs, then its own parameters."""
-    own = robot.parameters
-    changed = own.copy()
+    """Lift the lean limit and select the on-board state while the block runs, then restore the robot's parameters."""
+    original = robot.parameters
+    changed = original.copy()
     changed["safety"]["lean"] = _ANY_LEAN
     changed["estimator"] = ESTIMATORS["onboard"]
     robot.use_parameters(changed)
@@ -59,7 +59,7 @@ def held_parameters(robot: LiveRobot) -> Iterator[None]:
         yield
     finally:
         if robot.session.connected:
-            robot.use_parameters(own)
+            robot.use_parameters(original)
 
 
 def check_balancing_parameters(parameters: NDArray[np.void]) -> None:

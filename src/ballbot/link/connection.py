@@ -18,7 +18,7 @@ from rich.text import Text
 from ballbot.errors import InputError
 from ballbot.link.emulated import emulated_robot
 from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
-from ballbot.link.live import Commander, LiveRobot, LiveRun, Sample, TorqueProgram, recorded_run
+from ballbot.link.live import Commander, LiveRobot, LiveRun, RobotSample, TorqueProgram, recorded_run
 from ballbot.link.messages import State
 from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
 from ballbot.link.session import Session
@@ -57,7 +57,7 @@ class Monitor:
                 self._live.stop()
 
     def states_of(self, robot: LiveRobot) -> Callable[[State], None]:
-        """Return what shows each state of a robot, armed or not."""
+        """Return a callback that shows each state of a robot, armed or not."""
         return lambda state: self.show(
             1e-6 * (state.time % 2**32), lambda: state_line(state, wheel_count=robot.wheel_count)
         )
@@ -95,7 +95,7 @@ class Connection:
 
     @property
     def provenance(self) -> dict[str, object]:
-        """On which robot a log is made, with which parameters, in which session."""
+        """The robot, parameters and session of a log."""
         return {
             "robot": self.described.name if self.described else None,
             "port": self.address,
@@ -115,7 +115,7 @@ class Connection:
         """Make a run, watched by the monitor; see `recorded_run`."""
         line = bench_line if isinstance(commander, TorqueProgram) else sample_line
 
-        def watch(sample: Sample) -> None:
+        def watch(sample: RobotSample) -> None:
             monitor.show(sample.t, lambda: line(sample, torque_limit=self.robot.torque_limit))
             if self.camera is not None:
                 self.camera.watch(sample.t)

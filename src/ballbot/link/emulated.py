@@ -146,11 +146,11 @@ class EmulatedRobot:
         if held == self._held:
             return
         self._turned = self._turned + np.nan_to_num(self._measured.wheel_angles)
-        place = np.zeros(10)
-        place[[0, 1, 4]] = self._measured.truth[[0, 1, 4]]
+        start = np.zeros(10)
+        start[[0, 1, 4]] = self._measured.truth[[0, 1, 4]]
         self._held, self._seed = held, self._seed + 1
         plant = self.hand if held else self.plant
-        self._measured = plant.reset(place, seed=self._seed)
+        self._measured = plant.reset(start, seed=self._seed)
 
 
 def emulated_robot(

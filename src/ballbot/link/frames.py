@@ -118,16 +118,16 @@ class FrameReader:
 
     def feed(self, data: bytes) -> list[Frame]:
         """Take bytes and return the frames that they complete."""
-        found = []
+        frames = []
         *whole, rest = bytes(data).split(b"\0")
         for part in whole:
             frame = self._complete(part)
             if isinstance(frame, Frame):
-                found.append(frame)
+                frames.append(frame)
             elif frame is not None:
                 self.counts.refuse(frame)
         self._keep(rest)
-        return found
+        return frames
 
     def _keep(self, part: bytes) -> None:
         """Keep the bytes of a frame, unless it is too long already."""

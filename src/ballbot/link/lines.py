@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ballbot.firmware.records import SelfTestOutcome
-from ballbot.link.live import Sample
+from ballbot.link.live import RobotSample
 from ballbot.link.messages import State
 from ballbot.link.session import stop_reason
 from ballbot.rounding import percent
@@ -27,7 +27,7 @@ _SELF_TESTS = {
 }
 
 
-def sample_line(sample: Sample, *, torque_limit: float) -> str:
+def sample_line(sample: RobotSample, *, torque_limit: float) -> str:
     """Return a sample in one line."""
     x, y, theta, phi, psi = sample.state[:5]
     away = math.hypot(*(sample.state[:2] - sample.reference[:2]))
@@ -39,10 +39,10 @@ def sample_line(sample: Sample, *, torque_limit: float) -> str:
     )
 
 
-def bench_line(sample: Sample, *, torque_limit: float) -> str:
+def bench_line(sample: RobotSample, *, torque_limit: float) -> str:
     """Return a sample of a held robot in one line."""
-    speeds = " ".join(f"{one:+.1f}" for one in sample.wheel_speeds)
-    torques = " ".join(f"{one:+.2f}" for one in sample.torques)
+    speeds = " ".join(f"{speed:+.1f}" for speed in sample.wheel_speeds)
+    torques = " ".join(f"{torque:+.2f}" for torque in sample.torques)
     return (
         f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
         f"wheel speeds {speeds} rad/s"
@@ -52,9 +52,9 @@ def bench_line(sample: Sample, *, torque_limit: float) -> str:
 def state_line(state: State, *, wheel_count: int) -> str:
     """Return a state in one line."""
     theta, phi, psi = np.degrees(state.attitude)
-    gyro = " ".join(f"{one:+.2f}" for one in state.gyro)
+    gyro = " ".join(f"{rate:+.2f}" for rate in state.gyro)
     counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
-    speeds = " ".join(f"{one:+.1f}" for one in state.wheel_speeds[:wheel_count])
+    speeds = " ".join(f"{speed:+.1f}" for speed in state.wheel_speeds[:wheel_count])
     stop = stop_reason(state)
     return (
         f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
@@ -67,7 +67,7 @@ def _self_test(state: State) -> str:
     return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
 
 
-def _share(sample: Sample, torque_limit: float) -> float:
+def _share(sample: RobotSample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
 
 

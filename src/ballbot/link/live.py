@@ -1,4 +1,4 @@
-"""A live robot from arming to disarming: what it is to do, sample after sample, and the log of it.
+"""A live robot from arming to disarming: its references or torques, sample by sample, and its log.
 
     robot = LiveRobot(session)
     robot.test()
@@ -6,11 +6,11 @@
     ending = robot.run(FollowReference(reference), duration=32.0, record=recorder.append)
     robot.disarm()
 
-A `Commander` is asked after every sample for what is to be sent: a reference for the controller on the robot, or
+After every sample a `Commander` gives what is sent: a reference for the controller on the robot, or
 torques of a program on this computer. A row of the log is a sample from arming on, in the frame of the start
 (`ballbot.link.references`): measurements and estimate of a time, and the torques held from there on.
 
-Every end is one sentence (`Ending`): the time is over, the driver ends it, the robot's safety layer stops, or the link
+Every run ends with one sentence (`Ending`): the time is over, the driver or the safety layer stops it, or the link
 is lost. A robot whose link is lost stops by itself.
 """
 
@@ -31,7 +31,7 @@ from ballbot.control.parts import KINDS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
-from ballbot.link.messages import ControllerPlace, Result, State
+from ballbot.link.messages import AnswerResult, ControllerPlace, State
 from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.recorder import Recorder
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
@@ -42,7 +42,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wh
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
 _PATIENCE = 0.1
-#: for which a robot that has taken the arming may take to show it [s]
+#: longest time from an accepted arming until the robot shows it [s]
 _ARMING_TIME = 0.5
 #: after which a reference that the robot does not show is sent again [s]
 _REFERENCE_TIME = 0.05
@@ -83,7 +83,7 @@ _POSITIONS = dict(zip(IMU_POSITIONS[1:], MOVEMENTS, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sample:
+class RobotSample:
     """One sample of an armed robot."""
 
     t: float  #: since arming [s]
@@ -109,7 +109,7 @@ class Sample:
 
 
 def log_columns(wheel_count: int) -> tuple[str, ...]:
-    """Return the columns of the rows of `Sample`."""
+    """Return the columns of the rows of `RobotSample`."""
     return (
         "t",
         *torque_names(wheel_count),
@@ -131,8 +131,8 @@ class Commander(Protocol):
         """Whether the run is to end."""
         ...
 
-    def command(self, session: Session, sample: Sample) -> NDArray[np.float64] | None:
-        """Send what the robot is to have at its next sample.
+    def command(self, session: Session, sample: RobotSample) -> NDArray[np.float64] | None:
+        """Send the reference or the torques of the robot's next sample.
 
         Returns
         -------
@@ -158,7 +158,7 @@ class FollowReference:
         """Whether the driver ends the run."""
         return self._source.ended
 
-    def command(self, session: Session, sample: Sample) -> None:
+    def command(self, session: Session, sample: RobotSample) -> None:
         """Send the reference of the next sample if it is another one, or if the robot still lacks the last one."""
         wanted = self._source.update(sample.t + self._step)
         if self._asked is None or not np.array_equal(wanted, self._asked):
@@ -182,7 +182,7 @@ class TorqueProgram:
     def __init__(self, torques: Callable[[float], NDArray[np.float64]], *, sample_time: float) -> None:
         self._torques, self._step = torques, sample_time
 
-    def command(self, session: Session, sample: Sample) -> NDArray[np.float64]:
+    def command(self, session: Session, sample: RobotSample) -> NDArray[np.float64]:
         """Send the torques of the next sample; return the pose of the start."""
         session.set_torques(self._torques(sample.t + self._step))
         return np.zeros(10)
@@ -207,7 +207,7 @@ class Samples:
         self._counts = first.wheel_counts.astype(np.int64)
         self._turned = np.zeros(len(self._counts), dtype=np.int64)
 
-    def sample(self, state: State) -> Sample:
+    def sample(self, state: State) -> RobotSample:
         """Return the sample of a state; its clock and its encoders may wrap around."""
         self._micros += (state.time - self._last_time) % 2**32
         self._last_time = state.time
@@ -218,7 +218,7 @@ class Samples:
             self._counts = state.wheel_counts.astype(np.int64)
             angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
         estimate = in_start_frame(state.estimate.astype(np.float64), self._start)
-        return Sample(
+        return RobotSample(
             t=round(1e-6 * self._micros, 6),
             state=estimate if state.estimate_valid else np.full(10, np.nan),
             reference=in_start_frame(state.reference.astype(np.float64), self._start),
@@ -274,13 +274,13 @@ class LiveRobot:
         return f"{self.welcome.session % 2**32:08x}"
 
     def parameter_lines(self) -> list[str]:
-        """Return what the robot is and runs, in lines."""
-        own = self.parameters
-        estimator = {number: name for name, number in ESTIMATORS.items()}[int(own["estimator"][0])]
-        parts = [name for name in KINDS if own["law"][name]["on"][0]]
+        """Return lines on the robot, its estimator and its controller."""
+        record = self.parameters
+        estimator = {number: name for name, number in ESTIMATORS.items()}[int(record["estimator"][0])]
+        parts = [name for name in KINDS if record["law"][name]["on"][0]]
         return [
             f"{self.wheel_count} wheels, {1e3 * self.sample_time:g} ms a sample, estimator {estimator}",
-            f"torque limit {self.torque_limit:g} N m, lean limit {own['safety']['lean'][0]:g} rad, "
+            f"torque limit {self.torque_limit:g} N m, lean limit {record['safety']['lean'][0]:g} rad, "
             f"parts of the controller: {', '.join(parts) or 'none'}",
         ]
 
@@ -305,10 +305,10 @@ class LiveRobot:
         InputError if the robot has another number of wheels or sample time, is armed or does not accept them.
         """
         for name, unit in (("wheel_count", " wheels"), ("sample_time", " s between samples")):
-            own, wanted = self.parameters[name][0], parameters[name][0]
-            if own != wanted:
+            held, wanted = self.parameters[name][0], parameters[name][0]
+            if held != wanted:
                 raise InputError(
-                    f"The robot has {own:g}{unit} and the controller is for {wanted:g}; export the firmware with this "
+                    f"The robot has {held:g}{unit} and the controller is for {wanted:g}; export the firmware with this "
                     "controller and flash it."
                 )
         if parameters.tobytes() == self.parameters.tobytes():
@@ -329,7 +329,7 @@ class LiveRobot:
     ) -> SelfTestOutcome:
         """Run the self-test and return its result: PASSED, or IMU_PASSED before the motors' test.
 
-        InputError if it fails, in one sentence; or the link is lost.
+        InputError if it fails or the link is lost.
         """
 
         def move(position: SelfTestOutcome) -> None:
@@ -363,9 +363,9 @@ class LiveRobot:
         InputError if it is not confirmed, the robot refuses, or the link is lost.
         """
         result = self.session.arm(confirm, controller=controller, ramp=ramp)
-        if result == Result.CONFIRM:
+        if result == AnswerResult.CONFIRM:
             raise InputError("Arming was not confirmed; the robot stays disarmed.")
-        if result != Result.OK:
+        if result != AnswerResult.OK:
             raise InputError(f"The robot does not arm: {reason(result)}.")
 
     def disarm(self) -> None:
@@ -379,9 +379,9 @@ class LiveRobot:
         *,
         duration: float,  # from arming on [s]
         record: Callable[[Sequence[float]], None],  # takes each sample's row
-        watch: Callable[[Sample], None],  # takes each sample, for a monitor
+        watch: Callable[[RobotSample], None],  # takes each sample, for a monitor
     ) -> Ending:
-        """Let an armed robot do what a commander says, until the time is over or something ends it."""
+        """Send an armed robot the commander's references or torques until the time is over or the run ends."""
         samples: Samples | None = None
         t, began = 0.0, self._clock()
         try:
@@ -412,7 +412,7 @@ class LiveRobot:
     def _states(self) -> Iterator[State]:
         """Yield the robot's states as they come."""
         while True:
-            yield from (one for one in self.session.poll(_PATIENCE) if isinstance(one, State))
+            yield from (message for message in self.session.poll(_PATIENCE) if isinstance(message, State))
 
 
 def _why_disarmed(state: State, t: float) -> str:
@@ -425,7 +425,7 @@ def _why_disarmed(state: State, t: float) -> str:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LiveRun:
-    """What became of a run."""
+    """A run's log and how it ended."""
 
     ending: Ending
     log: Log | None  #: None if the run ended before its first sample
@@ -445,10 +445,10 @@ def recorded_run(
     operator: Operator,  # moves the robot for its self-test, and confirms that it may arm
     duration: float,  # [s]
     ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
-    watch: Callable[[Sample], None],  # takes each sample
+    watch: Callable[[RobotSample], None],  # takes each sample
     recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
 ) -> LiveRun:
-    """Test and arm a robot, let it do what a commander says, disarm it, and return the log.
+    """Test and arm a robot, run it with a commander, disarm it, and return the log.
 
     The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written stops
     the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.

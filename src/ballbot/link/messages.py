@@ -55,7 +55,7 @@ class Layer(IntEnum):
 LAYERS = len(Layer)
 
 
-class Result(IntEnum):
+class AnswerResult(IntEnum):
     """Answers of the robot to a command."""
 
     OK = 0
@@ -247,7 +247,7 @@ class Answer:
     TYPE: ClassVar[int] = 66
     command: int = field(metadata=whole())  #: its type
     sequence: int = field(metadata=whole())  #: its sequence number
-    result: int = field(metadata=whole())  #: a `Result`
+    result: int = field(metadata=whole())  #: a `AnswerResult`
     value: int = field(metadata=whole())
 
 
@@ -278,22 +278,24 @@ class Message(Protocol):
 
 
 TO_ROBOT: dict[int, type[Message]] = {
-    one.TYPE: one
-    for one in (Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts)
+    kind.TYPE: kind
+    for kind in (Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts)
 }
-TO_HOST: dict[int, type[Message]] = {one.TYPE: one for one in (Welcome, State, Answer, Parameters, Counts)}
-EMULATED: dict[int, type[Message]] = {one.TYPE: one for one in (Sensors, Motors)}
+TO_HOST: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Welcome, State, Answer, Parameters, Counts)}
+EMULATED: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Sensors, Motors)}
 MESSAGES = TO_ROBOT | EMULATED | TO_HOST
 
-SCHEMAS: dict[int, Schema] = {number: schema_of(one) for number, one in MESSAGES.items()}
-_DTYPES = {number: one.dtype("single").newbyteorder("<") for number, one in SCHEMAS.items()}
+SCHEMAS: dict[int, Schema] = {number: schema_of(kind) for number, kind in MESSAGES.items()}
+_DTYPES = {number: schema.dtype("single").newbyteorder("<") for number, schema in SCHEMAS.items()}
 #: bytes of each message's body
-BODY_LENGTHS = {number: one.itemsize for number, one in _DTYPES.items()}
+BODY_LENGTHS = {number: dtype.itemsize for number, dtype in _DTYPES.items()}
 
 
 def message_digest() -> str:
     """Return the SHA-256 of the types, names, order, shapes and units of all messages."""
-    lines = [f"{number} {one.name} {line}" for number, one in SCHEMAS.items() for line in ["", *one.lines()]]
+    lines = [
+        f"{number} {item.name} {line}" for number, item in SCHEMAS.items() for line in ["", *item.lines()]
+    ]
     return sha256("\n".join([f"version {VERSION}", *lines]).encode()).hexdigest()
 
 
@@ -312,9 +314,9 @@ def firmware_words() -> NDArray[np.int32]:
 def pack_body(message: Message) -> bytes:
     """Return the body of a message: its numbers, little-endian."""
     record = np.zeros((), _DTYPES[message.TYPE])
-    for name, one in SCHEMAS[message.TYPE].fields.items():
+    for name, member in SCHEMAS[message.TYPE].fields.items():
         value = getattr(message, name)
-        is_whole = not isinstance(one, Schema) and one.whole
+        is_whole = not isinstance(member, Schema) and member.whole
         record[name] = wrapped(value) if is_whole else value
     return record.tobytes()
 
@@ -328,10 +330,10 @@ def unpack_body(kind: int, body: bytes) -> Message:
         raise ValueError(f"{MESSAGES[kind].__name__} has {BODY_LENGTHS[kind]} bytes, not {len(body)}.")
     record = np.frombuffer(body, _DTYPES[kind])[0] if body else None
     values: dict[str, object] = {}
-    for name, one in SCHEMAS[kind].fields.items():
+    for name, member in SCHEMAS[kind].fields.items():
         assert record is not None
         value = record[name]
-        values[name] = np.array(value, value.dtype.newbyteorder("=")) if one.shape else value.item()  # type: ignore[union-attr]
+        values[name] = np.array(value, value.dtype.newbyteorder("=")) if member.shape else value.item()  # type: ignore[union-attr]
     return MESSAGES[kind](**values)
 
 
@@ -343,6 +345,6 @@ def wrapped(value: object) -> NDArray[np.int32]:
 def finite(message: Message) -> bool:
     """Return whether every real number of a message is finite."""
     return all(
-        bool(np.isfinite(getattr(message, one.name)).all())
-        for one in fields(message)  # type: ignore[arg-type]
+        bool(np.isfinite(getattr(message, field.name)).all())
+        for field in fields(message)  # type: ignore[arg-type]
     )

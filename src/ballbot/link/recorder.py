@@ -95,16 +95,16 @@ def check_no_recording(path: Path) -> None:
 
 
 def _new_file(path: Path) -> int:
-    """Return the descriptor of a new file, whose name is on the disk where the system can tell."""
+    """Return the descriptor of a new file; on POSIX systems its folder entry is on the disk, too."""
     check_file(path)
     check_no_recording(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        found = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND, 0o644)
         if os.name == "posix":
             folder = os.open(path.parent, os.O_RDONLY)
             os.fsync(folder)
             os.close(folder)
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror or error}.") from None
-    return found
+    return descriptor

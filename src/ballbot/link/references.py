@@ -1,4 +1,4 @@
-"""Where a live robot is asked to be: a named course, a file, or the arrow keys.
+"""References of a live robot: a named course, a file, or the arrow keys.
 
 A live reference is asked once a sample for the state (10,) that the robot is to have, from the start of the run on. It
 is in the frame of the start: the robot begins at (0, 0) with psi = 0, and `in_start_frame` and `in_robot_frame`
@@ -61,9 +61,9 @@ _END_KEY = b"e"
 
 
 class KeyboardReference:
-    """The arrow keys of a terminal, which gives each key at once and shows none from the first update on.
+    """The arrow keys of a terminal, read one by one and without echo from the first update on.
 
-    InputError if it is not a terminal, or the system has none of this kind.
+    InputError if it is not a terminal of Linux or macOS.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class KeyboardReference:
         self._waiting += self._new_bytes()
         while self._waiting:
             key = next((key for key in (*_KEYS, _END_KEY) if self._waiting.startswith(key)), None)
-            if key is None and any(one.startswith(self._waiting) for one in _KEYS):
+            if key is None and any(sequence.startswith(self._waiting) for sequence in _KEYS):
                 break  # the rest of an arrow key is still to come
             if key == _END_KEY:
                 self.ended = True
@@ -104,11 +104,11 @@ class KeyboardReference:
         if self._gone or not select.select([self._descriptor], [], [], 0.0)[0]:
             return b""
         try:
-            found = os.read(self._descriptor, 1024)
+            data = os.read(self._descriptor, 1024)
         except OSError:
-            found = b""
-        self._gone = not found
-        return found
+            data = b""
+        self._gone = not data
+        return data
 
 
 def _require_terminal(descriptor: int) -> None:
@@ -119,7 +119,7 @@ def _require_terminal(descriptor: int) -> None:
 
 
 def _keys_at_once(descriptor: int) -> Callable[[], None]:
-    """Let a terminal give keys at once and show none; return what gives it back as it was."""
+    """Read keys one by one and without echo; return a function that restores the terminal."""
     _require_terminal(descriptor)
     import termios
     import tty
@@ -164,14 +164,14 @@ def in_start_frame(state: NDArray[np.float64], start: NDArray[np.float64]) -> ND
     frame's axes.
     """
     psi = float(start[2])
-    found = state.copy()
-    found[0:2] = _turned(state[0:2] - start[:2], -psi)
-    found[5:7] = _turned(state[5:7], -psi)
+    turned = state.copy()
+    turned[0:2] = _turned(state[0:2] - start[:2], -psi)
+    turned[5:7] = _turned(state[5:7], -psi)
     if psi != 0.0:
-        found[2:5] = turned_about_vertical(state[2:5], -psi)
-        body_rates = body_rates_matrix(*state[2:5]) @ state[7:10]  # the body's own axes know no frame
-        found[7:10] = np.linalg.solve(body_rates_matrix(*found[2:5]), body_rates)
-    return found
+        turned[2:5] = turned_about_vertical(state[2:5], -psi)
+        body_rates = body_rates_matrix(*state[2:5]) @ state[7:10]  # body rates do not depend on the frame
+        turned[7:10] = np.linalg.solve(body_rates_matrix(*turned[2:5]), body_rates)
+    return turned
 
 
 def _turned(pair: NDArray[np.float64], psi: float) -> NDArray[np.float64]:

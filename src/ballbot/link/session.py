@@ -34,6 +34,7 @@ from ballbot.link.messages import (
     TO_HOST,
     WATCHDOG,
     Answer,
+    AnswerResult,
     Arm,
     AskCounts,
     Commit,
@@ -47,7 +48,6 @@ from ballbot.link.messages import (
     Parameters,
     Read,
     Reference,
-    Result,
     SelfTest,
     State,
     Torques,
@@ -76,14 +76,14 @@ _ATTEMPTS = 5
 _WORD = np.dtype("<i4")
 
 _REASONS = {
-    Result.SELF_TEST: "the self-test has not passed",
-    Result.ACTIVE: "it is armed or its self-test runs",
-    Result.NONCE: "arming was not asked for, or too long ago",
-    Result.BUTTON: "its own button was not pressed",
-    Result.RANGE: "the place is beyond its parameters",
-    Result.CHECKSUM: "the parameters that it received are not those that were sent",
-    Result.PARAMETERS: "the parameters are not allowed",
-    Result.VALUES: "a value is not finite or out of range",
+    AnswerResult.SELF_TEST: "the self-test has not passed",
+    AnswerResult.ACTIVE: "it is armed or its self-test runs",
+    AnswerResult.NONCE: "arming was not asked for, or too long ago",
+    AnswerResult.BUTTON: "its own button was not pressed",
+    AnswerResult.RANGE: "the place is beyond its parameters",
+    AnswerResult.CHECKSUM: "the parameters that it received are not those that were sent",
+    AnswerResult.PARAMETERS: "the parameters are not allowed",
+    AnswerResult.VALUES: "a value is not finite or out of range",
 }
 
 
@@ -133,8 +133,8 @@ class Session:
         end = self._clock() + timeout
         while self._clock() < end:
             self._write(hello)
-            again = min(self._clock() + _ANSWER_TIME, end)
-            while self._clock() < again:
+            resend = min(self._clock() + _ANSWER_TIME, end)
+            while self._clock() < resend:
                 self._queued += self._received(KEEP_INTERVAL)
                 if self.welcome is not None:
                     return self.welcome
@@ -142,11 +142,11 @@ class Session:
 
     def _open(self, welcome: Welcome) -> None:
         """Take the session that the robot has opened; raise LinkError if its firmware is of another version."""
-        for name, own, theirs in (
+        for name, ours, theirs in (
             ("messages", message_words(), welcome.messages),
             ("parameters", firmware_words(), welcome.firmware),
         ):
-            if not np.array_equal(own, theirs):
+            if not np.array_equal(ours, theirs):
                 raise LinkError(
                     f"The robot's firmware has {name} of another version; export it again and flash it."
                 )
@@ -165,10 +165,10 @@ class Session:
         """
         queued, self._queued = self._queued, []
         end = self._clock() + timeout
-        found = queued + self._step(0.0 if queued else min(timeout, KEEP_INTERVAL))
-        while not found and self._clock() < end:
-            found = self._step(min(KEEP_INTERVAL, end - self._clock()))
-        return found
+        messages = queued + self._step(0.0 if queued else min(timeout, KEEP_INTERVAL))
+        while not messages and self._clock() < end:
+            messages = self._step(min(KEEP_INTERVAL, end - self._clock()))
+        return messages
 
     def _step(self, timeout: float) -> list[Message]:
         """Send what the robot's watchdog waits for, and return what comes within a time."""
@@ -177,12 +177,12 @@ class Session:
         try:
             if self._clock() - self._sent >= KEEP_INTERVAL:
                 self._write(Keep())
-            found = self._received(timeout)
+            messages = self._received(timeout)
         except LinkError:
             self.welcome = None
             raise
         now = self._clock()
-        if found:
+        if messages:
             self._heard = now
         elif now - self._heard > WATCHDOG:
             self.welcome = None
@@ -190,11 +190,11 @@ class Session:
                 f"The robot has been silent for {1e3 * (now - self._heard):.0f} ms. It stops by itself; connect "
                 "again."
             )
-        return found
+        return messages
 
     def _received(self, timeout: float) -> list[Message]:
         """Return the messages that come within a time and pass every layer."""
-        found = []
+        messages = []
         for frame in self._reader.feed(self.transport.read(timeout)):
             message = self._accepted(frame)
             if isinstance(message, Layer):
@@ -207,8 +207,8 @@ class Session:
                 continue
             if isinstance(message, State):
                 self.state = message
-            found.append(message)
-        return found
+            messages.append(message)
+        return messages
 
     def _accepted(self, frame: Frame) -> Message | Layer:
         """Return a frame's message, or the layer that refuses it."""
@@ -244,11 +244,11 @@ class Session:
             end = self._clock() + _ANSWER_TIME
             while self._clock() < end:
                 answer = None
-                for one in self._step(KEEP_INTERVAL):
-                    if answer is None and wanted(one, sent):
-                        answer = one
+                for received in self._step(KEEP_INTERVAL):
+                    if answer is None and wanted(received, sent):
+                        answer = received
                     else:
-                        self._queued.append(one)
+                        self._queued.append(received)
                 if answer is not None:
                     return answer, len(sent) > 1
         raise LinkError(f"The robot does not answer {type(message).__name__}.")
@@ -256,18 +256,18 @@ class Session:
     def _request(self, message: Message) -> tuple[Answer, bool]:
         """Return the answer to a command, and whether the command was sent again before it came."""
 
-        def is_answer(one: Message, sent: set[int]) -> bool:
-            return isinstance(one, Answer) and one.command == message.TYPE and one.sequence in sent
+        def is_answer(reply: Message, sent: set[int]) -> bool:
+            return isinstance(reply, Answer) and reply.command == message.TYPE and reply.sequence in sent
 
-        answer, again = self._exchange(message, is_answer)
+        answer, resent = self._exchange(message, is_answer)
         assert isinstance(answer, Answer)
-        return answer, again
+        return answer, resent
 
     def _demand(self, message: Message) -> None:
         """Send a command; raise LinkError if the robot refuses it."""
-        answer, again = self._request(message)
-        obeyed = again and answer.result == Result.ACTIVE and isinstance(message, SelfTest)
-        if answer.result != Result.OK and not obeyed:  # the answer to the first was lost
+        answer, resent = self._request(message)
+        obeyed = resent and answer.result == AnswerResult.ACTIVE and isinstance(message, SelfTest)
+        if answer.result != AnswerResult.OK and not obeyed:  # the answer to the first was lost
             raise LinkError(
                 f"The robot refuses the command {type(message).__name__}: {reason(answer.result)}."
             )
@@ -280,7 +280,7 @@ class Session:
         self,
         *,
         timeout: float = 3.0,  # for motors and encoders, by the robot's clock [s]
-        # asks a person for the position that the robot waits for; without it that is the result
+        # asks a person to move the robot into a position; without it the test ends with the request
         move: Callable[[SelfTestOutcome], None] | None = None,
         motors: bool = True,  # whether the motors' test follows that of the IMU's axes
         watch: Callable[[State], None] = lambda _: None,  # takes every state meanwhile
@@ -295,11 +295,11 @@ class Session:
         seen, passed, waited_for = self.state, 0.0, None
         while passed < (timeout if waited_for is None else MOVING_TIME):
             before = self.state
-            found = self._step(KEEP_INTERVAL)
-            self._queued += found
-            for one in found:
-                if isinstance(one, State):
-                    watch(one)
+            messages = self._step(KEEP_INTERVAL)
+            self._queued += messages
+            for message in messages:
+                if isinstance(message, State):
+                    watch(message)
             if self.state is seen or self.state is None:
                 continue
             passed += 0.0 if before is None else 1e-6 * ((self.state.time - before.time) % 2**32)
@@ -326,8 +326,8 @@ class Session:
         *,
         controller: ControllerPlace = ControllerPlace.ROBOT,  # whose torques the robot obeys
         ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
-    ) -> Result:
-        """Arm in two steps: ask the robot, let a person here confirm, return the robot's number.
+    ) -> AnswerResult:
+        """Arm in two steps: ask the robot, then confirm with the number that it returned.
 
         InputError if the ramp is negative or longer than a minute. LinkError if the robot does not answer.
 
@@ -339,13 +339,13 @@ class Session:
         if not 0.0 <= ramp <= LONGEST_RAMP:
             raise InputError(f"The torque ramp is {ramp:g} s; it must be from 0 to {LONGEST_RAMP:g} s.")
         asked, _ = self._request(Arm(nonce=0, controller=controller, ramp=ramp))
-        if asked.result != Result.CONFIRM or not confirm():
-            return Result(asked.result)
-        self._heard = self._clock()  # nobody listened while the person thought
-        answer, again = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
-        if again and answer.result == Result.ACTIVE:
-            return Result.OK  # the answer to the first was lost
-        return Result(answer.result)
+        if asked.result != AnswerResult.CONFIRM or not confirm():
+            return AnswerResult(asked.result)
+        self._heard = self._clock()  # the link was not read while the person decided
+        answer, resent = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
+        if resent and answer.result == AnswerResult.ACTIVE:
+            return AnswerResult.OK  # the answer to the first was lost
+        return AnswerResult(answer.result)
 
     def disarm(self) -> None:
         """Disarm the robot, or end its self-test."""
@@ -373,7 +373,7 @@ class Session:
 
     def ask_counts(self) -> Counts:
         """Return the robot's counts of frames."""
-        counts, _ = self._exchange(AskCounts(), lambda one, _: isinstance(one, Counts))
+        counts, _ = self._exchange(AskCounts(), lambda message, _: isinstance(message, Counts))
         assert isinstance(counts, Counts)
         return counts
 
@@ -384,8 +384,8 @@ class Session:
         for first in range(0, len(words), PARAMETER_WORDS):
             count = min(PARAMETER_WORDS, len(words) - first)
 
-            def is_part(one: Message, _: set[int], place: tuple[int, int] = (first, count)) -> bool:
-                return isinstance(one, Parameters) and (one.offset, one.count) == place
+            def is_part(message: Message, _: set[int], span: tuple[int, int] = (first, count)) -> bool:
+                return isinstance(message, Parameters) and (message.offset, message.count) == span
 
             part, _ = self._exchange(Read(offset=first, count=count), is_part)
             assert isinstance(part, Parameters)
@@ -416,4 +416,4 @@ class Session:
 
 def reason(result: int) -> str:
     """Return a clause that says why the robot refused a command."""
-    return _REASONS.get(Result(result), "it gives no reason")
+    return _REASONS.get(AnswerResult(result), "it gives no reason")

@@ -109,7 +109,7 @@ def _turned(before: State, after: State) -> NDArray[np.float64]:
 
 
 def _counted(before: State, after: State) -> NDArray[np.int64]:
-    """Return how far the counters have gone, which wrap around."""
+    """Return the change of counters that wrap around."""
     return (after.wheel_counts.astype(np.int64) - before.wheel_counts + 2**31) % 2**32 - 2**31
 
 
@@ -149,33 +149,33 @@ def _encoder_finding(
 ) -> Finding | None:
     """Return what is wrong with one encoder."""
     name = f"Encoder {encoder + 1}"
-    place = int(np.argmax(np.abs(correlations)))
+    wheel = int(np.argmax(np.abs(correlations)))
     if float(np.abs(turned).max()) < _LEAST_WHEEL_TURN:
         return error(
             "encoders", f"{name} did not count when the robot was turned; check its cable and supply."
         )
-    if abs(correlations[place]) < math.sqrt(_EXPLAINED):
+    if abs(correlations[wheel]) < math.sqrt(_EXPLAINED):
         return error(
             "encoders",
             f"{name} did not turn as any wheel must: the ball rolled, or the wheel slipped. Hold the ball with a "
             "foot and repeat the check.",
         )
-    if place != encoder:
+    if wheel != encoder:
         return error(
             "encoders",
-            f"{name} turned as wheel {place + 1} must: exchange the cables, of motor and encoder alike, or correct "
+            f"{name} turned as wheel {wheel + 1} must: exchange the cables, of motor and encoder alike, or correct "
             "the azimuths in the robot file.",
         )
-    if correlations[place] < 0.0:
+    if correlations[wheel] < 0.0:
         return error(
             "encoders",
             f"{name} counts backward: reverse it in ballbot_read_encoders. If the self-test then fails, reverse the "
             "motor as well.",
         )
-    if not _SCALE[0] < products[place] < _SCALE[1]:
+    if not _SCALE[0] < products[wheel] < _SCALE[1]:
         return error(
             "encoders",
-            f"{name} turned {products[place]:.2g} times as far as wheel {place + 1} must: correct encoder_counts or "
+            f"{name} turned {products[wheel]:.2g} times as far as wheel {wheel + 1} must: correct encoder_counts or "
             "gear_ratio in the robot file, or count all four edges.",
         )
     return None

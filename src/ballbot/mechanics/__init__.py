@@ -18,7 +18,7 @@ parameter          `robot/components.py`: the field of `Friction`, and `scaled_f
                    floor
 law                `mechanics/friction.py` for wheels, `mechanics/floor.py` for the rolling ball: NumPy's form and the
                    compiled one
-packed row         `mechanics/parameters.py`: a field of `Parameters` and its value in `pack`
+packed row         `mechanics/parameters.py`: a field of `RobotNumbers` and its value in `pack`
 smooth motion      `mechanics/engine/smooth.py`: in `net_torques`, and a new change of sign
 at rest            a limit: `mechanics/stick_slip.py` and `mechanics/engine/convex.py`; a smooth term: `free_motion` in
                    `mechanics/contacts.py`

@@ -120,7 +120,7 @@ def half_turned(selected, state, a, w, h):
 
 
 class Ahead(NamedTuple):
-    """Where a step would end but for the friction that is still to be found, and what that can be."""
+    """Where a step would end without the friction that is still unknown, and the limits of that friction."""
 
     v: tuple
     w: tuple
@@ -138,8 +138,8 @@ def first_ahead(selected, P, start, free, h):
     return Ahead(v, w, speeds, free.limits, P.rolling_force)
 
 
-class Found(NamedTuple):
-    """What the first forces of a step were found to be, in the units of forces: kappa_i = 1/(h G_ii) times speeds."""
+class FirstForces(NamedTuple):
+    """The first forces of a step; speeds are in units of forces, times kappa_i = 1/(h G_ii)."""
 
     forces: tuple  #: lambda of the contacts
     probes: tuple  #: s = lambda + kappa C nu
@@ -149,7 +149,7 @@ class Found(NamedTuple):
 
 
 @traced
-def corrected_ahead(selected, P, start, end, found, u, h):
+def corrected_ahead(selected, P, start, end, solution, u, h):
     """Return the `Ahead` of a step under the forces half way to the velocities `end` that the first ones led to.
 
     The speeds at the step's end are those at its attitude: C_end nu = C nu + (C - C_before) nu to second order, with C
@@ -161,14 +161,14 @@ def corrected_ahead(selected, P, start, end, found, u, h):
     later = contact_speeds(selected, P, start.middle, v_end, w_end)
     turning = subtract(later, contact_speeds(selected, P, start.before, v_end, w_end))
     first = contact_speeds(selected, P, start.before, start.v, start.w)
-    turns, known = turns_about(selected, free.limits, P.rolling_force, found, first, turning)
+    turns, known = turns_about(selected, free.limits, P.rolling_force, solution, first, turning)
     on = start.v[0] * v_end[0] + start.v[1] * v_end[1] > REST * REST
     brake = where(on, rolling_brake(P.rolling_force, root(v[0] * v[0] + v[1] * v[1])), 0.0)
     F, L = contact_forces(selected, P, start.middle, (*known, brake * v[0], brake * v[1]))
     v_dot, w_dot = solve(free.system, subtract(free.f_v, F), subtract(free.f_w, L))
     v, w = advanced(start.v, v_dot, h), advanced(start.w, w_dot, h)
     speeds = add(contact_speeds(selected, P, start.middle, v, w), turning)
-    limits = tuple(where(one, 0.0, limit) for one, limit in zip(turns, free.limits, strict=True))
+    limits = tuple(where(turn, 0.0, limit) for turn, limit in zip(turns, free.limits, strict=True))
     return Ahead(v, w, speeds, limits, where(on, 0.0, P.rolling_force))
 
 
@@ -179,13 +179,13 @@ _LEAST_EASING = 1e-3
 _RESTING = 1e-3
 
 
-def turns_about(selected, limits, rolling_force, found, first, turning):
+def turns_about(selected, limits, rolling_force, solution, first, turning):
     """Return whether each box turns about, and its mean friction then, as `_turn_about` does.
 
     What a force does to a contact's speed depends on which others stick: theirs follow, and leave them at rest. Of
     four wheels that all stick the forces are not unique; then none turns about.
     """
-    forces, probes, G, rates, held = found
+    forces, probes, G, rates, held = solution
     k, m = len(limits), len(limits) + 2
     starts = [first[i] * rates[i] for i in range(k)]
     changes = [probes[i] + turning[i] * rates[i] - forces[i] - starts[i] for i in range(k)]
@@ -195,7 +195,7 @@ def turns_about(selected, limits, rolling_force, found, first, turning):
     holds += [where(on_floor, 1.0, 0.0)] * 2
     if len(selected.wheels) == 4:
         slides = where(either(*(abs(probes[i]) >= held[i] for i in range(4))), 1.0, 0.0)
-        stops = [one * slides for one in stops[:4]] + stops[4:]
+        stops = [stop * slides for stop in stops[:4]] + stops[4:]
     rows = [
         [holds[i] * G[i][j] + (1.0 - holds[i]) if i == j else holds[i] * G[i][j] for j in range(m)]
         for i in range(m)

@@ -34,7 +34,7 @@ def rolling_friction(
     return -rolling_force * v / np.maximum(np.hypot(v[..., 0], v[..., 1]), slowest)[..., None]
 
 
-# --- compiled: of `Parameters` P, at a velocity v (2,), or (3,) with the spin where the ball pivots ---
+# --- compiled: of `RobotNumbers` P, at a velocity v (2,), or (3,) with the spin where the ball pivots ---
 
 
 class FloorFriction(NamedTuple):

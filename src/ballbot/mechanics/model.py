@@ -29,7 +29,7 @@ from ballbot.mechanics.engine.arrays import (
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.parameters import Exact, Formulation, Parameters, Pivoting, Thesis, pack, selector
+from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, RobotNumbers, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
 from ballbot.summary import Summary, pole_words, summarized
@@ -111,6 +111,11 @@ class Model:
     ------
     InputError
         If the formulation is unknown, or the step or the pivoting friction is not allowed.
+
+    Examples
+    --------
+    >>> print(f"The robot falls by {Model('alten').linearize().poles()[0].real:.2f}/s.")
+    The robot falls by 5.20/s.
     """
 
     robot: Robot
@@ -166,7 +171,7 @@ class Model:
         return self._row  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
-    def _parameters(self) -> Parameters:
+    def _parameters(self) -> RobotNumbers:
         return unpacked(self.selected, self.packed.item)
 
     def summary(self) -> Summary:
@@ -280,7 +285,7 @@ def _alike(*arguments: tuple[ArrayLike, int, str]) -> list[NDArray[np.float64]]:
     try:
         shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays))
     except ValueError:
-        shapes = ", ".join(f"{name} {one.shape}" for (*_, name), one in zip(arguments, arrays, strict=True))
+        shapes = ", ".join(f"{name} {part.shape}" for (*_, name), part in zip(arguments, arrays, strict=True))
         raise InputError(f"The shapes do not match: {shapes}.") from None
     return [np.broadcast_to(array, (*shape, array.shape[-1])) for array in arrays]
 

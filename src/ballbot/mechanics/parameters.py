@@ -1,7 +1,7 @@
 """The two formulations, and one robot's numbers as compiled code reads them: its values become the paper's symbols.
 
 The compiled equations read one row of numbers for each robot (`pack`), so that every robot in a batch can have values
-of its own. `Parameters` is the list of these numbers: sizes, places and what reads a row (`engine/lanes.py`) follow
+of its own. `RobotNumbers` is the list of these numbers: sizes, places and what reads a row (`engine/lanes.py`) follow
 from its fields. A number is added by a field and its value in `pack`.
 """
 
@@ -65,7 +65,7 @@ class Wheel(NamedTuple):
     delta: float
 
 
-class Parameters(NamedTuple):
+class RobotNumbers(NamedTuple):
     """One robot's numbers, in compiled code: a packed row has them in this order, `wheels` last."""
 
     inv_rb: float  #: 1/r_b [1/m]
@@ -92,12 +92,12 @@ def _zeros(shape: object) -> float | tuple:
     """Return zeros of the shape of a field's type: a number, or a tuple of them."""
     if shape is WheelTerms:
         return NO_TERMS
-    return 0.0 if shape is float else tuple(_zeros(one) for one in get_args(shape))
+    return 0.0 if shape is float else tuple(_zeros(inner) for inner in get_args(shape))
 
 
 def _count(shape: float | tuple) -> int:
     """Return how many numbers are in a tuple of tuples."""
-    return sum(_count(one) for one in shape) if isinstance(shape, tuple) else 1
+    return sum(_count(inner) for inner in shape) if isinstance(shape, tuple) else 1
 
 
 def _fields(kind: type, *, without: tuple[str, ...]) -> dict[str, float | tuple]:
@@ -105,13 +105,13 @@ def _fields(kind: type, *, without: tuple[str, ...]) -> dict[str, float | tuple]
     return {name: _zeros(hint) for name, hint in get_type_hints(kind).items() if name not in without}
 
 
-def _places(shapes: dict[str, float | tuple]) -> dict[str, int]:
+def _columns(shapes: dict[str, float | tuple]) -> dict[str, int]:
     """Return where each field begins."""
     sizes = [_count(shape) for shape in shapes.values()]
     return dict(zip(shapes, accumulate(sizes, initial=0), strict=False))
 
 
-_RIGID = _fields(Parameters, without=("wheels",))
+_RIGID = _fields(RobotNumbers, without=("wheels",))
 _WHEEL = _fields(Wheel, without=("inv_vs", "delta"))
 #: zeros of the shape in which a row has the numbers before the wheels' own, and a wheel's
 RIGID_SHAPE, WHEEL_SHAPE = tuple(_RIGID.values()), tuple(_WHEEL.values())
@@ -120,10 +120,10 @@ RIGID_SIZE, WHEEL_SIZE = _count(RIGID_SHAPE), _count(WHEEL_SHAPE)
 MAX_WHEELS = 4
 LARGEST_ROW = RIGID_SIZE + (WHEEL_SIZE + MOST_PARAMETERS) * MAX_WHEELS
 
-#: where each of `Parameters` begins in a packed row, and each number of a wheel among its own
-PLACES, WHEEL_PLACES = _places(_RIGID), _places(_WHEEL)
-PLACE_SPEED_SCALE = PLACES["decay"]  # 1/v_s
-PLACE_EXPONENT = PLACE_SPEED_SCALE + 1  # delta
+#: where each of `RobotNumbers` begins in a packed row, and each number of a wheel among its own
+COLUMNS, WHEEL_COLUMNS = _columns(_RIGID), _columns(_WHEEL)
+COLUMN_SPEED_SCALE = COLUMNS["decay"]  # 1/v_s
+COLUMN_EXPONENT = COLUMN_SPEED_SCALE + 1  # delta
 
 
 _LAW_MARK = "_by_"
@@ -131,7 +131,7 @@ _LAW_MARK = "_by_"
 
 def __getattr__(name: str) -> type:
     """Return the class that selects equations by a registered law; code kept on disk names laws of other processes."""
-    kind = {one.__name__: one for one in (Exact, Thesis, Pivoting)}.get(name.partition(_LAW_MARK)[0])
+    kind = {base.__name__: base for base in (Exact, Thesis, Pivoting)}.get(name.partition(_LAW_MARK)[0])
     if kind is None or _LAW_MARK not in name:
         raise AttributeError(name)
     globals()[name] = made = type(name, (kind,), {"__module__": __name__, "__slots__": ()})
@@ -191,7 +191,7 @@ def pack(
     upward: Sequence[float] = (0.0, 0.0, 1.0),
     seat: ArrayLike = _STRAIGHT,
 ) -> NDArray[np.float64]:
-    """Return one robot's numbers as the row (row_size,) that compiled code reads, in the order of `Parameters`.
+    """Return one robot's numbers as the row (row_size,) that compiled code reads, in the order of `RobotNumbers`.
 
     Wheels come one after another, and then the parameters of a registered friction law, those of one wheel after those
     of another. The formulation "thesis" takes the body's inertia as printed, whatever point it is about, and leaves the
@@ -207,7 +207,7 @@ def pack(
     j_w, j_r = wheels.inertia, robot.drive.reflected_inertia if exact else 0.0
     J = body.inertia_about_ball_center() if exact else body.inertia_matrix()
     friction = robot.friction
-    rigid = Parameters(
+    rigid = RobotNumbers(
         inv_rb=1.0 / ball.radius,
         k=k,
         m_t=ball.mass + ball.inertia / ball.radius**2 + body.mass,
@@ -226,34 +226,34 @@ def pack(
         D=_symmetric(D),
         wheels=(),
     )
-    numbers = np.concatenate([np.ravel(one) for one in rigid])
+    numbers = np.concatenate([np.ravel(value) for value in rigid])
     terms = friction_terms(friction)
     law, of_law = friction.own_law, dict(friction.own)
     if law:
         terms[:, 2] = 1.0  # see `OwnWheel.factor`
-    own = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
+    of_wheels = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
     values = (
         [of_law[name] if name in of_law else getattr(friction, name) for name in law.takes] if law else []
     )
-    by_wheel = [np.broadcast_to(np.asarray(one, dtype=float), (robot.wheel_count,)) for one in values]
-    return np.concatenate([numbers, own.ravel(), np.ravel(by_wheel, order="F")])
+    by_wheel = [np.broadcast_to(np.asarray(value, dtype=float), (robot.wheel_count,)) for value in values]
+    return np.concatenate([numbers, of_wheels.ravel(), np.ravel(by_wheel, order="F")])
 
 
-def law_places(wheel_count: int, index: int, law: FrictionLaw) -> NDArray[np.int64]:
+def law_columns(wheel_count: int, index: int, law: FrictionLaw) -> NDArray[np.int64]:
     """Return the indices (n,) in a packed row of one parameter of a registered law."""
     return RIGID_SIZE + WHEEL_SIZE * wheel_count + len(law.takes) * np.arange(wheel_count) + index
 
 
-def friction_places(wheel_count: int) -> NDArray[np.int64]:
+def friction_columns(wheel_count: int) -> NDArray[np.int64]:
     """Return where b, c, s of each wheel, 1/v_s, delta and N C_rr stand in a packed row: (3 n + 3,)."""
     first = RIGID_SIZE + WHEEL_SIZE * np.arange(wheel_count)
-    of_wheels = [first + WHEEL_PLACES[name] for name in ("b", "c", "s")]
-    return np.concatenate([*of_wheels, [PLACE_SPEED_SCALE, PLACE_EXPONENT, PLACES["rolling_force"]]])
+    of_wheels = [first + WHEEL_COLUMNS[name] for name in ("b", "c", "s")]
+    return np.concatenate([*of_wheels, [COLUMN_SPEED_SCALE, COLUMN_EXPONENT, COLUMNS["rolling_force"]]])
 
 
-def term_places(wheel_count: int) -> NDArray[np.int64]:
+def term_columns(wheel_count: int) -> NDArray[np.int64]:
     """Return where d, e and mu of each wheel stand in a packed row: (3, n)."""
-    first = RIGID_SIZE + WHEEL_SIZE * np.arange(wheel_count) + WHEEL_PLACES["terms"]
+    first = RIGID_SIZE + WHEEL_SIZE * np.arange(wheel_count) + WHEEL_COLUMNS["terms"]
     return first + np.arange(len(WheelTerms._fields))[:, None]
 
 

@@ -61,7 +61,7 @@ def _disc_projection(s_x, s_y, limit):
 
 def _projection(s, limits, rolling_force):
     """Return P(s)."""
-    boxes = tuple(least(greatest(one, -limit), limit) for one, limit in zip(s, limits, strict=False))
+    boxes = tuple(least(greatest(value, -limit), limit) for value, limit in zip(s, limits, strict=False))
     return boxes + _disc_projection(s[-2], s[-1], rolling_force)
 
 
@@ -90,18 +90,18 @@ def newton_round(s, G, b, limits, rolling_force, easing=0.0):
             known[0] = known[0] + easing * P[i]
         rows.append(row)
         right.append(inner([T[i][j] for j in coupled], known) + P[i])
-    found = solve_dense(rows, right)
-    after = probe_of(found, G, b)
-    same = _disc_agrees(s[x], s[y], after[x], after[y], found[x], found[y], rolling_force)
+    forces = solve_dense(rows, right)
+    after = probe_of(forces, G, b)
+    same = _disc_agrees(s[x], s[y], after[x], after[y], forces[x], forces[y], rolling_force)
     for i, limit in enumerate(limits):
         same = both(same, _agrees(s[i], after[i], limit))
-    return found, after, where(same, 1.0, 0.0)
+    return forces, after, where(same, 1.0, 0.0)
 
 
 @traced
 def probe_of(forces, G, b):
     """Return s of forces."""
-    return tuple(force + one - inner(row, forces) for force, one, row in zip(forces, b, G, strict=True))
+    return tuple(force + b_i - inner(row, forces) for force, b_i, row in zip(forces, b, G, strict=True))
 
 
 def _agrees(s, after, limit):
@@ -138,25 +138,25 @@ def _eased_round(s, G, b, limits, rolling_force):
     return forces, after, largest_of(_difference(_projection(after, limits, rolling_force), forces))
 
 
-def _difference(one, other):
-    return tuple(a - b for a, b in zip(one, other, strict=True))
+def _difference(first, other):
+    return tuple(a - b for a, b in zip(first, other, strict=True))
 
 
 @traced
 def largest_of(numbers):
     """Return the largest size of numbers; NaN if the sum of all is."""
     most, total = 0.0, 0.0
-    for one in numbers:
-        most, total = greatest(most, abs(one)), total + one
+    for number in numbers:
+        most, total = greatest(most, abs(number)), total + number
     return where(total == total, most, total)
 
 
 @traced
-def _best_between(forces, found, G, b, rates, limits, rolling_force):
-    """Return what has the least energy of these forces and of those allowed on the way to the forces found."""
+def _best_between(forces, target, G, b, rates, limits, rolling_force):
+    """Return what has the least energy of these forces and of those allowed on the way to the forces `target`."""
     best, least_energy = forces, _energy(forces, G, b, rates)
     for share in _SHARES:
-        way = tuple(one + share * (other - one) for one, other in zip(forces, found, strict=True))
+        way = tuple(force + share * (other - force) for force, other in zip(forces, target, strict=True))
         allowed = _projection(way, limits, rolling_force)
         energy = _energy(allowed, G, b, rates)
         best, least_energy = where(energy < least_energy, (allowed, energy), (best, least_energy))
@@ -166,8 +166,8 @@ def _best_between(forces, found, G, b, rates, limits, rolling_force):
 def _energy(forces, G, b, rates):
     """Return 1/2 h lambda^T G lambda - lambda^T C nu_free, which the forces sought make least."""
     return summed(
-        force * (0.5 * inner(row, forces) - one) / rate
-        for force, row, one, rate in zip(forces, G, b, rates, strict=True)
+        force * (0.5 * inner(row, forces) - b_i) / rate
+        for force, row, b_i, rate in zip(forces, G, b, rates, strict=True)
     )
 
 
@@ -181,15 +181,15 @@ def found_forces(G, b, rates, limits, rolling_force):
         for _ in range(_SWEEPS):
             forces = _sweep(forces, G, b, limits, rolling_force)
         first, s = forces, probe_of(forces, G, b)
-        found = forces
+        eased = forces
         for k in range(_ROUNDS):
-            found, s, error = _eased_round(s, G, b, limits, rolling_force)
+            eased, s, error = _eased_round(s, G, b, limits, rolling_force)
             if error <= _ACCURATE * largest:
-                return found, s
+                return eased, s
             if k == 0:
-                first = found
+                first = eased
         forces = _best_between(forces, first, G, b, rates, limits, rolling_force)
-        forces = _best_between(forces, found, G, b, rates, limits, rolling_force)
+        forces = _best_between(forces, eased, G, b, rates, limits, rolling_force)
     return forces, probe_of(forces, G, b)
 
 
@@ -205,7 +205,7 @@ def scaled_matrix(G, h):
     stiffest = greatest(G[-2][-2], G[-1][-1])
     inverses = [1.0 / G[i][i] for i in range(len(G) - 2)] + [1.0 / stiffest] * 2
     rate = 1.0 / h
-    return tuple(scale(row, one) for row, one in zip(G, inverses, strict=True)), scale(inverses, rate)
+    return tuple(scale(row, inverse) for row, inverse in zip(G, inverses, strict=True)), scale(inverses, rate)
 
 
 @traced
@@ -245,7 +245,7 @@ def _problem(M, free, C, h):
     m = len(M)
     rows = (*C, *(tuple(1.0 if i == j else 0.0 for j in range(m)) for i in (0, 1)))
     Y = tuple(solve_dense(M, row) for row in rows)
-    G, rates = scaled_matrix(tuple(tuple(inner(row, one) for one in Y) for row in rows), h)
+    G, rates = scaled_matrix(tuple(tuple(inner(row, response) for response in Y) for row in rows), h)
     return Y, G, tuple(rate * inner(row, free) for rate, row in zip(rates, rows, strict=True)), rates
 
 

@@ -1,7 +1,7 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
 The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late
-torques or a floor that is not level (`Imperfections`), and may be left as soon as its outcome is known (`Verdict`).
+torques or a sloping floor (`Imperfections`), and may be left as soon as its outcome is known (`OutcomeBounds`).
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
-    """When a lane's outcome counts as known, so that it need not be run on.
+class OutcomeBounds:
+    """Bounds beyond which a lane's outcome is known and its run stops.
 
     InputError if the bounds are not rows of ten numbers, or a limit is not above zero.
     """
@@ -55,8 +55,8 @@ class Verdict:
     #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
     #: infinite numbers if a lane is never to count as settled
     settled: NDArray[np.float64]
-    lost: float  #: lean [rad] beyond which a robot that leans further cannot come back
-    grip: float = math.inf  #: friction coefficient of wheels on ball that holds; needing more ends a lane
+    lost: float  #: lean [rad] beyond which the robot cannot recover
+    grip: float = math.inf  #: friction coefficient of wheels on ball; a lane that needs more ends
 
     def __post_init__(self) -> None:
         what = "The array of bounds within which a robot counts as settled"
@@ -75,10 +75,10 @@ class Verdict:
 
 def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
     """Return the models; one compiled call steps them all."""
-    models = [as_model(one) for one in _listed(source)]
+    models = [as_model(given) for given in _listed(source)]
     if not models:
         raise InputError("The sequence of models is empty; give one model, or one for each lane.")
-    kinds = {(one.formulation, one.step, one.pivots) for one in models}
+    kinds = {(model.formulation, model.step, model.pivots) for model in models}
     if len(kinds) != 1:
         raise InputError(
             f"The models are of {len(kinds)} kinds; all models of a batch must have the same formulation and inner "
@@ -95,7 +95,7 @@ def simulate_batch(
     duration: float,
     initial_states: ArrayLike | None = None,
     imperfections: Imperfections | Sequence[Imperfections] | None = None,
-    verdict: Verdict | None = None,
+    verdict: OutcomeBounds | None = None,
     every: int = 1,
     threads: int | None = None,
 ) -> ClosedLoopBatch:
@@ -107,8 +107,8 @@ def simulate_batch(
         One for all lanes or one for each; of one formulation and inner step, and a pivoting ball in all or in none.
         A ball that pivots starts without spin.
     controller : Controller, "nominal", "precise", controller file or your own, or a sequence of them
-        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. Where
-        one is your own, as `simulate` takes it, all lanes run one after another, one period at a time.
+        One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. If
+        one is written in Python, as `simulate` takes it, all lanes run one after another, one period at a time.
     reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
@@ -119,10 +119,10 @@ def simulate_batch(
         One for all lanes or one for each: sensors, delay, noise, play, floor. By default the controllers see the true
         state, and drives have no limits but the controllers' own. The state is that of the estimator that each
         controller is made for. If there is one for all lanes, its seed is that of the first, and the others' follow it.
-    verdict : Verdict, optional
-        Leaves lanes as soon as their outcome is known; all are run to the end by default.
+    verdict : OutcomeBounds, optional
+        Stops each lane as soon as its outcome is known; by default all run to the end.
     every : int
-        Record every so many samples, the first of them included; 0 records the first only, and `finals`.
+        Record every `every`-th sample, beginning with the first; 0 records the first only, and `finals`.
     threads : int, optional
         All cores by default. The result does not depend on it.
 
@@ -134,24 +134,30 @@ def simulate_batch(
     ------
     InputError
         If lanes, models, wheels or sample times disagree, or the reference asks for a lean or a rate.
+
+    Examples
+    --------
+    >>> starts = [[0.0, 0.0, lean, *7 * [0.0]] for lean in (0.02, 0.9)]
+    >>> simulate_batch("alten", "nominal", "hold", duration=3.0, initial_states=starts).survived.tolist()
+    [True, False]
     """
     models = _models(model)
-    robots = [one.robot for one in models]
-    controllers = [as_controller(one, robots[0]) for one in _listed(controller)]
+    robots = [prepared.robot for prepared in models]
+    controllers = [as_controller(given, robots[0]) for given in _listed(controller)]
     initial = checked_states(initial_state_of(0) if initial_states is None else initial_states)
-    borne = _listed(imperfections)
+    by_lane = _listed(imperfections)
     lanes = _lanes(
         {
             "initial states": len(initial),
             "models": len(models),
             "controllers": len(controllers),
-            "imperfections": max(len(borne), 1),
+            "imperfections": max(len(by_lane), 1),
         }
     )
     sample_time = _common_sample_time(controllers)
-    _check_imperfections(borne, models[0], sample_time)
+    _check_imperfections(by_lane, models[0], sample_time)
     samples = sample_count(duration, sample_time)
-    ends = Verdict(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
+    ends = OutcomeBounds(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
     sampling = Sampling(
         references=_sampled(as_reference(reference), samples, sample_time),
         sample_time=sample_time,
@@ -161,14 +167,14 @@ def simulate_batch(
         lost=min(ends.lost, LARGEST_LEAN),
         grip=ends.grip,
     )
-    laws = [one for one in controllers if isinstance(one, Controller)]
+    laws = [law for law in controllers if isinstance(law, Controller)]
     if len(laws) == len(controllers):
-        out = _side_by_side(lanes, models, laws, initial, borne, sampling, threads)
+        out = _side_by_side(lanes, models, laws, initial, by_lane, sampling, threads)
     elif verdict is None:
-        out = _one_by_one(lanes, models, controllers, initial, borne, sampling, as_reference(reference))
+        out = _one_by_one(lanes, models, controllers, initial, by_lane, sampling, as_reference(reference))
     else:
-        raise InputError("A verdict needs controllers of Ballbot in every lane; your own run to the end.")
-    leans = np.array([one.fallen_lean for one in borne] or [LARGEST_LEAN])
+        raise InputError("A verdict needs Ballbot's own controllers in all lanes; others run to the end.")
+    leans = np.array([lane.fallen_lean for lane in by_lane] or [LARGEST_LEAN])
     return _result(out, sampling, leans)
 
 
@@ -177,37 +183,37 @@ def _side_by_side(
     models: Sequence[Model],
     controllers: Sequence[Controller],
     initial: NDArray[np.float64],
-    borne: Sequence[Imperfections],
+    by_lane: Sequence[Imperfections],
     sampling: Sampling,
     threads: int | None,
 ) -> Outcome:
     """Run laws that are compiled, lanes side by side."""
-    robots, sample_time = [one.robot for one in models], sampling.sample_time
-    n = _common_wheel_count([*robots, *(one.known for one in borne if one.known)], controllers)
+    robots, sample_time = [model.robot for model in models], sampling.sample_time
+    n = _common_wheel_count([*robots, *(lane.known for lane in by_lane if lane.known)], controllers)
     samples = len(sampling.references)
     out = empty_outcome(lanes, -(-samples // sampling.every), samples, n)
     selected = models[0].selected
-    loops, filters = _loops(borne, robots, controllers, sample_time)
+    loops, filters = _loops(by_lane, robots, controllers, sample_time)
     inputs = Inputs(
         code=code_of(selected),
-        play_code=play_code_of(selected) if any(one.backlash > 0.0 for one in borne) else 0,
+        play_code=play_code_of(selected) if any(lane.backlash > 0.0 for lane in by_lane) else 0,
         law_code=law_code(),
         filter_code=sample_code() if len(filters) else 0,
-        parameters=_on_floors(models, borne),
+        parameters=_on_floors(models, by_lane),
         lift_offs=_rows(lift_off, robots),
-        laws=np.stack([one.packed for one in controllers]).view(LAW_TYPE)[:, 0],
+        laws=np.stack([controller.packed for controller in controllers]).view(LAW_TYPE)[:, 0],
         loops=loops.view(LOOP.dtype())[:, 0],
         filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,
-        pushes=push_table(borne, sample_time),
+        pushes=push_table(by_lane, sample_time),
     )
-    alone = len(borne) == 1
+    alone = len(by_lane) == 1
 
     def run(first: int) -> None:
         width = min(LANES, lanes - first)
-        runs = range(first, first + width) if borne else ()
-        which = [(borne[0], borne[0].seed + k) if alone else (borne[k], borne[k].seed) for k in runs]
+        runs = range(first, first + width) if by_lane else ()
+        which = [(by_lane[0], by_lane[0].seed + k) if alone else (by_lane[k], by_lane[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
         block = new_block(inputs.loops, width, n, filtering=len(filters) > 0)
         run_block(selected, inputs, draws, sampling, block, first, width, out)
@@ -221,7 +227,7 @@ def _one_by_one(
     models: Sequence[Model],
     controllers: Sequence[Feedback],
     initial: NDArray[np.float64],
-    borne: Sequence[Imperfections],
+    by_lane: Sequence[Imperfections],
     sampling: Sampling,
     reference: Reference,
 ) -> Outcome:
@@ -234,10 +240,10 @@ def _one_by_one(
     for k in range(lanes):
         model, controller = models[k % len(models)], controllers[k % len(controllers)]
         plant, seed = ModelPlant(model), 0
-        if borne:
-            one = borne[k % len(borne)]
-            plant = SensedPlant(model, one, estimator=estimator_of(controller))
-            seed = one.seed + (k if len(borne) == 1 else 0)
+        if by_lane:
+            lane = by_lane[k % len(by_lane)]
+            plant = SensedPlant(model, lane, estimator=estimator_of(controller))
+            seed = lane.seed + (k if len(by_lane) == 1 else 0)
         log = simulate(
             plant,
             controller,
@@ -307,64 +313,64 @@ def _lanes(counts: Mapping[str, int]) -> int:
     return lanes
 
 
-def _check_imperfections(borne: Sequence[Imperfections], model: Model, sample_time: float) -> None:
-    for one in borne:
-        if one.sensors is not None and abs(one.sensors.sample_time - sample_time) > 1e-9 * sample_time:
+def _check_imperfections(by_lane: Sequence[Imperfections], model: Model, sample_time: float) -> None:
+    for lane in by_lane:
+        if lane.sensors is not None and abs(lane.sensors.sample_time - sample_time) > 1e-9 * sample_time:
             raise InputError(
-                f"The sensors are sampled every {one.sensors.sample_time:g} s and the controllers every "
+                f"The sensors are sampled every {lane.sensors.sample_time:g} s and the controllers every "
                 f"{sample_time:g} s; in a batch both must be the same."
             )
-        if one.fix is not None:
+        if lane.fix is not None:
             raise InputError(
                 "A batch has no fixes from outside; run the robot with `simulate` on a `SensedPlant`."
             )
-        needs = one.sensors is not None or one.backlash > 0.0 or one.contacts is not None
-        needs = needs or one.load_dependence > 0.0 or any(one.slope) or any(one.imbalance)
+        needs = lane.sensors is not None or lane.backlash > 0.0 or lane.contacts is not None
+        needs = needs or lane.load_dependence > 0.0 or any(lane.slope) or any(lane.imbalance)
         if needs and model.formulation != "exact":
             raise InputError(
                 "Sensors, play, rollers, slopes and masses off the axis need the formulation 'exact': the wheel speeds "
                 "of 'thesis' are not those that encoders see."
             )
-    if len({one.backlash > 0.0 for one in borne}) > 1:
+    if len({lane.backlash > 0.0 for lane in by_lane}) > 1:
         raise InputError("Either all lanes of a batch have play or none.")
 
 
 def _loops(
-    borne: Sequence[Imperfections],
+    by_lane: Sequence[Imperfections],
     robots: Sequence[Robot],
     controllers: Sequence[Controller],
     sample_time: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
-    if not borne:
+    if not by_lane:
         # the controllers see the true state and the drives have no limits of their own
         record = LOOP.zeros()
         fill_record(record, LoopRecord(sample_time=sample_time))
         return record.view(np.float64)[None], np.empty((0, 0))
-    lanes = range(max(len(borne), len(robots), len(controllers)))
+    lanes = range(max(len(by_lane), len(robots), len(controllers)))
     of: list[tuple[Imperfections, Robot, EstimatorName]] = [
-        (borne[k % len(borne)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
+        (by_lane[k % len(by_lane)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
         for k in lanes
     ]
     # a record does not depend on the seed, by which alone the lanes of a comparison differ
     keys = [
-        (*(id(value) for name, value in vars(one).items() if name != "seed"), id(robot), estimator)
-        for one, robot, estimator in of
+        (*(id(value) for name, value in vars(lane).items() if name != "seed"), id(robot), estimator)
+        for lane, robot, estimator in of
     ]
     loops = _once(
         keys, lambda k: loop_record(of[k][0], of[k][1], estimator=of[k][2], sample_time=sample_time)
     )
-    needed = any(one.sensors for one in borne) and any(one.estimator == "kalman" for one in controllers)
-    known = [one.known or robot for one, robot, _ in of if needed]
+    needed = any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)
+    known = [lane.known or robot for lane, robot, _ in of if needed]
     filters = _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
     return np.array(loops), filters if needed else np.empty((0, 0))
 
 
-def _on_floors(models: Sequence[Model], borne: Sequence[Imperfections]) -> NDArray[np.float64]:
+def _on_floors(models: Sequence[Model], by_lane: Sequence[Imperfections]) -> NDArray[np.float64]:
     """Return the rows of `packed_on_floor`; one if it holds for every robot."""
-    borne = borne or [Imperfections()]
-    of = [(models[k % len(models)], borne[k % len(borne)]) for k in range(max(len(models), len(borne)))]
-    keys = [(id(model), one.slope, one.imbalance) for model, one in of]
+    by_lane = by_lane or [Imperfections()]
+    of = [(models[k % len(models)], by_lane[k % len(by_lane)]) for k in range(max(len(models), len(by_lane)))]
+    keys = [(id(model), lane.slope, lane.imbalance) for model, lane in of]
     rows = _once(keys, lambda k: packed_on_floor(*of[k]))
     return np.array(rows if len(set(keys)) > 1 else rows[:1])
 
@@ -384,7 +390,7 @@ def _once(keys: Sequence[Hashable], make: Callable[[int], T]) -> list[T]:
 
 
 def _common_sample_time(controllers: Sequence[Feedback]) -> float:
-    times = {one.sample_time for one in controllers}
+    times = {controller.sample_time for controller in controllers}
     if len(times) != 1:
         raise InputError(
             f"The controllers' sample times are {sorted(times)} s; all controllers of a batch must have the "
@@ -394,7 +400,7 @@ def _common_sample_time(controllers: Sequence[Feedback]) -> float:
 
 
 def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controller]) -> int:
-    counts = {*(one.wheel_count for one in robots), *(len(one.gain) for one in controllers)}
+    counts = {*(robot.wheel_count for robot in robots), *(len(controller.gain) for controller in controllers)}
     if len(counts) != 1:
         raise InputError(
             f"Robots and controllers have {sorted(counts)} wheels; all of a batch must have the same number."
@@ -421,6 +427,6 @@ def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[
     forbidden = np.argwhere(references[:, [2, 3, 5, 6, 7, 8, 9]] != 0.0)
     if len(forbidden):
         row, column = forbidden[0]
-        place = (2, 3, 5, 6, 7, 8, 9)[column]
-        raise InputError(refusal(place, float(references[row, place])))
+        index = (2, 3, 5, 6, 7, 8, 9)[column]
+        raise InputError(refusal(index, float(references[row, index])))
     return references

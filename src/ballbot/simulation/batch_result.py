@@ -27,7 +27,7 @@ def column_names(wheel_count: int, *, accelerometer: bool = False) -> list[str]:
         *wheel_speed_names(wheel_count),
         *(f"gyro_{axis}" for axis in "xyz"),
         *(f"acc_{axis}" for axis in "xyz" if accelerometer),
-        *(f"ref_{STATE_NAMES[place]}" for place in REFERENCES),
+        *(f"ref_{STATE_NAMES[index]}" for index in REFERENCES),
         *(TRUE_PREFIX + name for name in STATE_NAMES),
     ]
 
@@ -50,10 +50,10 @@ class ClosedLoopBatch:
     references: NDArray[np.float64]  #: (samples, 10)
     sample_time: float  #: [s]
     fallen_leans: NDArray[np.float64]  #: (1 or lanes,) at which a lane counts as fallen [rad]
-    ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity where it did not
-    #: (lanes,) time [s] at which a `Verdict` saw it settled; infinity if it never did
+    ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity if it did not
+    #: (lanes,) time [s] at which it settled by `OutcomeBounds`; infinity if it never did
     settled: NDArray[np.float64]
-    lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the floor would have had to pull
+    lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the ball would have lifted off
     slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball
     #: (lanes,) root mean square from sample to sample, of all wheels [N m]
     torque_change: NDArray[np.float64]

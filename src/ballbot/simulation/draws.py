@@ -1,4 +1,4 @@
-"""What the compiled loop needs beside its records: pushes, what is random in each run, and room for the outcome."""
+"""Inputs of the compiled loop beside its records: pushes, random numbers, and arrays for the outcome."""
 
 from __future__ import annotations
 
@@ -11,46 +11,49 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.loop import Draws, Outcome
 
 
-def push_table(borne: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
+def push_table(by_lane: Sequence[Imperfections], sample_time: float) -> NDArray[np.float64]:
     """Return (1 or lanes, m, 6): first sample, the first one after it, force [N] and height [m] of each push."""
-    most = max((len(one.pushes) for one in borne), default=0)
-    table = np.zeros((max(len(borne), 1), most, 6))
-    for row, one in zip(table, borne, strict=False):
-        for place, push in zip(row, one.pushes, strict=False):
+    most = max((len(lane.pushes) for lane in by_lane), default=0)
+    table = np.zeros((max(len(by_lane), 1), most, 6))
+    for row, lane in zip(table, by_lane, strict=False):
+        for entry, push in zip(row, lane.pushes, strict=False):
             ends = [push.time / sample_time, (push.time + push.duration) / sample_time]
-            place[:] = [*np.ceil(np.subtract(ends, 1e-4)), *push.force, push.height]
+            entry[:] = [*np.ceil(np.subtract(ends, 1e-4)), *push.force, push.height]
     return table
 
 
 def draws_of(
     runs: Sequence[tuple[Imperfections, int]], width: int, *, n: int, samples: int, sample_time: float
 ) -> Draws:
-    """Return what is random in the runs of a block, each with its seed, as `SensedPlant` draws it."""
-    borne = {id(one): one for one, _ in runs}.values()
-    noisy, faulty = any(one.random for one in borne), any(one.sensor_faults is not None for one in borne)
-    jitters, plays = any(one.jitter > 0.0 for one in borne), any(one.backlash > 0.0 for one in borne)
+    """Return the random numbers of a block's runs, each drawn from its seed as `SensedPlant` draws them."""
+    by_lane = {id(lane): lane for lane, _ in runs}.values()
+    noisy, faulty = (
+        any(lane.random for lane in by_lane),
+        any(lane.sensor_faults is not None for lane in by_lane),
+    )
+    jitters, plays = any(lane.jitter > 0.0 for lane in by_lane), any(lane.backlash > 0.0 for lane in by_lane)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))
-    places, turns = np.zeros((2, width, n))
+    positions, turns = np.zeros((2, width, n))
     durations = np.zeros((width, samples if jitters else 0))
-    for k, (one, seed) in enumerate(runs):
+    for k, (lane, seed) in enumerate(runs):
         random = np.random.default_rng(seed)
         if faulty:
             random.spawn(1)[0].standard_normal(out=faults[k])
         if noisy:
             random.standard_normal(out=noise[k])
         if plays:
-            places[k] = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, n)
-        if one.contacts is not None:
+            positions[k] = np.random.default_rng([seed, 7]).uniform(-0.5, 0.5, n)
+        if lane.contacts is not None:
             turns[k] = np.random.default_rng([seed, 11]).uniform(0.0, 2.0 * np.pi, n)
         if jitters:
-            late = one.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
+            late = lane.jitter * np.random.default_rng([seed, 5]).uniform(-1.0, 1.0, samples)
             durations[k] = sample_time + np.diff(late, prepend=0.0)
-    return Draws(noise=noise, faults=faults, places=places, turns=turns, durations=durations)
+    return Draws(noise=noise, faults=faults, positions=positions, turns=turns, durations=durations)
 
 
 def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
-    """Return the arrays for the outcome of so many lanes, which so far run to the end."""
+    """Return the arrays for the outcome of lanes, filled as if all run to the end."""
     return Outcome(
         states=np.empty((lanes, records, 10)),
         finals=np.empty((lanes, 10)),

@@ -1,4 +1,4 @@
-"""A robot in its team's hands: on the ball, in the air or upside down.
+"""A robot that is held: on the ball, in the air or upside down.
 
     on_ball        the body is held, the ball lies on the floor: (J_b + m r_b^2 [1 1 0] + (j_w + j_r) A^T A) Omega_dot =
                    A^T (u - tau), because robot and ball roll over the floor together; m is the mass of both
@@ -8,7 +8,7 @@
 `tilt` moves the body as a hand does. On the ball, a foot holds the ball still meanwhile, so that the wheels turn by
 -A w under the body's angular velocity w.
 
-With it, all that a team does with a new robot before its first balance can be tried on a simulated one.
+All steps before a new robot's first balance can be rehearsed on it.
 """
 
 from __future__ import annotations
@@ -137,8 +137,8 @@ class HeldRobot:
                 simulate_driveline(line, [torque], sample_time=h, initial_speed=speed)
                 for line, torque, speed in zip(self._lines, acting, self._speeds, strict=True)
             ]
-            self._speeds = np.array([one.speeds[0] for one in motions])
-            self._angles = self._angles + [one.angles[0] for one in motions]
+            self._speeds = np.array([motion.speeds[0] for motion in motions])
+            self._angles = self._angles + [motion.angles[0] for motion in motions]
         else:
             self._turn_ball(self._limits.within(torques + noise, self._speeds), h)
         self._t = round(self._t + h, 9)

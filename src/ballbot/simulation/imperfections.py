@@ -2,8 +2,8 @@
 
 A robot on a floor of slope s = grad h is stepped in the floor's frame, in which gravity is not along z. A body whose
 centre of mass is off its axis by (d_x, d_y), forward and to the left, is stepped in the frame whose z axis goes through
-it, and so the wheels sit on it a little askew: the ball's rolling turns them as a body's that leans. Both are exact but
-for what is shown: the lean of the body in the world's frame is that of its frame on the floor and, to first order,
+it, so its wheels are slightly tilted: the ball's rolling turns them as those of a leaning body. Both are exact except
+for the lean shown, that of the body in the world's frame: the lean of its frame on the floor and, to first order,
 
     (theta, phi) + (s_y, -s_x) + (s d_x + c d_y, -c d_x + s d_y) / l          s, c = sin psi, cos psi
 
@@ -14,7 +14,7 @@ An ellipsoidal roller, as round as the wheel at its middle, falls short of the w
 
     D(x) = (r_w - r) r_w / (8 r) x^4           x: the wheel's angle from the roller's middle
 
-and the force N between wheel and ball, that at rest, turns the wheel by N D'(x), away from the middle. Halfway between
+and the force N between wheel and ball at rest turns the wheel by N D'(x), away from the middle. Halfway between
 two rollers both touch. Their contacts are springs that give way by y under N, with dampers of a time constant t_c, so
 the nearer bears the share
 
@@ -22,10 +22,10 @@ the nearer bears the share
 
 of N, at least none and at most all, where p is the angle from a roller to the next. The dampers make this a friction
 that grows with the wheel's speed: on the BBR's twin 0.005 N m s/rad, a third of the drivelines' viscous one. Rollers of
-both rings then disagree about the wheel's speed: they creep over the ball, and slip where the lesser of them grips no
-more, which brakes the ball's turning about n. On the twin this is most of what rollers do: of two rows 6 mm apart,
-0.15 N m in a third of the wheel's positions. (MuJoCo's convex friction, unlike Coulomb's, presses what slips apart, and
-so the lesser contact harder: at slow motion rows 22 mm apart brake a third more there than here, rows 6 mm apart 9 %.)
+both rings then impose different speeds on the wheel: they creep over the ball, and the less loaded one slips beyond its
+grip, which brakes the ball's turning about n. On the twin this is most of what rollers do: of two rows 6 mm apart,
+0.15 N m in a third of the wheel's positions. (MuJoCo's convex friction pushes sliding contacts apart, which loads
+the lesser contact more: at slow motion rows 22 mm apart brake a third more there than here, rows 6 mm apart 9 %.)
 
 Dry friction of a driveline may follow the force between wheel and ball: 1 - f + f N / N_0 of it, with N from the
 accelerations at the sample's start (`ballbot.simulation.model_plant`).
@@ -195,16 +195,16 @@ def off_axis(robot: Robot, imbalance: tuple[float, float]) -> NDArray[np.float64
     return np.array(imbalance) / (robot.body.mass * robot.body.center_of_mass)
 
 
-def packed_on_floor(model: Model, one: Imperfections) -> NDArray[np.float64]:
+def packed_on_floor(model: Model, imperfections: Imperfections) -> NDArray[np.float64]:
     """Return the row of an exact model's numbers, as `Model.packed`: a body off its axis on a floor that slopes."""
-    if not (any(one.slope) or any(one.imbalance)):
+    if not (any(imperfections.slope) or any(imperfections.imbalance)):
         return model.packed
-    normal = np.array([-one.slope[0], -one.slope[1], 1.0])
-    x, y = off_axis(model.robot, one.imbalance).tolist()
+    normal = np.array([-imperfections.slope[0], -imperfections.slope[1], 1.0])
+    x, y = off_axis(model.robot, imperfections.imbalance).tolist()
     if not math.hypot(x, y) < 1.0:
         raise InputError(
-            f"The imbalance is {np.hypot(*one.imbalance):.3g} kg m; it must be below the body's mass times the height "
-            "of its centre of mass."
+            f"The imbalance is {np.hypot(*imperfections.imbalance):.3g} kg m; it must be below the body's mass "
+            "times the height of its centre of mass."
         )
     return pack(
         model.robot,
@@ -290,7 +290,7 @@ LOOP = schema_of(LoopRecord)
 
 
 def loop_record(
-    one: Imperfections, robot: Robot, *, estimator: EstimatorName | None, sample_time: float
+    imperfections: Imperfections, robot: Robot, *, estimator: EstimatorName | None, sample_time: float
 ) -> NDArray[np.float64]:
     """Return the row of numbers, the float64 view of a record of `LOOP`, of the true robot.
 
@@ -298,80 +298,82 @@ def loop_record(
     """
     drive = robot.drive
     rotor = drive.reflected_inertia
-    if one.backlash > 0.0 and not rotor > 0.0:
+    if imperfections.backlash > 0.0 and not rotor > 0.0:
         raise InputError(
             f"The motors and gears of {robot.name!r} have no inertia, so nothing limits their speed within the play; "
             "give drive.motor_inertia or drive.gear_inertia."
         )
     values: dict[str, object] = {
         "sample_time": sample_time,
-        "delay": one.delay,
-        "missing_from": one.missing_from,
-        "missing_until": one.missing_from + one.missing,
+        "delay": imperfections.delay,
+        "missing_from": imperfections.missing_from,
+        "missing_until": imperfections.missing_from + imperfections.missing,
         "limited": 1,
         "torque_limit": drive.torque_limit,
         "top_speed": drive.top_speed,
-        "torque_noise": one.torque_noise,
-        "lag": one.lag,
-        "play": one.backlash,
+        "torque_noise": imperfections.torque_noise,
+        "lag": imperfections.lag,
+        "play": imperfections.backlash,
         "rotor_inertia": rotor,
-        "fallen_cosine": math.cos(one.fallen_lean) if one.fallen_lean < LARGEST_LEAN else -1.0,
-        "floor_lean": np.array([one.slope[1], -one.slope[0]]),
-        "off_axis": off_axis(robot, one.imbalance),
-        **_of_contacts(one, robot),
+        "fallen_cosine": math.cos(imperfections.fallen_lean)
+        if imperfections.fallen_lean < LARGEST_LEAN
+        else -1.0,
+        "floor_lean": np.array([imperfections.slope[1], -imperfections.slope[0]]),
+        "off_axis": off_axis(robot, imperfections.imbalance),
+        **_of_contacts(imperfections, robot),
     }
-    if one.supply is not None:
+    if imperfections.supply is not None:
         values |= {
             "limited": 2,
             "voltage": drive.supply_voltage,
-            "sag": one.supply.internal_resistance / drive.supply_voltage,
-            "winding": one.supply.winding_resistance,
+            "sag": imperfections.supply.internal_resistance / drive.supply_voltage,
+            "winding": imperfections.supply.winding_resistance,
             "ampere": drive.gear_ratio * drive.torque_constant,
             "back": drive.gear_ratio / drive.speed_constant,
         }
-    if one.sensors is not None and estimator is not None:
-        values |= _of_sensors(one, one.sensors, robot, estimator, sample_time)
+    if imperfections.sensors is not None and estimator is not None:
+        values |= _of_sensors(imperfections, imperfections.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()
     fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)
     return record.view(np.float64)
 
 
-def _of_contacts(one: Imperfections, robot: Robot) -> dict[str, object]:
+def _of_contacts(imperfections: Imperfections, robot: Robot) -> dict[str, object]:
     wheels = robot.wheels
     normals = contact_directions(wheels.azimuths, wheels.tilt)
     at_rest = robot.body.mass * robot.gravity / (len(normals) * math.cos(wheels.tilt))
-    values: dict[str, object] = {"load_dependence": one.load_dependence, "pressure": at_rest}
-    if one.contacts is None:
+    values: dict[str, object] = {"load_dependence": imperfections.load_dependence, "pressure": at_rest}
+    if imperfections.contacts is None:
         return values
-    rollers, radius = one.contacts.rollers, robot.ball.radius
+    rollers, radius = imperfections.contacts.rollers, robot.ball.radius
     off = 0.5 * rollers.row_spacing / (radius + rollers.radius) if rollers.rows == 2 else 0.0
     pitch = 2.0 * math.pi / (rollers.rows * rollers.per_row)
     out_of_round = (wheels.radius - rollers.radius) * wheels.radius / (8.0 * rollers.radius)
     return values | {
         "pitch": pitch,
         "give": min(
-            at_rest * one.contacts.give, out_of_round * pitch**4
+            at_rest * imperfections.contacts.give, out_of_round * pitch**4
         ),  # beyond, a third roller would touch
         "out_of_round": out_of_round,
-        "relaxation": one.contacts.relaxation,
+        "relaxation": imperfections.contacts.relaxation,
         "off_middle": radius / wheels.radius * off * normals,
         "lever": radius * off,
-        "grip": one.contacts.grip,
-        "creep": one.contacts.creep,
+        "grip": imperfections.contacts.grip,
+        "creep": imperfections.contacts.creep,
         "about_normal": normals @ transforms(robot).T_obw,
     }
 
 
 def _of_sensors(
-    one: Imperfections, sensors: Sensors, robot: Robot, estimator: EstimatorName, sample_time: float
+    imperfections: Imperfections, sensors: Sensors, robot: Robot, estimator: EstimatorName, sample_time: float
 ) -> dict[str, object]:
-    faults, known = one.sensor_faults or SensorFaults(), one.known or robot
+    faults, known = imperfections.sensor_faults or SensorFaults(), imperfections.known or robot
     memory = math.exp(-sample_time / faults.lean_error_time)
     return {
         "estimator": 1 if estimator == "onboard" else 2,
         "count": encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio),
-        "speed_window": one.speed_window,
-        "window_time": one.speed_window * sample_time,
+        "speed_window": imperfections.speed_window,
+        "window_time": imperfections.speed_window * sample_time,
         "gyro_noise": sensors.gyro_noise,
         "attitude_noise": sensors.attitude_noise,
         "heading_drift": sensors.heading_drift,

@@ -5,11 +5,11 @@ A sample of a robot is, in this order:
     measure     its true state, on its floor; encoders count, the AHRS is noisy, late, biased and drifts
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
-    drive       the torques wait for the delay; noise, the driver's limit and the supply's limit come upon them
+    drive       the torques wait for the delay; noise and the limits of driver and supply apply
     move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, rollers
                 that come and go under the wheels; in the frame of a floor that slopes
 
-What is random is drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
+Random numbers are drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
 estimator and controller in Python, and gives the same results to rounding.
 """
 
@@ -67,12 +67,12 @@ from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_sta
 from ballbot.mechanics.engine.tracing import borrowed, traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
-from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_PLACES, WHEEL_SIZE
+from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
-_DRY = WHEEL_PLACES["c"]
+_DRY = WHEEL_COLUMNS["c"]
 #: rows of a Kalman filter's work array with what these sensors show
 _WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
@@ -95,13 +95,13 @@ class Inputs(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """What is random in the runs of a block, a row for each of its robots; without columns where nothing is."""
+    """The random numbers of a block's runs, a row for each robot; without columns if none are needed."""
 
     noise: NDArray[
         np.float64
     ]  #: standard normal: six of the AHRS, then for each sample n of the torques and six more
     faults: NDArray[np.float64]  #: standard normal: five at the start, then five for each sample
-    places: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
+    positions: NDArray[np.float64]  #: (robots, n) of the motors in their play, -0.5 to 0.5
     turns: NDArray[
         np.float64
     ]  #: (robots, n) angles of the wheels at the start, from a roller of the first ring [rad]
@@ -115,7 +115,7 @@ class Sampling(NamedTuple):
     sample_time: float  #: [s]
     steps: int  #: in a sample
     every: int  #: so many samples between records
-    #: when a lane is left; see `Verdict`
+    #: when a lane is left; see `OutcomeBounds`
     settled: NDArray[np.float64]  #: no rows without a verdict
     lost: float
     grip: float
@@ -141,7 +141,7 @@ class Outcome(NamedTuple):
 
 
 class Block(NamedTuple):
-    """What the loop remembers of each robot of a block from sample to sample."""
+    """The loop's memory of each robot of a block, from sample to sample."""
 
     memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
     by_steps: bool  #: whether the torques of any robot change within a sample
@@ -186,11 +186,11 @@ def _loop_of(inputs, robot):
 
 
 @inlined
-def _floored(out, own, sign):
+def _floored(out, record, sign):
     """Add or subtract the lean of the floor, and that of a body off its axis from what is stepped."""
-    out[2] += sign * own.floor_lean[0]
-    out[3] += sign * own.floor_lean[1]
-    x, y = sign * own.off_axis[0], sign * own.off_axis[1]
+    out[2] += sign * record.floor_lean[0]
+    out[3] += sign * record.floor_lean[1]
+    x, y = sign * record.off_axis[0], sign * record.off_axis[1]
     if x != 0.0 or y != 0.0:
         s, c = math.sin(out[4]), math.cos(out[4])
         theta, phi = s * x + c * y, s * y - c * x
@@ -201,10 +201,10 @@ def _floored(out, own, sign):
 
 
 @inlined
-def _truth(selected, work, lane, own, out):
+def _truth(selected, work, lane, record, out):
     """Write a lane's state as it is on its floor."""
     write_state(selected, work, lane, out)
-    _floored(out, own, 1.0)
+    _floored(out, record, 1.0)
 
 
 # --- sensors ---
@@ -232,20 +232,20 @@ def _angles_of(g, heading):
 
 
 @inlined
-def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
+def _read_ahrs(record, block, robot, sample, noise, faults, truth, gyro, angles):
     """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
     a = attitude((truth[2], truth[3], truth[4]))
     rate = body_rates(a, (truth[7], truth[8], truth[9]))
     for i in range(3):
-        gyro[i] = rate[i] + own.gyro_noise * noise[i]
-        angles[i] = truth[2 + i] + own.attitude_noise * noise[3 + i]
-    errors, drift = block.ahrs[robot], own.heading_drift * (sample * own.sample_time)
+        gyro[i] = rate[i] + record.gyro_noise * noise[i]
+        angles[i] = truth[2 + i] + record.attitude_noise * noise[3 + i]
+    errors, drift = block.ahrs[robot], record.heading_drift * (sample * record.sample_time)
     if len(faults) > 0:
         if sample == 0:
             for i in range(3):
-                errors[i] = own.gyro_bias * faults[i]
+                errors[i] = record.gyro_bias * faults[i]
             for i in range(2):
-                errors[3 + i] = own.lean_error * faults[3 + i]
+                errors[3 + i] = record.lean_error * faults[3 + i]
         drift += errors[5]
         for i in range(3):
             gyro[i] += errors[i]
@@ -257,57 +257,57 @@ def _read_ahrs(own, block, robot, sample, noise, faults, truth, gyro, angles):
         angles[0], angles[1], angles[2] = turned[0], turned[1], turned[2]
     if len(faults) > 0:
         fresh = faults[5 * (sample + 1) : 5 * (sample + 2)]
-        errors[5] += own.sample_time * errors[2]
+        errors[5] += record.sample_time * errors[2]
         for i in range(3):
-            errors[i] += own.bias_step * fresh[i]
+            errors[i] += record.bias_step * fresh[i]
         for i in range(2):
-            errors[3 + i] = own.lean_memory * errors[3 + i] + own.lean_step * fresh[3 + i]
-    if own.latency > 0:
+            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * fresh[3 + i]
+    if record.latency > 0:
         readings = block.readings[robot]
         now = readings[sample % len(readings)]
         for i in range(3):
             now[i], now[3 + i] = gyro[i], angles[i]
-        old = readings[max(sample - own.latency, 0) % len(readings)]
+        old = readings[max(sample - record.latency, 0) % len(readings)]
         for i in range(3):
             gyro[i], angles[i] = old[i], old[3 + i]
 
 
 @inlined
-def _read_encoders(own, block, robot, sample, angles, speeds):
+def _read_encoders(record, block, robot, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
     recent = block.counted[robot]
-    now, before = sample % len(recent), (sample - own.speed_window) % len(recent)
+    now, before = sample % len(recent), (sample - record.speed_window) % len(recent)
     for i in range(len(angles)):
-        angles[i] = math.floor(angles[i] / own.count) * own.count
+        angles[i] = math.floor(angles[i] / record.count) * record.count
         recent[now, i] = angles[i]
-        earlier = recent[before, i] if sample >= own.speed_window else 0.0
-        speeds[i] = (angles[i] - earlier) / own.window_time
+        earlier = recent[before, i] if sample >= record.speed_window else 0.0
+        speeds[i] = (angles[i] - earlier) / record.window_time
 
 
 # --- on-board states ---
 
 
 @inlined
-def _ball_rate(own, speeds):
+def _ball_rate(record, speeds):
     """Return the ball's turning relative to the body [rad/s]."""
     x = y = z = 0.0
     for i in range(len(speeds)):
-        x += own.ball_from_wheels[0, i] * speeds[i]
-        y += own.ball_from_wheels[1, i] * speeds[i]
-        z += own.ball_from_wheels[2, i] * speeds[i]
+        x += record.ball_from_wheels[0, i] * speeds[i]
+        y += record.ball_from_wheels[1, i] * speeds[i]
+        z += record.ball_from_wheels[2, i] * speeds[i]
     return x, y, z
 
 
 @inlined
-def _onboard(own, block, robot, sample, speeds, gyro, angles, state):
+def _onboard(record, block, robot, sample, speeds, gyro, angles, state):
     """Fill the state (10,) as `OnboardState` has it."""
     a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
-    z = add(_ball_rate(own, speeds), w)
-    v = (own.known_radius * dot(a.R[1], z), -own.known_radius * dot(a.R[0], z))
+    z = add(_ball_rate(record, speeds), w)
+    v = (record.known_radius * dot(a.R[1], z), -record.known_radius * dot(a.R[0], z))
     kept = block.onboard[robot]
     for i in range(2):
         if sample > 0:
-            kept[i] += 0.5 * own.sample_time * (v[i] + kept[2 + i])
+            kept[i] += 0.5 * record.sample_time * (v[i] + kept[2 + i])
         kept[2 + i] = v[i]
         state[i], state[5 + i] = kept[i], v[i]
     rates = angle_rates(a, w)
@@ -341,10 +341,10 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
 
 
 @inlined
-def _show_filter(own, block, robot, limit, turned, gyro, angles):
+def _show_filter(record, block, robot, limit, turned, gyro, angles):
     """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
     filters = block.filters
-    rate = _ball_rate(own, turned)
+    rate = _ball_rate(record, turned)
     g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
     for i in range(3):
         filters[_slot(GYRO + i, robot)] = gyro[i]
@@ -385,33 +385,33 @@ def _filtered(filters, robot, gyro, state):
 
 
 @inlined
-def _within_drive(own, torque, speed):
+def _within_drive(record, torque, speed):
     """Return a torque near the motor's highest speed within what the supply leaves."""
-    if abs(speed) < (1.0 - FALLING_PART) * own.top_speed:
+    if abs(speed) < (1.0 - FALLING_PART) * record.top_speed:
         return torque
-    share = (own.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * own.top_speed)
-    left = own.torque_limit * min(max(share, 0.0), 1.0)
+    share = (record.top_speed - math.copysign(speed, speed * torque)) / (FALLING_PART * record.top_speed)
+    left = record.torque_limit * min(max(share, 0.0), 1.0)
     return min(max(torque, -left), left)
 
 
 @inlined
-def _within_supply(own, torques, speeds):
+def _within_supply(record, torques, speeds):
     """Limit torques (n,) to what a battery and the windings leave; see `Supply`."""
     power = 0.0
     for i in range(len(torques)):
-        current = torques[i] / own.ampere
-        power += torques[i] * speeds[i] + own.winding * current * current
-    most = own.ampere * max(own.voltage - own.sag * power, 0.0) / own.winding
+        current = torques[i] / record.ampere
+        power += torques[i] * speeds[i] + record.winding * current * current
+    most = record.ampere * max(record.voltage - record.sag * power, 0.0) / record.winding
     for i in range(len(torques)):
-        back = own.ampere * own.back / own.winding * speeds[i]
+        back = record.ampere * record.back / record.winding * speeds[i]
         torques[i] = min(max(torques[i], -most - back), most - back)
 
 
 @inlined
-def _push(selected, work, lane, own, push, duration):
+def _push(selected, work, lane, record, push, duration):
     """Change a lane's velocities by the impulse of a push over a sample."""
     whole, state = load(selected, work, lane), load_state(selected, work, lane)
-    P = wheel_side(whole, own.rotor_inertia if own.play > 0.0 else 0.0)
+    P = wheel_side(whole, record.rotor_inertia if record.play > 0.0 else 0.0)
     a, v, w = attitude((state[2], state[3], state[4])), ball_velocity(state), body_velocity(state)
     p = (push[2] * duration, push[3] * duration, push[4] * duration)
     height = push[5]
@@ -442,7 +442,7 @@ def _take_pushes(selected, work, width, inputs, sampling, first, sample):
 
 
 @inlined
-def _roll(selected, work, lane, inputs, own, block, number, since):
+def _roll(selected, work, lane, inputs, record, block, number, since):
     """Let a lane's wheels touch the ball where their angles have them; fill `rolled` (n,) with the rollers' torques."""
     n, robot, rolled = block.acting.shape[1], robot_in(work, lane), block.rolled
     axles = inputs.parameters[_row_of(inputs.parameters, number)]
@@ -452,53 +452,53 @@ def _roll(selected, work, lane, inputs, own, block, number, since):
         rolled[i] = 0.0
     for i in range(n):
         angle = work[(ANGLE + i) * LANES + lane]
-        if own.play == 0.0:
+        if record.play == 0.0:
             angle = block.angles[robot, i] + since * block.speeds[robot, i]
         angle += block.turns[robot, i]
-        nearest = math.floor(angle / own.pitch + 0.5)
-        away = angle - nearest * own.pitch
+        nearest = math.floor(angle / record.pitch + 0.5)
+        away = angle - nearest * record.pitch
         x = abs(away)
-        y = own.pitch - x  # to the next roller
-        further = own.out_of_round * (y * y * y * y - x * x * x * x)
+        y = record.pitch - x  # to the next roller
+        further = record.out_of_round * (y * y * y * y - x * x * x * x)
         nearing = (
             4.0
-            * own.out_of_round
+            * record.out_of_round
             * (y * y * y + x * x * x)
             * math.copysign(block.wheels[i], away * block.wheels[i])
         )
-        share = min(max(0.5 + 0.5 * (further - own.relaxation * nearing) / own.give, 0.0), 1.0)
-        size = 4.0 * own.out_of_round * own.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
+        share = min(max(0.5 + 0.5 * (further - record.relaxation * nearing) / record.give, 0.0), 1.0)
+        size = 4.0 * record.out_of_round * record.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
         rolled[i] += math.copysign(1.0, away) * size
         # of neighbouring rollers one is of the first ring, one of the second
         ring = (2.0 * share - 1.0) * (2.0 * (nearest - 2.0 * math.floor(0.5 * nearest)) - 1.0)
-        place = RIGID_SIZE + WHEEL_SIZE * i
+        row = RIGID_SIZE + WHEEL_SIZE * i
         for k in range(3):
-            work[(place + k) * LANES + lane] = axles[place + k] + ring * own.off_middle[i, k]
+            work[(row + k) * LANES + lane] = axles[row + k] + ring * record.off_middle[i, k]
         turning = 0.0
         for j in range(n):
-            turning += own.about_normal[i, j] * block.wheels[j]
-        most = own.grip * min(share, 1.0 - share) * own.pressure
-        moment = 2.0 * own.lever * min(max(own.creep * own.lever * turning, -most), most)
+            turning += record.about_normal[i, j] * block.wheels[j]
+        most = record.grip * min(share, 1.0 - share) * record.pressure
+        moment = 2.0 * record.lever * min(max(record.creep * record.lever * turning, -most), most)
         for j in range(n):
-            rolled[j] -= own.about_normal[i, j] * moment
+            rolled[j] -= record.about_normal[i, j] * moment
 
 
 @inlined
-def _press(selected, work, lane, inputs, own, block, number):
+def _press(selected, work, lane, inputs, record, block, number):
     """Let the dry friction of a lane's wheels follow the forces between wheels and ball."""
     n, whole = block.acting.shape[1], load(selected, work, lane)
     P, u = whole, load_torques(selected, work, lane)
-    if own.play > 0.0:
-        P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+    if record.play > 0.0:
+        P, u = wheel_side(whole, record.rotor_inertia), passed_torques(selected, work, lane)
     contacts = inputs.contacts[_row_of(inputs.contacts, number)]
     _, pressed = wheel_forces(selected, P, load_state(selected, work, lane), u, contacts)
     pressing = block.rolled
     fill(pressing, pressed)
     numbers = inputs.parameters[_row_of(inputs.parameters, number)]
     for i in range(n):
-        share = max(0.0, 1.0 + own.load_dependence * (pressing[i] / own.pressure - 1.0))
-        for place in range(RIGID_SIZE + WHEEL_SIZE * i + _DRY, RIGID_SIZE + WHEEL_SIZE * (i + 1)):
-            work[place * LANES + lane] = share * numbers[place]
+        share = max(0.0, 1.0 + record.load_dependence * (pressing[i] / record.pressure - 1.0))
+        for row in range(RIGID_SIZE + WHEEL_SIZE * i + _DRY, RIGID_SIZE + WHEEL_SIZE * (i + 1)):
+            work[row * LANES + lane] = share * numbers[row]
 
 
 @inlined
@@ -510,25 +510,25 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
     """
     for lane in range(width):
         robot = robot_in(work, lane)
-        own, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
-        if own.pitch > 0.0:
-            _roll(selected, work, lane, inputs, own, block, first + robot, since)
+        record, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
+        if record.pitch > 0.0:
+            _roll(selected, work, lane, inputs, record, block, first + robot, since)
         mean, kept = 0.0, 0.0
-        if own.lag > 0.0:
-            kept = math.exp(-h / own.lag)
-            mean = (1.0 - kept) * own.lag / h
+        if record.lag > 0.0:
+            kept = math.exp(-h / record.lag)
+            mean = (1.0 - kept) * record.lag / h
         for i in range(len(acting)):
-            speeds[i] = work[(MOTOR + i) * LANES + lane] if own.play > 0.0 else block.speeds[robot, i]
+            speeds[i] = work[(MOTOR + i) * LANES + lane] if record.play > 0.0 else block.speeds[robot, i]
             away = block.given[robot, i] - block.wanted[robot, i]
             acting[i] = block.wanted[robot, i] + mean * away
             block.given[robot, i] = block.wanted[robot, i] + kept * away
-            if own.limited == 1:
-                acting[i] = _within_drive(own, acting[i], speeds[i])
-        if own.limited == 2:
-            _within_supply(own, acting, speeds)
+            if record.limited == 1:
+                acting[i] = _within_drive(record, acting[i], speeds[i])
+        if record.limited == 2:
+            _within_supply(record, acting, speeds)
         for i in range(len(acting)):
-            load_on_wheel = -block.rolled[i] if own.pitch > 0.0 else 0.0
-            if own.play > 0.0:
+            load_on_wheel = -block.rolled[i] if record.pitch > 0.0 else 0.0
+            if record.play > 0.0:
                 work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = acting[i], load_on_wheel
             else:
                 work[(TORQUE + i) * LANES + lane] = acting[i] - load_on_wheel
@@ -543,21 +543,21 @@ def _start(selected, width, inputs, draws, sampling, first, block):
     n, work, state = block.acting.shape[1], block.work, block.start
     for lane in range(width):
         robot = first + lane
-        own = _loop_of(inputs, robot)
+        record = _loop_of(inputs, robot)
         put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
         fill(state, inputs.initial[_row_of(inputs.initial, robot)])
         for i in range(2):
             block.onboard[lane, i] = state[i]
         fill(block.truths[lane], state)
-        _floored(state, own, -1.0)
+        _floored(state, record, -1.0)
         start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
         _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-        work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = own.rotor_inertia, own.play
+        work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = record.rotor_inertia, record.play
         for i in range(n):
             block.turns[lane, i] = draws.turns[lane, i]
             block.speeds[lane, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
-            if own.play > 0.0:
-                block.starts[lane, i] = own.play * draws.places[lane, i]
+            if record.play > 0.0:
+                block.starts[lane, i] = record.play * draws.positions[lane, i]
                 work[(AHEAD + i) * LANES + lane] = block.starts[lane, i]
 
 
@@ -565,26 +565,26 @@ def _start(selected, width, inputs, draws, sampling, first, block):
 def _measure(selected, work, lane, inputs, draws, block, first, sample):
     """Read a lane's sensors, and fill its state unless the Kalman filter does."""
     robot = robot_in(work, lane)
-    own, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
+    record, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
     fill(state, block.truths[robot])
     gyro, encoders, speeds = block.gyros[robot], block.encoders[robot, :n], block.encoders[robot, n:]
     for i in range(n):
         encoders[i], speeds[i] = block.angles[robot, i], block.speeds[robot, i]
-        if own.play > 0.0:
+        if record.play > 0.0:
             encoders[i] = (
                 work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
             )
             speeds[i] = work[(MOTOR + i) * LANES + lane]
-    if own.estimator == 0:
+    if record.estimator == 0:
         rate = body_rates(attitude((state[2], state[3], state[4])), (state[7], state[8], state[9]))
         for i in range(3):
             gyro[i] = rate[i]
         return
     angles, noise = block.attitude, draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
-    _read_ahrs(own, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
-    _read_encoders(own, block, robot, sample, encoders, speeds)
-    if own.estimator == 1:
-        _onboard(own, block, robot, sample, speeds, gyro, angles, state)
+    _read_ahrs(record, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
+    _read_encoders(record, block, robot, sample, encoders, speeds)
+    if record.estimator == 1:
+        _onboard(record, block, robot, sample, speeds, gyro, angles, state)
         return
     row = inputs.filters[_row_of(inputs.filters, first + robot)]
     if sample == 0:
@@ -592,22 +592,22 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
     else:
         turned = block.wheels
         for i in range(n):
-            turned[i] = (encoders[i] - block.before[robot, i]) / own.sample_time
-        _show_filter(own, block, robot, row[len(row) - 1], turned, gyro, angles)
+            turned[i] = (encoders[i] - block.before[robot, i]) / record.sample_time
+        _show_filter(record, block, robot, row[len(row) - 1], turned, gyro, angles)
     fill(block.before[robot], encoders)
 
 
 @inlined
 def _command(inputs, block, robot, first, sample, reference):
     """Decide a robot's torques."""
-    own, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
-    if own.estimator == 2:
+    record, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
+    if record.estimator == 2:
         row = inputs.filters[_row_of(inputs.filters, first + robot)]
         if sample > 0:
             pivoting = block.filters[_slot(PIVOTING, robot)]
             block.pivoting[robot] += row[len(row) - 2] * (pivoting - block.pivoting[robot])
         _filtered(block.filters, robot, block.gyros[robot], state)
-    if own.missing_from <= sample < own.missing_until:
+    if record.missing_from <= sample < record.missing_until:
         state[0] = np.nan
     fill(block.last[robot], held)
     row = _row_of(inputs.laws, first + robot)
@@ -619,20 +619,20 @@ def _command(inputs, block, robot, first, sample, reference):
 def _drive(work, lane, inputs, block, first, sample, noise, changes):
     """Give motors the torques that are due, with noise (n,), within the driver's limit."""
     robot = robot_in(work, lane)
-    own, held = _loop_of(inputs, first + robot), block.commanded[robot]
+    record, held = _loop_of(inputs, first + robot), block.commanded[robot]
     late = block.late
     fill(late[sample % len(late), robot], held)
-    due = late[(sample - own.delay) % len(late), robot]
+    due = late[(sample - record.delay) % len(late), robot]
     for i in range(len(held)):
         if sample > 0:
             changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
         torque = due[i]
-        if own.torque_noise > 0.0:
-            torque += own.torque_noise * noise[i]
-        if own.limited > 0:
-            torque = min(max(torque, -own.torque_limit), own.torque_limit)
+        if record.torque_noise > 0.0:
+            torque += record.torque_noise * noise[i]
+        if record.limited > 0:
+            torque = min(max(torque, -record.torque_limit), record.torque_limit)
         block.wanted[robot, i] = torque
-        if own.lag == 0.0:
+        if record.lag == 0.0:
             block.given[robot, i] = torque
 
 
@@ -641,8 +641,8 @@ def _turn_motors(selected, work, width, inputs, block, first, steps):
     """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
     for lane in range(width):
         robot = robot_in(work, lane)
-        own = _loop_of(inputs, first + robot)
-        if own.play == 0.0:
+        record = _loop_of(inputs, first + robot)
+        if record.play == 0.0:
             _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
             duration = steps * work[STEP * LANES + lane]
             for i in range(len(speeds)):
@@ -654,17 +654,17 @@ def _turn_motors(selected, work, width, inputs, block, first, steps):
 def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
-    own, number = _loop_of(inputs, first + robot), first + robot
+    record, number = _loop_of(inputs, first + robot), first + robot
     state, whole = load_state(selected, work, lane), load(selected, work, lane)
     lean = max(abs(state[2]), abs(state[3]))
     truth = block.truths[robot]
-    _truth(selected, work, lane, own, truth)
+    _truth(selected, work, lane, record, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
-    fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < own.fallen_cosine
+    fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine
     if not fallen:
         P, u = whole, load_torques(selected, work, lane)
-        if own.play > 0.0:
-            P, u = wheel_side(whole, own.rotor_inertia), passed_torques(selected, work, lane)
+        if record.play > 0.0:
+            P, u = wheel_side(whole, record.rotor_inertia), passed_torques(selected, work, lane)
         if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
         elif sampling.grip < math.inf:
@@ -680,7 +680,7 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
 
 @inlined
 def _decide(work, lane, sampling, state, sample, out, robot):
-    """Stop a lane whose outcome is known; see `Verdict`."""
+    """Stop a lane whose outcome is known; see `OutcomeBounds`."""
     lean = state[2] * state[2] + state[3] * state[3]
     if lean > sampling.lost * sampling.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
         out.ended[robot] = sample
@@ -749,9 +749,9 @@ def _move(selected, work, width, inputs, block, sampling, first):
     h = sampling.sample_time / sampling.steps
     for lane in range(width):
         robot = robot_in(work, lane)
-        own = _loop_of(inputs, first + robot)
-        if own.load_dependence > 0.0:
-            _press(selected, work, lane, inputs, own, block, first + robot)
+        record = _loop_of(inputs, first + robot)
+        if record.load_dependence > 0.0:
+            _press(selected, work, lane, inputs, record, block, first + robot)
     if not (plays or block.by_steps):
         _put_torques(selected, work, width, inputs, block, first, h, 0.0)
         take_steps(inputs.code, work, width, sampling.steps)

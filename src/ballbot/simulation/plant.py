@@ -30,7 +30,7 @@ class Measurement:
     gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
     acceleration: NDArray[np.float64] | None = None  #: (3,) specific force, body frame [m/s^2]
     attitude: NDArray[np.float64] | None = None  #: (3,) theta, phi, psi of an AHRS [rad]
-    truth: NDArray[np.float64]  #: (10,) the state as it is; no controller may look at it
+    truth: NDArray[np.float64]  #: (10,) the true state; not for controllers
     #: whether the sensors gave all that the state needs; if not, it is the estimator's prediction
     valid: bool = True
     ended: str | None = None  #: why the run must stop ("fallen: ..."), or None

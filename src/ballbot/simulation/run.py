@@ -43,7 +43,7 @@ _MAX_INITIAL_LEAN = 0.02
 
 
 def initial_state_of(seed: int) -> NDArray[np.float64]:
-    """Return the state (10,) in which runs start unless told otherwise: at rest at the origin, leaning a little.
+    """Return the default initial state (10,): at rest at the origin, leaning a little.
 
     theta and phi ~ U(-0.02, 0.02) rad. Exactly upright, a robot needs no controller.
     """
@@ -99,6 +99,12 @@ def simulate(
     InputError
         If the duration or the initial state is invalid, the controller returns anything but n numbers, or a plant
         that is no model is given a scenario.
+
+    Examples
+    --------
+    >>> log = simulate("alten", "nominal", "square", duration=1.0)
+    >>> len(log), log.ended
+    (200, None)
     """
     active = _active(plant, controller, scenario)
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)

@@ -1,4 +1,4 @@
-"""The model as a robot has it: through its own sensors, late, noisy, with play, on a floor that is not level.
+"""The model behind a robot's own sensors and drive: delayed, noisy, with play, on a sloping floor.
 
 It stands between `ModelPlant`, whose sensors are perfect, and the MuJoCo twin: the equations of motion with the sensors
 and the drive of a twin's scenario, in a fraction of the twin's time. It is the compiled loop, called one sample at a
@@ -133,7 +133,7 @@ class SensedPlant:
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        The sensors are read at each sample. Delay, noise, lag, torque limit and supply limit come upon the torques.
+        The sensors are read at each sample. Delay, noise, lag, torque limit and supply limit act on the torques.
         InputError if they are not n finite numbers, or the duration is no such number.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
@@ -164,12 +164,12 @@ class SensedPlant:
 
     def _measure(self) -> Measurement:
         """Read every sensor once."""
-        one, t = self.imperfections, round(self._sample * self._sample_time, 9)
+        given, t = self.imperfections, round(self._sample * self._sample_time, 9)
         truth, rate = self._block.states[0].copy(), self._block.gyros[0].copy()
-        missing = one.missing_from <= self._sample < one.missing_from + one.missing
+        missing = given.missing_from <= self._sample < given.missing_from + given.missing
         body_velocity = np.array([truth[5], truth[6], 0.0, *rate])
         reading = self._sensors.read(t, truth, body_velocity, self.motor_angles)
-        perfect = one.sensors is None
+        perfect = given.sensors is None
         state = truth.copy() if perfect else self._estimator.update(reading)
         if missing:
             state[0] = np.nan

@@ -9,8 +9,8 @@ always there; `SensorFaults` are those that a scenario adds.
 Gravity shows the AHRS which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
 frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis has it
 (Appendix IV): the drift "does not affect the ability of the BBR to balance", but "the world frame of the BBR [...]
-slowly drifts". A lean that stayed right about the world's axes would be turned away from the wheels by as much as psi
-is wrong, until the robot falls.
+slowly drifts". If the lean stayed correct about the world's axes, the wheels would act on it rotated by the
+error of psi, and the robot would fall.
 
 The accelerometer at a place r of the body shows the specific force f = R^T (a + g e_z) + w_dot x r + w x (w x r). a,
 the acceleration of the body's point at the ball's centre, and w_dot are differences over the sample: a sensor of this
@@ -37,8 +37,8 @@ from ballbot.robot.parameters import parameter, parameter_class
 class Encoders:
     """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
 
-    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples; more are
-    smoother, and later by half as much.
+    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples: a
+    longer window gives smoother speeds, delayed by half of it.
     """
 
     def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
@@ -222,9 +222,9 @@ class SensorSuite:
             for now, last in zip((velocity, rate), before, strict=True)
         )
         self._before = (velocity.copy(), rate.copy())
-        place = np.array(self._accelerometer.position)
+        position = np.array(self._accelerometer.position)
         force = rotation(*angles).T @ (acceleration + self._gravity)
-        force += np.cross(turning, place) + np.cross(rate, np.cross(rate, place))
+        force += np.cross(turning, position) + np.cross(rate, np.cross(rate, position))
         return force + self._accelerometer.noise * self._shaking.standard_normal(3)
 
     def _read_fix(self, t: float, truth: NDArray[np.float64]) -> Fix | None:

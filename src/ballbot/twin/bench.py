@@ -19,7 +19,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.held_robot import CAMERA_NOISE, multisine_at, sweep_at
 from ballbot.simulation.run import sample_count
 from ballbot.simulation.sensors import Encoders
-from ballbot.twin.driveline import Driveline, Shafts
+from ballbot.twin.driveline import Shafts, TwinDriveline
 from ballbot.twin.engine import Engine, rotated
 from ballbot.twin.mjcf import twin_mjcf
 from ballbot.twin.scenario import Scenario
@@ -59,7 +59,7 @@ def run_bench(
     if torques.ndim != 2 or torques.shape[1] != count or not len(torques) or not np.isfinite(torques).all():
         raise InputError(f"The torques must be rows of {count} finite numbers, not of shape {torques.shape}.")
     engine, random = Engine(twin_mjcf(robot, scenario, mounting=bench)), np.random.default_rng(seed)
-    driveline, shafts = Driveline(robot, scenario, engine), Shafts(robot, scenario, engine)
+    driveline, shafts = TwinDriveline(robot, scenario, engine), Shafts(robot, scenario, engine)
     shafts.reset(random)
     driveline.reset()
     encoders, start = Encoders(robot, scenario.sensors, window=scenario.speed_window), shafts.angles().copy()

@@ -86,7 +86,7 @@ def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> flo
     return largest
 
 
-class Driveline:
+class TwinDriveline:
     """The motors of one twin, hinges "wheel 1" to "wheel n", and friction that follows the speed."""
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:

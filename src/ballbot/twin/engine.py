@@ -146,9 +146,9 @@ def _leave_out_files(spec) -> None:  # MjSpec
         spec.delete(part)
 
 
-def _evenly_spaced(places: list[int], count: int) -> slice:
+def _evenly_spaced(indices: list[int], count: int) -> slice:
     # wheels are built alike, one after the other; a slice gives views where a list of indices would copy
-    first, step = places[0], places[1] - places[0]
+    first, step = indices[0], indices[1] - indices[0]
     return slice(first, first + count * step, step)
 
 

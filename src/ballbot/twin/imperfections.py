@@ -4,7 +4,7 @@
     simulate_batch(model, controller, reference, duration=20.0, imperfections=imperfections)
 
 `true_model` has what belongs to the robot, friction and payload; `imperfections_of` its sensors, drive, floor and
-pushes. What the equations of motion do not have is left out, and `left_out` names it, for a report to say so.
+pushes. Faults that the equations of motion do not have are left out; `left_out` names them for a report.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _DAMPED = 2.0
 
 
 def with_identified(scenario: Scenario, friction: Friction) -> Scenario:
-    """Return a scenario of the equations with friction that was identified by them: wheels touch in a point.
+    """Return a scenario with friction that the equations of motion identified: wheels touch in a point.
 
-    The friction contains what rollers take, which a robot with rollers would have twice.
+    The identified friction contains the losses of the rollers, which would otherwise count twice.
     """
     return replace(scenario, friction=friction, wheel_contact="point")
 
@@ -101,8 +101,8 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
 
 def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: EstimatorName) -> SensedPlant:
     """Return a model with its own friction behind a scenario's sensors, drive and floor."""
-    found = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
-    identified = with_identified(found, model.robot.friction)
+    resolved = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
+    identified = with_identified(resolved, model.robot.friction)
     return SensedPlant(model, imperfections_of(identified), estimator=estimator)
 
 
@@ -117,11 +117,11 @@ def true_model(robot: Robot, scenario: Scenario) -> Model:
 
 def loaded_body(body: Body, payload: Payload) -> Body:
     """Return a body with a payload, about the axis through their common centre of mass."""
-    place = np.array(payload.position)
+    position = np.array(payload.position)
     mass = body.mass + payload.mass
-    moment = payload.mass * place + [0.0, 0.0, body.mass * body.center_of_mass]
+    moment = payload.mass * position + [0.0, 0.0, body.mass * body.center_of_mass]
     solid = 0.4 * payload.radius**2 * np.eye(3)
-    inertia = body.inertia_about_ball_center() + payload.mass * (point_inertia(place) + solid)
+    inertia = body.inertia_about_ball_center() + payload.mass * (point_inertia(position) + solid)
     turn = rotation_to(moment)
     J = turn.T @ inertia @ turn
     return replace(

@@ -32,7 +32,7 @@ and R = (1 - d)/d m, where d is the impedance and m the sum of the two bodies' i
 
     f = K r + C v - a/R        K = k d / R        C = b / R
 
-a spring, a damper, and a mass 1/R = d/(1 - d) / m that is not there; a small d keeps that small (some 0.3 kg for each
+a spring, a damper, and a spurious mass 1/R = d/(1 - d) / m; a small d keeps it small (some 0.3 kg for each
 of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction has the same R, a damper of its own and a
 high ratio of impedances, so that a wheel that grips creeps little.
 """
@@ -66,7 +66,7 @@ def number_text(values: float | Iterable[float]) -> str:
 
 def add(parent: ET.Element, tag: str, **attributes: str | float | Iterable[float]) -> ET.Element:
     """Return a new element with attributes that are texts or numbers."""
-    texts = {name: one if isinstance(one, str) else number_text(one) for name, one in attributes.items()}
+    texts = {name: raw if isinstance(raw, str) else number_text(raw) for name, raw in attributes.items()}
     return ET.SubElement(parent, tag, texts)
 
 

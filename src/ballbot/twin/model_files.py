@@ -82,18 +82,18 @@ def _completed(like: Robot, stated: dict[str, Value], notes: tuple[str, ...], so
     """Return the robot with what a model states, and the rest as in another one."""
     friction = Friction.none(np.size(stated["wheels.azimuths"]))
     terms = ("viscous", "coulomb", "stribeck", "rolling", "coulomb_asymmetry", "stribeck_asymmetry", "load")
-    none = {f"friction.{one}": getattr(friction, one) for one in terms if f"friction.{one}" not in stated}
-    rest = [one for one in PARAMETERS if one.name not in stated and one.name not in none]
+    none = {f"friction.{term}": getattr(friction, term) for term in terms if f"friction.{term}" not in stated}
+    rest = [row for row in PARAMETERS if row.name not in stated and row.name not in none]
     sources = {
         **dict.fromkeys(stated, f"calculated: from the model {printable_line(source)}"),
         **dict.fromkeys(none, "assumed: the model does not state it"),
-        **{one.name: f"assumed: as in {printable_line(like.name)}" for one in rest},
+        **{row.name: f"assumed: as in {printable_line(like.name)}" for row in rest},
     }
-    values = {one.name: value_of(like, one) for one in rest} | none | stated
+    values = {row.name: value_of(like, row) for row in rest} | none | stated
     robot = build(
         Robot, {**values, "name": like.name, "body.inertia_about": "ball_center", "sources": sources}
     )
-    assumed = (*none, *(one.name for one in rest))
+    assumed = (*none, *(row.name for row in rest))
     return ReadModel(robot=robot, stated=tuple(stated), assumed=assumed, notes=notes)
 
 
@@ -110,7 +110,7 @@ def _recognized(model, data, *, gear_ratio: float) -> tuple[dict[str, Value], tu
     axles = [
         float(
             wheel.axis
-            @ _inertia_about(model, data, model.jnt_bodyid[wheel.joint], center + wheel.place)
+            @ _inertia_about(model, data, model.jnt_bodyid[wheel.joint], center + wheel.position)
             @ wheel.axis
         )
         for wheel in wheels
@@ -130,12 +130,13 @@ def _recognized(model, data, *, gear_ratio: float) -> tuple[dict[str, Value], tu
         "wheels.tilt": float(np.mean([wheel.tilt for wheel in wheels])),
         # from 0 to below a turn, but for rounding
         "wheels.azimuths": tuple(
-            (math.atan2(wheel.place[1], wheel.place[0]) + 1e-9) % (2.0 * math.pi) - 1e-9 for wheel in wheels
+            (math.atan2(wheel.position[1], wheel.position[0]) + 1e-9) % (2.0 * math.pi) - 1e-9
+            for wheel in wheels
         ),
         **{name: value for name, value in sizes[0].items() if name != "wheels.radius"},
     }
     friction = {"viscous": model.dof_damping[velocities], "coulomb": model.dof_frictionloss[velocities]}
-    values |= {f"friction.{name}": tuple(one.tolist()) for name, one in friction.items() if one.any()}
+    values |= {f"friction.{name}": tuple(part.tolist()) for name, part in friction.items() if part.any()}
     if (limit := min(_torque_limit(model, joint) for joint in joints)) < math.inf:
         values["drive.torque_limit"] = limit
     if (reflected := float(model.dof_armature[velocities].mean())) > 0.0:
@@ -155,56 +156,56 @@ def _inertia_about(model, data, body: int, point: NDArray[np.float64]) -> NDArra
     """Return the inertia (3, 3) of a body with all that it carries about a point, in the world's axes."""
     xx, yy, zz, xy, xz, yz, *moment, mass = data.crb[body].tolist()
     about = data.subtree_com[model.body_rootid[body]]  # MuJoCo's own point
-    place = np.array(moment) / mass if mass > 0.0 else np.zeros(3)
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * point_inertia(place)
-    return inertia + mass * point_inertia(about + place - point)
+    middle = np.array(moment) / mass if mass > 0.0 else np.zeros(3)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - mass * point_inertia(middle)
+    return inertia + mass * point_inertia(about + middle - point)
 
 
 def _ball(model) -> tuple[int, float]:
     """Return the ball's body and radius."""
     carried = set(model.body_parentid[1:].tolist())
-    found = {
+    balls = {
         int(owner): float(size[0])
         for owner, kind, size in zip(model.geom_bodyid, model.geom_type, model.geom_size, strict=True)
         if kind == _SPHERE and owner and model.body_parentid[owner] == 0 and int(owner) not in carried
     }
-    if len(found) != 1:
+    if len(balls) != 1:
         raise InputError(
-            f"It has {len(found) or 'no'} bodies that could be the ball: a robot's ball is the one body in the world, "
+            f"It has {len(balls) or 'no'} bodies that could be the ball: a robot's ball is the one body in the world, "
             "apart from the robot, with a sphere as its shape and without parts."
         )
-    return next(iter(found.items()))
+    return next(iter(balls.items()))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Wheel:
+class _HingedWheel:
     joint: int
     axis: NDArray[np.float64]  #: (3,)
-    place: NDArray[np.float64]  #: (3,) of its middle from the ball's centre [m]
+    position: NDArray[np.float64]  #: (3,) of its middle from the ball's centre [m]
 
     @property
     def distance(self) -> float:
-        return float(np.linalg.norm(self.place))
+        return float(np.linalg.norm(self.position))
 
     @property
     def tilt(self) -> float:
-        return math.acos(float(self.place[2]) / self.distance)
+        return math.acos(float(self.position[2]) / self.distance)
 
 
-def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_Wheel]:
+def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_HingedWheel]:
     """Return three or four wheels, in the document's order."""
     hinges = np.flatnonzero(model.jnt_type == _HINGE).tolist()
     turning = set(model.jnt_bodyid[hinges].tolist())
-    found: dict[int, _Wheel] = {}  # by the body; a second hinge of a wheel is its gear's play
+    hubs: dict[int, _HingedWheel] = {}  # by the body; a second hinge of a wheel is its gear's play
     for joint in hinges:
         body = int(model.jnt_bodyid[joint])
         if not _ancestors(model, body) & turning:
             axis, arm = data.xaxis[joint], data.xanchor[joint] - center
-            found.setdefault(body, _Wheel(joint=joint, axis=axis, place=arm - (arm @ axis) * axis))
-    wheels = [one for one in found.values() if one.distance > ball_radius and _is_along_meridian(one)]
-    spread = [np.ptp([getattr(one, name) for one in wheels] or [0.0]) for name in ("distance", "tilt")]
+            hubs.setdefault(body, _HingedWheel(joint=joint, axis=axis, position=arm - (arm @ axis) * axis))
+    wheels = [wheel for wheel in hubs.values() if wheel.distance > ball_radius and _is_along_meridian(wheel)]
+    spread = [np.ptp([getattr(wheel, name) for wheel in wheels] or [0.0]) for name in ("distance", "tilt")]
     if len(wheels) not in (3, 4) or spread[0] > _UNEQUAL or spread[1] > _UNEQUAL_TILT:
-        names = ", ".join(model.joint(one.joint).name[:40] or "?" for one in list(found.values())[:8])
+        names = ", ".join(model.joint(wheel.joint).name[:40] or "?" for wheel in list(hubs.values())[:8])
         raise InputError(
             f"It has {len(wheels)} wheels on the ball, and a robot has three or four of the same tilt: hinges on the "
             "body whose axles lie at right angles to the line from the ball's centre, in the plane of that line and "
@@ -215,47 +216,49 @@ def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> lis
 
 def _ancestors(model, body: int) -> set[int]:
     """Return the bodies that carry a body."""
-    found = set[int]()
+    ancestors = set[int]()
     while body := int(model.body_parentid[body]):
-        found.add(body)
-    return found
+        ancestors.add(body)
+    return ancestors
 
 
-def _is_along_meridian(wheel: _Wheel) -> bool:
-    across = np.array([-wheel.place[1], wheel.place[0], 0.0]) / wheel.distance
+def _is_along_meridian(wheel: _HingedWheel) -> bool:
+    across = np.array([-wheel.position[1], wheel.position[0], 0.0]) / wheel.distance
     size = float(np.linalg.norm(across))
     return size > _ASLANT and abs(float(wheel.axis @ across)) < _ASLANT * size
 
 
-def _size(model, data, wheel: _Wheel, center: NDArray[np.float64], ball_radius: float) -> dict[str, Value]:
+def _size(
+    model, data, wheel: _HingedWheel, center: NDArray[np.float64], ball_radius: float
+) -> dict[str, Value]:
     """Return the radius of a wheel, and its rollers if it has any."""
     body, gap = int(model.jnt_bodyid[wheel.joint]), wheel.distance - ball_radius
     rollers = [
-        one
-        for one, kind in zip(model.jnt_bodyid.tolist(), model.jnt_type, strict=True)
-        if kind == _HINGE and model.body_parentid[one] == body
+        owner
+        for owner, kind in zip(model.jnt_bodyid.tolist(), model.jnt_type, strict=True)
+        if kind == _HINGE and model.body_parentid[owner] == body
     ]
-    found: dict[str, Value] = {}
+    sizes: dict[str, Value] = {}
     radius = max(_radii(model, [body]), default=gap)
     if len(rollers) >= _FEWEST_ROLLERS and (radii := _radii(model, rollers)):
-        places = data.xipos[rollers] - center - wheel.place
-        along = places @ wheel.axis
+        positions = data.xipos[rollers] - center - wheel.position
+        along = positions @ wheel.axis
         rows = len(np.unique(np.round(along, 4)))
-        found = {
+        sizes = {
             "wheels.rollers.rows": rows,
             "wheels.rollers.per_row": len(rollers) // rows,
             "wheels.rollers.radius": float(np.mean(radii)),
         }
         if rows > 1:
-            found["wheels.rollers.row_spacing"] = float(np.ptp(along) / (rows - 1))
-        ring = np.linalg.norm(places - np.outer(along, wheel.axis), axis=1)
+            sizes["wheels.rollers.row_spacing"] = float(np.ptp(along) / (rows - 1))
+        ring = np.linalg.norm(positions - np.outer(along, wheel.axis), axis=1)
         radius = float(ring.mean() + np.mean(radii))
     if abs(radius - gap) > _GAP * gap:
         raise InputError(
             f"The wheel {model.joint(wheel.joint).name[:40]!r} has a radius of {1e3 * radius:.4g} mm by its rollers "
             f"or shape, but {1e3 * gap:.4g} mm lie between its axle and the ball."
         )
-    return {"wheels.radius": radius if found else gap, **found}
+    return {"wheels.radius": radius if sizes else gap, **sizes}
 
 
 def _radii(model, bodies: Iterable[int]) -> list[float]:
@@ -327,8 +330,8 @@ def robot_urdf(robot: Robot) -> str:
             add(joint, "axis", xyz=model.jnt_axis[first])
         if names[k].startswith("wheel"):
             add(joint, "limit", effort=drive.torque_limit, velocity=drive.top_speed)
-            place = int(model.jnt_dofadr[first])
-            damping, friction = float(model.dof_damping[place]), float(model.dof_frictionloss[place])
+            index = int(model.jnt_dofadr[first])
+            damping, friction = float(model.dof_damping[index]), float(model.dof_frictionloss[index])
             add(joint, "dynamics", damping=damping, friction=friction)
     for k in np.flatnonzero(model.geom_bodyid).tolist():
         touches = k in model.pair_geom1 or k in model.pair_geom2
@@ -352,6 +355,6 @@ def _rotation(quaternion_wxyz: NDArray[np.float64]) -> Rotation:
     return Rotation.from_quat(np.roll(quaternion_wxyz, -1))
 
 
-def _origin(element: ET.Element, place: NDArray[np.float64], turn: Rotation) -> None:
+def _origin(element: ET.Element, position: NDArray[np.float64], turn: Rotation) -> None:
     angles = turn.as_euler("xyz")
-    add(element, "origin", xyz=place, rpy=angles)
+    add(element, "origin", xyz=position, rpy=angles)

@@ -10,7 +10,7 @@ Motion capture has a frame, a clock and noise of its own, which follow from a se
     p_camera = R_camera_world p + origin
     q_camera_body = q_camera_world q_world_body
 
-An alignment of log and cameras is tested against the setup.
+The alignment of log and cameras is tested against this setup.
 
 `twin_findings` checks whether the twin can simulate a robot and the nominal controller can balance it.
 """

@@ -123,12 +123,12 @@ class Scenario:
     )
 
     def summary(self) -> Summary:
-        """Return the faults that are on with their sizes, and what is not as in most scenarios."""
+        """Return the faults that are on, with their sizes, and the sensors."""
         rows = []
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name not in ("name", "sensors") and value != one.default and value:
-                rows.append((one.name.replace("_", " "), _sizes(value, one.name)))
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name not in ("name", "sensors") and value != field.default and value:
+                rows.append((field.name.replace("_", " "), _sizes(value, field.name)))
         rows.append(("sensors", _sizes(self.sensors, "sensors")))
         return Summary(title=f"Scenario {self.name} of a twin: what is on", rows=tuple(rows))
 
@@ -170,7 +170,11 @@ class Scenario:
 
     @staticmethod
     def named(name: str, robot: RobotLike) -> Scenario:
-        """Return the scenario of that name for a robot; raise InputError if the name is unknown."""
+        """Return the scenario of that name for a robot; raise InputError if the name is unknown.
+
+        >>> Scenario.named("ideal", "alten").backlash
+        0.0
+        """
         if name not in _NAMED:
             hint = suggest(name, _NAMED, otherwise="there are")
             raise InputError(f"There is no scenario {name!r}; {hint}")
@@ -181,15 +185,17 @@ class Scenario:
 def _sizes(value: object, name: str) -> str:
     """Return a field's value with its unit; of a fault, those of its fields that are not zero or empty."""
     if is_dataclass(value):
-        inner = {one.name: getattr(value, one.name) for one in fields(value)}
+        inner = {field.name: getattr(value, field.name) for field in fields(value)}
         return ", ".join(
-            f"{key.replace('_', ' ')} {_sizes(one, f'{name}.{key}')}" for key, one in inner.items() if one
+            f"{key.replace('_', ' ')} {_sizes(content, f'{name}.{key}')}"
+            for key, content in inner.items()
+            if content
         )
     if isinstance(value, tuple) and value and is_dataclass(value[0]):
-        return "; ".join(_sizes(one, name) for one in value)
+        return "; ".join(_sizes(item, name) for item in value)
     if isinstance(value, bool | str):
         return str(value)
-    stated = next((one for one in parameters_of(Scenario) if one.name == name), None)
+    stated = next((parameter for parameter in parameters_of(Scenario) if parameter.name == name), None)
     unit = stated.unit if stated is not None and stated.unit != DIMENSIONLESS else ""
     return listed(np.asarray(value, dtype=np.float64), unit, digits=4)
 
@@ -241,9 +247,9 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
 
 
 def _check_friction(scenario: Scenario, robot: Robot) -> None:
-    for one in parameters_of(Friction):
-        values = getattr(scenario.friction, one.name)
-        if one.shape == "list" and len(values) != robot.wheel_count and values != one.default:
+    for row in parameters_of(Friction):
+        values = getattr(scenario.friction, row.name)
+        if row.shape == "list" and len(values) != robot.wheel_count and values != row.default:
             raise InputError(
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."

@@ -31,7 +31,7 @@ from ballbot.twin.scenario import Scenario, check_scenario
 
 #: a fault of each kind, of a size that a robot like the thesis's could have
 EXAMPLES: dict[str, object] = {
-    one.name: one.metadata["example"] for one in fields(Scenario) if one.metadata.get("example") is not None
+    key.name: key.metadata["example"] for key in fields(Scenario) if key.metadata.get("example") is not None
 }
 
 _HEADER = """\
@@ -47,6 +47,9 @@ def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
     """Return the scenario of that name, or the one in that TOML file, for a robot.
 
     InputError if there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
+
+    >>> load_scenario("ideal", "alten").backlash
+    0.0
     """
     if source in Scenario.names():
         return Scenario.named(str(source), robot)
@@ -99,16 +102,16 @@ def scenario_text(scenario: Scenario) -> str:
     scenario.friction.check_classical("A scenario file")
     keys: list[str] = []
     tables: list[str] = []
-    for one in fields(scenario):
-        value = getattr(scenario, one.name)
-        if "heading" not in one.metadata:
-            keys += _lines({one.name: value}, "")
-        elif value is None or (value == () and one.name in EXAMPLES):
-            off = _table(one.name, EXAMPLES[one.name])
-            tables += ["", f"# Off: {one.metadata['heading']}", *(f"# {line}" for line in off)]
+    for field in fields(scenario):
+        value = getattr(scenario, field.name)
+        if "heading" not in field.metadata:
+            keys += _lines({field.name: value}, "")
+        elif value is None or (value == () and field.name in EXAMPLES):
+            off = _table(field.name, EXAMPLES[field.name])
+            tables += ["", f"# Off: {field.metadata['heading']}", *(f"# {line}" for line in off)]
         else:
             for content in value if isinstance(value, tuple) else (value,):
-                tables += ["", f"# {one.metadata['heading']}", *_table(one.name, content)]
+                tables += ["", f"# {field.metadata['heading']}", *_table(field.name, content)]
     return "\n".join([_HEADER + "\n".join([format_line("scenario"), *keys]), *tables]) + "\n"
 
 
@@ -117,16 +120,16 @@ def _table(name: str, content: object) -> list[str]:
     assert is_dataclass(content)
     return [
         f"[[{name}]]" if name == "pushes" else f"[{name}]",
-        *_lines({one.name: getattr(content, one.name) for one in fields(content)}, f"{name}."),
+        *_lines({field.name: getattr(content, field.name) for field in fields(content)}, f"{name}."),
     ]
 
 
-def _lines(values: Mapping[str, object], place: str) -> Iterator[str]:
+def _lines(values: Mapping[str, object], prefix: str) -> Iterator[str]:
     """Yield a line for each key that is not empty."""
-    stated = {one.name: one for one in parameters_of(Scenario)}
+    stated = {parameter.name: parameter for parameter in parameters_of(Scenario)}
     for key, value in values.items():
         # the classical law is the only one, and no key states it
-        if value != () and f"{place}{key}" != "friction.law":
-            one = stated[f"{place}{key}"]
-            unit = f" [{one.unit}]" if one.unit != DIMENSIONLESS else ""
-            yield toml_line(key, value, f"{one.meaning}{unit}")
+        if value != () and f"{prefix}{key}" != "friction.law":
+            parameter = stated[f"{prefix}{key}"]
+            unit = f" [{parameter.unit}]" if parameter.unit != DIMENSIONLESS else ""
+            yield toml_line(key, value, f"{parameter.meaning}{unit}")

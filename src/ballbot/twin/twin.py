@@ -22,7 +22,7 @@ from ballbot.mechanics.geometry import angle_rates, quaternion_of, rotation, tra
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
-from ballbot.twin.driveline import Driveline, Shafts
+from ballbot.twin.driveline import Shafts, TwinDriveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Roughness, Timing
 from ballbot.twin.mjcf import floor_normal, twin_mjcf
@@ -127,9 +127,9 @@ class UnevenFloor:
         self._numbers = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
         self._amplitude = roughness.height * np.sqrt(2.0 / _WAVES)
 
-    def slope(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slope(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return grad h (2,) at a place (2,) [m]."""
-        return self._amplitude * np.cos(self._numbers @ place + self._phases) @ self._numbers
+        return self._amplitude * np.cos(self._numbers @ position + self._phases) @ self._numbers
 
 
 def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -155,6 +155,13 @@ class Twin:
     ------
     InputError
         If the scenario does not fit the robot, or MuJoCo is not installed.
+
+    Examples
+    --------
+    >>> twin = Twin("alten", "ideal")
+    >>> start = twin.reset(seed=1)
+    >>> round(twin.step([0.1, 0.1, 0.1], 0.005).t, 6)
+    0.005
     """
 
     def __init__(
@@ -171,7 +178,7 @@ class Twin:
         self.engine = Engine(twin_mjcf(robot, self.scenario))
         sensors = self.scenario.sensors
         self._substeps = round(sensors.sample_time / self.scenario.timestep)
-        self._driveline = Driveline(robot, self.scenario, self.engine)
+        self._driveline = TwinDriveline(robot, self.scenario, self.engine)
         self._shafts = Shafts(robot, self.scenario, self.engine)
         self._disturbances = Disturbances(robot, self.scenario, self.engine)
         self._timing: TimingModel | None = None
@@ -223,7 +230,7 @@ class Twin:
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
         """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
 
-        The sensors are read at each sample; noise, torque limit and supply limit come upon the torques. InputError if
+        The sensors are read at each sample; noise, torque limit and supply limit act on the torques. InputError if
         they are not n finite numbers, or the duration is not a whole number of sample times.
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")

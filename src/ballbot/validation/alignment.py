@@ -65,7 +65,7 @@ _START = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Frame:
+class CameraFrame:
     """The pose of the log's world in the cameras' frame."""
 
     camera_world: Rotation = field(metadata=key("camera_world_wxyz"))
@@ -131,7 +131,7 @@ class Alignment:
     rival_clock: Clock | None  #: another clock that fits nearly as well
     clock_signal: str  #: the log's signal that the clock is matched to: "gyro" or "angles"
     unseen: float  #: share of the log's time that the cameras did not see
-    frame: Frame | None  #: None for a log without angles
+    frame: CameraFrame | None  #: None for a log without angles
     path: PathFit | None  #: None without positions
     sensors: SensorErrors | None
 
@@ -211,7 +211,7 @@ def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
     return (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= longest)
 
 
-def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, Frame, PathFit | None]:
+def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
     """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], and how these were placed."""
     world_body, known = log_rotations(log)
     kept, t = known[seen.rows], log.t[seen.rows]
@@ -245,7 +245,7 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, Frame, P
         filled[f"{PREFIX}{name}"] = np.full(len(log), np.nan)
         filled[f"{PREFIX}{name}"][seen.rows] = values
     widths = motion.rotation_half_width
-    frame = Frame(
+    frame = CameraFrame(
         camera_world=camera_world, tilt_half_width=float(np.hypot(widths[0], widths[1])),
         heading_half_width=float(widths[2]), origin=origin,
     )  # fmt: skip

@@ -135,9 +135,11 @@ class TwinBody:
             self._force.add((*force, 0.0), height)
         return self._carried(self._twin.step(torques, duration))
 
-    def _carried(self, found: Measurement) -> Measurement:
+    def _carried(self, reading: Measurement) -> Measurement:
         """Return a measurement whose time and wheel angles go on from before the last change."""
-        self._last = replace(found, t=self._start + found.t, wheel_angles=self._wheels + found.wheel_angles)
+        self._last = replace(
+            reading, t=self._start + reading.t, wheel_angles=self._wheels + reading.wheel_angles
+        )
         return self._last
 
     def ball(self) -> NDArray[np.float64]:

@@ -53,7 +53,7 @@ _MOTIONS: dict[str, Reference] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Entry:
+class LiveEntry:
     """A robot to put on the floor."""
 
     name: str
@@ -135,23 +135,25 @@ def live_entries(
     *,
     plant: PlantName = "model",
     scenario: str | None = None,
-) -> tuple[Entry, ...]:
+) -> tuple[LiveEntry, ...]:
     """Return an entry for each robot with each controller, named by what differs among them.
 
     InputError if there is no such controller or scenario, or it does not fit its robot.
     """
     entries = []
     for robot_name, robot in robots.items():
-        for one in candidates:
-            controller = _SHOWN_AS.get(one.name, one.name)
+        for candidate in candidates:
+            controller = _SHOWN_AS.get(candidate.name, candidate.name)
             parts = (robot_name if len(robots) > 1 else "", controller if len(candidates) > 1 else "")
             name = " · ".join(part for part in parts if part) or robot_name
-            entries.append(Entry(name=name, robot=robot, candidate=one, plant=plant, scenario=scenario))
+            entries.append(
+                LiveEntry(name=name, robot=robot, candidate=candidate, plant=plant, scenario=scenario)
+            )
             _known(entries[-1], load_scenario(scenario or "nominal", robot))
     return tuple(entries)
 
 
-def _known(entry: Entry, scenario: Scenario) -> tuple[Robot, Feedback]:
+def _known(entry: LiveEntry, scenario: Scenario) -> tuple[Robot, Feedback]:
     """Return the robot as its controller knows it, and the controller."""
     robot = entry.robot
     known = robot if has_friction(robot.friction) else robot.replace(friction=scenario.friction)
@@ -161,7 +163,7 @@ def _known(entry: Entry, scenario: Scenario) -> tuple[Robot, Feedback]:
 class RobotOnFloor:
     """One robot on the floor: body, controller, and what acts on them now."""
 
-    def __init__(self, entry: Entry, home: tuple[float, float]) -> None:
+    def __init__(self, entry: LiveEntry, home: tuple[float, float]) -> None:
         scenario = load_scenario(entry.scenario or "nominal", entry.robot)
         self.home = home
         known, self.controller = _known(entry, scenario)
@@ -265,14 +267,14 @@ def robot_names(wheel_count: int) -> tuple[str, ...]:
     )
 
 
-def homes(entries: Sequence[Entry]) -> list[tuple[float, float]]:
+def homes(entries: Sequence[LiveEntry]) -> list[tuple[float, float]]:
     """Return where the robots start [m], beside one another along y."""
-    apart = 6.0 * max(one.robot.ball.radius for one in entries)
+    apart = 6.0 * max(entry.robot.ball.radius for entry in entries)
     middle = (len(entries) - 1) / 2.0
-    return [(0.0, apart * (middle - place)) for place in range(len(entries))]
+    return [(0.0, apart * (middle - number)) for number in range(len(entries))]
 
 
-def live_view_page(entries: Sequence[Entry]) -> LivePage:
+def live_view_page(entries: Sequence[LiveEntry]) -> LivePage:
     """Return the page of a live view; InputError if there are too many robots."""
     first = entries[0]
     plant = (
@@ -285,28 +287,28 @@ def live_view_page(entries: Sequence[Entry]) -> LivePage:
         "Robots pass through one another.",
         "The floor is drawn level. A slope acts; it is the rise towards x, the robot's mark in front.",
     ]
-    bare = [one.name for one in entries if not has_friction(one.robot.friction)]
+    bare = [entry.name for entry in entries if not has_friction(entry.robot.friction)]
     if bare:
         notes.append(
             f"The robot file of {', '.join(bare)} has no friction: the robot has that of the scenario "
             f"{first.scenario or 'nominal'}, and its controller knows it."
         )
-    names = tuple(robot_names(one.robot.wheel_count) for one in entries)
+    names = tuple(robot_names(entry.robot.wheel_count) for entry in entries)
     return live_page(
-        {one.name: one.robot for one in entries},
+        {entry.name: entry.robot for entry in entries},
         world=WORLD_NAMES,
         names=names,
         homes=homes(entries),
         notes=notes,
-        title=every(dict.fromkeys(one.robot.name for one in entries)),
+        title=every(dict.fromkeys(entry.robot.name for entry in entries)),
     )
 
 
 class World:
     """Robots on one floor with one reference, each from its own home."""
 
-    def __init__(self, entries: Sequence[Entry]) -> None:
-        self.robots = [RobotOnFloor(*one) for one in zip(entries, homes(entries), strict=True)]
+    def __init__(self, entries: Sequence[LiveEntry]) -> None:
+        self.robots = [RobotOnFloor(*pair) for pair in zip(entries, homes(entries), strict=True)]
         self.settings = Settings(rolling=min(0.1, self.robots[0].friction.rolling))
         self.t = 0.0
         self._message = ""  # why a change was not made
@@ -340,7 +342,7 @@ class World:
 
     def status(self) -> str:
         """Return as JSON what changes seldom: settings, why robots' runs ended, why a change was not made."""
-        ended = [one.ended for one in self.robots]
+        ended = [robot.ended for robot in self.robots]
         return json.dumps({"message": self._message, "settings": asdict(self.settings), "ended": ended})
 
     def _reset_reference(self) -> None:

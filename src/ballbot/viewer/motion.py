@@ -51,7 +51,7 @@ class Signal:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class ReplayMotion:
     """A log as it is shown: rows at even times from the log's start."""
 
     interval: float  #: [s]
@@ -65,12 +65,12 @@ class Motion:
         return len(self.columns["x"])
 
 
-def robot_at_rest(robot: Robot) -> Motion:
+def robot_at_rest(robot: Robot) -> ReplayMotion:
     """Return the motion of a robot that stands upright: one row."""
-    zero, one = np.zeros(1), np.ones(1)
+    zero, unit = np.zeros(1), np.ones(1)
     columns = dict.fromkeys((*POSITION_NAMES, *wheel_angle_names(robot.wheel_count), *_QUATERNION[1:]), zero)
     notes = ("The robot stands upright; no log is shown.", BODY_NOTE)
-    return Motion(interval=INTERVAL, columns=columns | {"ball_w": one}, signals=(), notes=notes)
+    return ReplayMotion(interval=INTERVAL, columns=columns | {"ball_w": unit}, signals=(), notes=notes)
 
 
 BODY_NOTE = (
@@ -84,7 +84,7 @@ def motion_of(
     # simulated run come before the measured ones.
     log: Log,
     robot: Robot,  # its geometry, and its friction if the log has wheel speeds
-) -> Motion:
+) -> ReplayMotion:
     """Return what a log of a balancing robot shows.
 
     InputError if a column is missing or empty, the log is longer than `LONGEST`, or has another number of wheels.
@@ -110,7 +110,7 @@ def motion_of(
     forces, signals = _forces(log, robot, times, interval, notes)
     columns |= forces
     plotted, others = _signals(log, columns, times)
-    return Motion(
+    return ReplayMotion(
         interval=interval, columns=columns | plotted, signals=(*others, *signals), notes=tuple(notes)
     )
 
@@ -187,7 +187,7 @@ def _has(log: Log, names: Sequence[str]) -> bool:
 def _attitude(log: Log) -> NDArray[np.float64]:
     """Return theta, phi and psi (N, 3) in every row."""
     angles = (log["theta"], log["phi"], log["psi"])
-    return np.column_stack([_between(log.t, log.t, one) for one in angles])
+    return np.column_stack([_between(log.t, log.t, angle) for angle in angles])
 
 
 def _body_rates(log: Log) -> NDArray[np.float64]:
@@ -242,12 +242,12 @@ def integrated_rotation(
     angle = np.linalg.norm(turns, axis=1)
     half_sine = 0.5 * np.sinc(angle / (2.0 * math.pi))  # sin(angle / 2) / angle, also at zero
     steps = np.column_stack((np.cos(angle / 2.0), half_sine[:, None] * turns)).tolist()
-    orientation: Quaternion = tuple(float(one) for one in first)
-    found: list[Quaternion] = [orientation]
+    orientation: Quaternion = tuple(float(part) for part in first)
+    orientations: list[Quaternion] = [orientation]
     for step in steps:  # the turn is in the world frame
         orientation = quaternion_product(step, orientation)
-        found.append(orientation)
-    quaternions = np.array(found)
+        orientations.append(orientation)
+    quaternions = np.array(orientations)
     quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
     return quaternions * np.concatenate(([1.0], np.cumprod(np.where(flips, -1.0, 1.0))))[:, None]
@@ -267,10 +267,10 @@ def _wheel_angles(log: Log, robot: Robot, rolling: NDArray[np.float64]) -> tuple
 def _references(log: Log, times: NDArray[np.float64]) -> Columns:
     if not all(name in log and np.isfinite(log[name]).any() for name in ("ref_x", "ref_y")):
         return {}
-    found = {name: _between(times, log.t, log[name]) for name in ("ref_x", "ref_y")}
+    references = {name: _between(times, log.t, log[name]) for name in ("ref_x", "ref_y")}
     if "ref_psi" in log and np.isfinite(log["ref_psi"]).any():
-        found["ref_psi"] = _between(times, log.t, log["ref_psi"])
-    return found
+        references["ref_psi"] = _between(times, log.t, log["ref_psi"])
+    return references
 
 
 def _forces(
@@ -292,8 +292,8 @@ def _forces(
     rates = np.column_stack([log[name] for name in speeds])
     for number, name in enumerate(speeds, start=1):
         columns[name] = _between(times, log.t, log[name])
-        one = Signal(name=f"speed of wheel {number}", short=f"w{number}", unit="rad/s", columns=(name,))
-        signals.append(one)
+        signal = Signal(name=f"speed of wheel {number}", short=f"w{number}", unit="rad/s", columns=(name,))
+        signals.append(signal)
     columns |= _friction(log, robot, rates, times)
     known = "friction1" in columns
     notes.append(
@@ -317,13 +317,14 @@ def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray
 
     names = torque_names(robot.wheel_count)
     torques = np.column_stack([log[name] for name in names]) if _has(log, names) else None
-    found = wheel_friction(rates, robot.friction, torque=torques)
-    columns = {f"friction{i + 1}": _between(times, log.t, one) for i, one in enumerate(found.T)}
+    friction = wheel_friction(rates, robot.friction, torque=torques)
+    columns = {f"friction{i + 1}": _between(times, log.t, values) for i, values in enumerate(friction.T)}
     velocity = _rolling_rates(log, robot)[:, [1, 0]] * robot.ball.radius * (1.0, -1.0)
     # below the speed of a millimetre a second the differences of a measured position are mostly noise
     force = rolling_friction(velocity, robot.rolling_force, slowest=1e-3)
     return columns | {
-        f"floor_{axis}": _between(times, log.t, one) for axis, one in zip("xy", force.T, strict=True)
+        f"floor_{axis}": _between(times, log.t, component)
+        for axis, component in zip("xy", force.T, strict=True)
     }
 
 
@@ -341,11 +342,11 @@ def _extremes(
 
 def _signals(log: Log, columns: Columns, times: NDArray[np.float64]) -> tuple[Columns, list[Signal]]:
     """Return the signals that follow from the pose: distance, lean, heading, speed."""
-    found: Columns = {}
+    derived: Columns = {}
     signals = []
 
     def add(name: str, short: str, unit: str, column: str, values: NDArray[np.float64]) -> None:
-        found[column] = values
+        derived[column] = values
         signals.append(Signal(name=name, short=short, unit=unit, columns=(column,)))
 
     if "ref_x" in columns:
@@ -360,4 +361,4 @@ def _signals(log: Log, columns: Columns, times: NDArray[np.float64]) -> tuple[Co
     if all(name in log and np.isfinite(log[name]).any() for name in ("x_dot", "y_dot")):
         x_dot, y_dot = (_between(times, log.t, log[name]) for name in ("x_dot", "y_dot"))
         add("speed", "speed", "m/s", "speed", np.hypot(x_dot, y_dot))
-    return found, signals
+    return derived, signals

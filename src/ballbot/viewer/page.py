@@ -24,7 +24,7 @@ from ballbot.log import LogsLike, as_logs
 from ballbot.printable import printable_line
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.drawing import BodyShape, body_shape, row_offsets, wheel_shapes
-from ballbot.viewer.motion import BODY_NOTE, INTERVAL, Motion, motion_of, robot_at_rest
+from ballbot.viewer.motion import BODY_NOTE, INTERVAL, ReplayMotion, motion_of, robot_at_rest
 from ballbot.viewer.packing import packed
 
 #: robots side by side, or all in one place with the others as ghosts of the first
@@ -95,7 +95,11 @@ def replay_page(
     autoplay: bool = True,
     lead: str = "",
 ) -> str:
-    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`."""
+    """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`.
+
+    >>> replay_page({}, "alten", title="A robot at rest")[:15]
+    '<!doctype html>'
+    """
     part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
     style = part.style + web_file("page.css")
     return _document(
@@ -139,12 +143,12 @@ def live_page(
             "color": color,
             "robot": robot_shape(robot),
             "interval": INTERVAL,
-            "names": own,
+            "names": row_names,
             "home": home,
             "mass": robot.ball.mass + robot.body.mass,
             "center": robot.body.center_of_mass,
         }
-        for (name, robot), own, home, color in zip(
+        for (name, robot), row_names, home, color in zip(
             robots.items(), names, homes, RUN_COLORS[: len(robots)], strict=True
         )
     ]
@@ -207,8 +211,8 @@ def web_file(name: str, package: str = "ballbot.viewer") -> str:
 
 
 @cache
-def _script(own: tuple[str, ...]) -> str:
-    parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *own))
+def _script(scripts: tuple[str, ...]) -> str:
+    parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *scripts))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
 
 
@@ -223,7 +227,7 @@ def _replay_data(
     at_rest = isinstance(given, Mapping) and not given
     logs = {} if at_rest else {name or "run": log for name, log in as_logs(given).items()}
     if isinstance(robot, Mapping):
-        robots = {name: as_robot(one) for name, one in robot.items()}
+        robots = {name: as_robot(source) for name, source in robot.items()}
     else:
         described = as_robot(robot)
         robots = dict.fromkeys(logs or [described.name], described)
@@ -253,7 +257,7 @@ def _check_number(count: int, what: str) -> None:
         raise InputError(f"{count} {what} are given; a view shows at most {MOST_RUNS}.")
 
 
-def _run(name: str, motion: Motion, robot: Robot, color: RunColor) -> dict[str, object]:
+def _run(name: str, motion: ReplayMotion, robot: Robot, color: RunColor) -> dict[str, object]:
     return {
         "name": printable_line(name),
         "color": color,
@@ -261,7 +265,7 @@ def _run(name: str, motion: Motion, robot: Robot, color: RunColor) -> dict[str, 
         "interval": motion.interval,
         "rows": motion.rows,
         "columns": {key: packed(values) for key, values in motion.columns.items()},
-        "signals": [asdict(one) for one in motion.signals],
+        "signals": [asdict(signal) for signal in motion.signals],
         "notes": [printable_line(note) for note in motion.notes],
     }
 
@@ -279,8 +283,8 @@ def robot_shape(robot: Robot) -> dict[str, object]:
             "offsets": row_offsets(wheels).tolist(),
         },
         "wheels": [
-            {key: getattr(one, key).tolist() for key in ("contact", "rolling", "axle", "center")}
-            for one in wheel_shapes(robot)
+            {key: getattr(wheel, key).tolist() for key in ("contact", "rolling", "axle", "center")}
+            for wheel in wheel_shapes(robot)
         ],
         "body": asdict(shown_body(robot)),
     }
@@ -291,12 +295,12 @@ def shown_body(robot: Robot) -> BodyShape:
     body, wheels, radius = body_shape(robot.body), robot.wheels, robot.wheels.radius
     half = (wheels.rollers.rows - 1) * wheels.rollers.row_spacing / 2.0 + wheels.rollers.radius
     above = radius * abs(np.cos(wheels.tilt)) + half * abs(np.sin(wheels.tilt))
-    highest = max(float(one.center[2]) for one in wheel_shapes(robot)) + above
+    highest = max(float(wheel.center[2]) for wheel in wheel_shapes(robot)) + above
     bottom = max(body.bottom, robot.ball.radius, highest) + 0.2 * radius
     return BodyShape(radius=body.radius, bottom=bottom, top=max(body.top, bottom + radius))
 
 
-def _arrow(shown: Sequence[tuple[Motion, Robot]]) -> dict[str, float] | None:
+def _arrow(shown: Sequence[tuple[ReplayMotion, Robot]]) -> dict[str, float] | None:
     """Return how long the arrow of a force is: `metres` for `newtons`, round; None if no log has torques."""
     forces, radius = [], 0.0
     for motion, robot in shown:
@@ -313,4 +317,4 @@ def _arrow(shown: Sequence[tuple[Motion, Robot]]) -> dict[str, float] | None:
 def _round_below(value: float) -> float:
     """Return 1, 2 or 5 times a power of ten, the greatest up to a value above zero."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(max(one * power for one in (1.0, 2.0, 5.0) if one * power <= value * (1.0 + 1e-12)))
+    return float(max(digit * power for digit in (1.0, 2.0, 5.0) if digit * power <= value * (1.0 + 1e-12)))

@@ -79,7 +79,7 @@ class Access:
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not self.names_this_machine(hosts[0]):
             return 403, "This server is reached by its own address only."
-        own = f"http://{hosts[0]}"
+        address = f"http://{hosts[0]}"
         parts = urlsplit(path)
         upgrading = headers.get("Upgrade", "").lower() == "websocket"
         if parts.path not in ("/", "/live"):
@@ -89,7 +89,7 @@ class Access:
             return 403, "The address lacks its token. Open the one that the terminal shows."
         if (parts.path == "/live") != upgrading:
             return 400, "The page is at /, the web socket at /live."
-        if any(one != own for one in origins) or (upgrading and len(origins) != 1):
+        if any(origin != address for origin in origins) or (upgrading and len(origins) != 1):
             return 403, "Another page's requests are refused."
         return None
 

@@ -41,7 +41,7 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.results import left_out, reported, to_results
 from ballbot.robot import Robot
-from ballbot.simulation.batch import Verdict, simulate_batch
+from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
@@ -94,12 +94,12 @@ class Loop:
         return self.plant.model
 
     @cached_property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> OutcomeBounds:
         """When a run's outcome is known; the state alone does not determine the future of a loop that is late."""
         borne = self.plant.imperfections
         late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
         settled = settled_rows(self.model, self.controller, grip=self.grip)
-        return Verdict(
+        return OutcomeBounds(
             settled=np.full((1, 10), np.inf) if late else settled, lost=lost_lean(self.model), grip=self.grip
         )
 

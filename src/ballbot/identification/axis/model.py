@@ -114,7 +114,7 @@ class AxisModel:
         return Axis(values={**self.known, **values}, interpolated=self.interpolated)
 
 
-class _Numbers(NamedTuple):
+class _AxisNumbers(NamedTuple):
     """An axis as compiled code reads it."""
 
     law: ClassicalNumbers  #: without asymmetry and load
@@ -189,7 +189,7 @@ class Axis:
         acting = force - self._value("offset")
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         states = np.empty((int(counts.sum()), 2))
-        numbers = _Numbers(
+        numbers = _AxisNumbers(
             law=self._law,
             asymmetry=self._value("asymmetry"),
             inertia=Inertia(inv_J=1.0 / self.values["mass"], stall=UNLIMITED, inv_no_load=0.0),

@@ -237,7 +237,7 @@ def lean_test(
     if usable.sum() * INTERVAL < LEAST_TIME:
         return None
     kappa, gamma = torque_free_gains(robot)
-    law = _Law(lean=lean, wheels=wheels, heading=heading, kappa=kappa, lag=USUAL_LAG, sigma=0.0)
+    law = _LeanLaw(lean=lean, wheels=wheels, heading=heading, kappa=kappa, lag=USUAL_LAG, sigma=0.0)
     weights, _ = _weights(law, usable)
     sigmas = (1.0, -1.0)
     if heading is None:  # that which the wheels give, as the likeliest placement without one has them
@@ -279,7 +279,7 @@ def lean_test(
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Law:
+class _LeanLaw:
     """Both sides of the law of the module's text, in the frame of the IMU, which turns."""
 
     lean: Smooth
@@ -404,7 +404,7 @@ def _sums(table: Complex, weights: Floats) -> Complex:
     )
 
 
-def _weights(law: _Law, usable: Bools) -> tuple[Floats, Bools]:
+def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
     """Return weights (N,), one over a block's residual, and the rows of blocks that the wheels do not explain.
 
     Rows that are not usable, and those pushed, have weight zero.
@@ -441,7 +441,7 @@ def _every_way(robot: Robot) -> list[_Way]:
 
 
 def _ranked_placements(
-    robot: Robot, law: _Law, heading: Smooth | None, weights: Floats, gamma: float
+    robot: Robot, law: _LeanLaw, heading: Smooth | None, weights: Floats, gamma: float
 ) -> tuple[list[Placement], float]:
     """Return all placements, the best first, and the confidence in the best; `law` gives each wheel its own gains.
 

@@ -24,7 +24,7 @@ from ballbot.mechanics.equations import (
     wheel_speeds,
 )
 from ballbot.mechanics.floor import FloorFriction
-from ballbot.mechanics.parameters import Exact, Parameters, Pivoting, Thesis
+from ballbot.mechanics.parameters import Exact, Pivoting, RobotNumbers, Thesis
 
 
 @inlined
@@ -49,7 +49,7 @@ def mass_rows(system):
     if rolling is system:
         return rows
     spin = (*system.M_sv, *system.M_sw)
-    return (*((*row, one) for row, one in zip(rows, spin, strict=True)), (*spin, system.M_ss))
+    return (*((*row, last) for row, last in zip(rows, spin, strict=True)), (*spin, system.M_ss))
 
 
 def wheel_rows(selected, P, a):
@@ -79,21 +79,21 @@ def angle_accelerations(selected, a, rates, w_dot):
 # --- NumPy's: q (..., 5) = [x y theta phi psi] and rates q_dot (..., m) ---
 
 
-def mass_matrices(selected: Exact | Thesis | Pivoting, P: Parameters, q: NDArray) -> NDArray[np.float64]:
+def mass_matrices(selected: Exact | Thesis | Pivoting, P: RobotNumbers, q: NDArray) -> NDArray[np.float64]:
     """Return M(q) (..., m, m) in the coordinates q."""
     a = _attitude_at(q)
     M, S = _body_mass(selected, P, a), _rates_matrix(selected, a)
     return np.swapaxes(S, -1, -2) @ M @ S
 
 
-def wheel_jacobians(selected: Exact | Thesis | Pivoting, P: Parameters, q: NDArray) -> NDArray[np.float64]:
+def wheel_jacobians(selected: Exact | Thesis | Pivoting, P: RobotNumbers, q: NDArray) -> NDArray[np.float64]:
     """Return the matrices (..., n, m) that give wheel speeds from q_dot."""
     a = _attitude_at(q)
     return _matrix(wheel_rows(selected, P, a)) @ _rates_matrix(selected, a)
 
 
 def wheel_speeds_at(
-    selected: Exact | Thesis | Pivoting, P: Parameters, q: NDArray, q_dot: NDArray
+    selected: Exact | Thesis | Pivoting, P: RobotNumbers, q: NDArray, q_dot: NDArray
 ) -> NDArray[np.float64]:
     """Return the formulation's wheel speeds (..., n)."""
     a = _attitude_at(q)
@@ -102,7 +102,7 @@ def wheel_speeds_at(
 
 
 def accelerations(
-    selected: Exact | Thesis | Pivoting, P: Parameters, q: NDArray, q_dot: NDArray, u: NDArray
+    selected: Exact | Thesis | Pivoting, P: RobotNumbers, q: NDArray, q_dot: NDArray, u: NDArray
 ) -> NDArray[np.float64]:
     """Return q_ddot (..., m) under wheel torques u (..., n); viscous friction counts, dry friction not."""
     a = _attitude_at(q)
@@ -115,7 +115,7 @@ def accelerations(
 
 
 def energies(
-    selected: Exact | Thesis | Pivoting, P: Parameters, q: NDArray, q_dot: NDArray
+    selected: Exact | Thesis | Pivoting, P: RobotNumbers, q: NDArray, q_dot: NDArray
 ) -> NDArray[np.float64]:
     """Return kinetic and potential energy (...), 1/2 q_dot . M q_dot + m_r g l (R e).e."""
     a = _attitude_at(q)
@@ -133,7 +133,7 @@ def _parts(vectors: NDArray) -> tuple:
 def _matrix(rows: tuple) -> NDArray[np.float64]:
     """Return rows of numbers or arrays (...) as (..., rows, columns)."""
     columns = len(rows[0])
-    entries = np.broadcast_arrays(*(one for row in rows for one in row))
+    entries = np.broadcast_arrays(*(entry for row in rows for entry in row))
     return np.stack(entries, axis=-1).reshape(*entries[0].shape, len(rows), columns)
 
 
@@ -147,7 +147,7 @@ def _velocities(selected: Exact | Thesis | Pivoting, a: Attitude, q_dot: NDArray
     return rates[:2] + rates[5:], rates_from_angles(selected, a, rates[2:5])
 
 
-def _body_mass(selected: Exact | Thesis | Pivoting, P: Parameters, a: Attitude) -> NDArray[np.float64]:
+def _body_mass(selected: Exact | Thesis | Pivoting, P: RobotNumbers, a: Attitude) -> NDArray[np.float64]:
     """Return M (..., m, m) of the formulation's velocities."""
     at_rest = (0.0,) * (3 if isinstance(selected, Pivoting) else 2)
     return _matrix(mass_rows(terms(selected, P, a, at_rest, (0.0, 0.0, 0.0))))

@@ -82,8 +82,8 @@ def _sources_digest(package: str) -> str:
         file for folder in folders for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py"))
     ]
     sources = (file.read_bytes() for file in files)
-    found = sha256(b"".join(text for text in sources if b"ballbot.mechanics.engine" in text)).hexdigest()
-    return f"of_{found[:16]}"
+    digest = sha256(b"".join(text for text in sources if b"ballbot.mechanics.engine" in text)).hexdigest()
+    return f"of_{digest[:16]}"
 
 
 @cache
@@ -99,7 +99,7 @@ def _tidy(folder: str, digest: str) -> None:
 
 
 class _Notice(Listener):
-    """Says, once, that Ballbot's code is compiled; nothing is compiled where all is on disk."""
+    """Prints once that Ballbot's code is being compiled; nothing is compiled if all of it is on disk."""
 
     def on_start(self, event: Event) -> None:
         assert event.data is not None

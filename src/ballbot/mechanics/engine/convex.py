@@ -9,7 +9,7 @@ nor with four wheels, where G is singular: `stick_slip.found_forces` takes these
 from typing import NamedTuple
 
 from ballbot.mechanics.contacts import (
-    Found,
+    FirstForces,
     StepStart,
     contact_matrix,
     contact_speeds,
@@ -58,7 +58,7 @@ ROUNDS = 5
 
 
 def first_probe(speeds, held, rests, limits, rolling_force):
-    """Return where to begin: contacts that move are taken to slide on, the others to stick with the forces `held`.
+    """Return the initial probe: contacts that move are taken to slide on, the others to stick with the forces `held`.
 
     `speeds` are those of the contacts at the step's start, `rests` those of the boxes below which they are at rest.
     """
@@ -120,13 +120,13 @@ def convex_problem(selected, P, state, u, h):
     return problem, ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force), s, rests
 
 
-def second_pass(selected, P, state, u, problem, one, forces, s, h):
-    """Return the second `ConvexPass` of a step of whose first these are the forces and their probe s."""
-    end = less_response(one.free, problem.Y, forces, h)
+def second_pass(selected, P, state, u, problem, first, forces, s, h):
+    """Return the second `ConvexPass` of a step, from the forces of the first and their probe s."""
+    end = less_response(first.free, problem.Y, forces, h)
     before, middle = attitude_of(problem.before), attitude_of(problem.middle)
     start = StepStart(ball_velocity(state), body_velocity(state), before, middle)
-    found = Found(forces, s, problem.G, problem.rates, one.limits)
-    ahead = corrected_ahead(selected, P, start, end, found, u, h)
+    solution = FirstForces(forces, s, problem.G, problem.rates, first.limits)
+    ahead = corrected_ahead(selected, P, start, end, solution, u, h)
     b = each(_product, problem.rates, ahead.speeds)
     return ConvexPass(ahead.v + ahead.w, b, ahead.limits, ahead.rolling_force)
 
@@ -160,8 +160,8 @@ def problem_in(selected, work, lane):
     velocities = state_like(selected)[5:]
     Y, G = (velocities,) * len(contacts), (contacts,) * len(contacts)
     problem = restored(ConvexProblem(Y, G, contacts, _SIX, _SIX), work, _PROBLEM, lane)
-    one = restored(ConvexPass(velocities, contacts, boxes, 0.0), work, _PASS, lane)
-    return problem, one, restored(contacts, work, _PROBE, lane), restored(contacts, work, _FORCES, lane)
+    data = restored(ConvexPass(velocities, contacts, boxes, 0.0), work, _PASS, lane)
+    return problem, data, restored(contacts, work, _PROBE, lane), restored(contacts, work, _FORCES, lane)
 
 
 @traced
@@ -197,8 +197,8 @@ def _problems(selected, work, first, last):
 def _second_passes(selected, work, first, last):
     for lane in lanes(first, last):
         P, state, u, h = robot_in_lane(selected, work, lane)
-        problem, one, s, forces = problem_in(selected, work, lane)
-        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, one, forces, s, h))
+        problem, data, s, forces = problem_in(selected, work, lane)
+        stored(work, _PASS, lane, second_pass(selected, P, state, u, problem, data, forces, s, h))
         put(work, _SETTLED, lane, where(_asks_for_none(work, lane), 1.0, 0.0))
 
 
@@ -207,8 +207,8 @@ def _round(selected, work, first, last):
     """Take one Newton round; lanes that have settled stay as they are."""
     for lane in lanes(first, last):
         settled = entry(work, _SETTLED, lane)
-        problem, one, s, forces = problem_in(selected, work, lane)
-        new_forces, new_s, agrees = newton_round(s, problem.G, one.b, one.limits, one.rolling_force)
+        problem, data, s, forces = problem_in(selected, work, lane)
+        new_forces, new_s, agrees = newton_round(s, problem.G, data.b, data.limits, data.rolling_force)
         stored(work, _FORCES, lane, where(settled > 0.0, forces, new_forces))
         stored(work, _PROBE, lane, where(settled > 0.0, s, new_s))
         put(work, _SETTLED, lane, greatest(settled, agrees))
@@ -226,21 +226,21 @@ def _rounds(selected, work, first, last):
         _round(selected, work, first, last)
     for lane in range(first, last):
         if entry(work, _SETTLED, lane) == 0.0:
-            problem, one, _, _ = problem_in(selected, work, lane)
-            forces, s = found_forces(problem.G, one.b, problem.rates, one.limits, one.rolling_force)
+            problem, data, _, _ = problem_in(selected, work, lane)
+            forces, s = found_forces(problem.G, data.b, problem.rates, data.limits, data.rolling_force)
             stored(work, _FORCES, lane, forces)
             stored(work, _PROBE, lane, s)
-            put(work, _RESTS, lane, all_rest(forces, s, one.b))
+            put(work, _RESTS, lane, all_rest(forces, s, data.b))
 
 
 @traced
 def _ends(selected, work, first, last):
     for lane in lanes(first, last):
         state, h = restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
-        problem, one, s, forces = problem_in(selected, work, lane)
+        problem, data, s, forces = problem_in(selected, work, lane)
         moves = 1.0 - entry(work, _RESTS, lane)
-        v, w = parted(scale(less_response(one.free, problem.Y, forces, h), moves))
-        v = still_where_held(v, s, one.limits, one.rolling_force)
+        v, w = parted(scale(less_response(data.free, problem.Y, forces, h), moves))
+        v = still_where_held(v, s, data.limits, data.rolling_force)
         end = finished(selected, state, attitude_of(problem.middle), v, w, h)
         counts = entry(work, MARGIN, lane) > 0.0
         trial = restored(state_like(selected), work, TRIAL, lane)

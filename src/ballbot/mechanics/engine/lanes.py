@@ -4,7 +4,7 @@ Row i of a block's flat array begins at i * LANES, and a robot is a column. A st
 for each other; it is therefore taken in short loops over all lanes, one for each part, that leave their results in the
 scratch rows: while one lane's numbers wait, the next lane's are on their way.
 
-`load` returns one robot's numbers with their names, the `Parameters` of a lane.
+`load` returns one robot's numbers with their names, the `RobotNumbers` of a lane.
 """
 
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from ballbot.mechanics.parameters import (
     LARGEST_ROW,
     RIGID_SHAPE,
     WHEEL_SHAPE,
-    Parameters,
     Pivoting,
+    RobotNumbers,
     Wheel,
     parameter_count,
 )
@@ -90,9 +90,9 @@ def robot_in(work, lane):
 @traced
 def swap(work, row, first, second):
     """Exchange two lanes' numbers of a row."""
-    one, other = entry(work, row, first), entry(work, row, second)
+    number, other = entry(work, row, first), entry(work, row, second)
     put(work, row, first, other)
-    put(work, row, second, one)
+    put(work, row, second, number)
 
 
 @traced
@@ -105,7 +105,7 @@ def shaped(like: float | tuple, numbers: Iterator):
     """Return the next numbers in the shape of `like`."""
     if not isinstance(like, tuple):
         return next(numbers)
-    items = [shaped(one, numbers) for one in like]
+    items = [shaped(part, numbers) for part in like]
     return type(like)(*items) if hasattr(like, "_fields") else tuple(items)
 
 
@@ -118,51 +118,51 @@ def stored(work, row, lane, value):
 
 def _flat(value: float | tuple) -> Iterator:
     if isinstance(value, tuple):
-        for one in value:
-            yield from _flat(one)
+        for part in value:
+            yield from _flat(part)
     else:
         yield value
 
 
-_DECAY = Parameters._fields.index("decay")
+_DECAY = RobotNumbers._fields.index("decay")
 
 
 def unpacked(selected, at):
-    """Return the `Parameters` of a robot whose numbers are at(0), at(1), .., without a motor's load."""
-    n, places = len(selected.wheels), count()
-    rigid = shaped(RIGID_SHAPE, map(at, places))
-    wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, places)), *rigid[_DECAY]) for _ in range(n)]
+    """Return the `RobotNumbers` of a robot whose numbers are at(0), at(1), .., without a motor's load."""
+    n, indices = len(selected.wheels), count()
+    rigid = shaped(RIGID_SHAPE, map(at, indices))
+    wheels = [Wheel(*shaped(WHEEL_SHAPE, map(at, indices)), *rigid[_DECAY]) for _ in range(n)]
     if selected.own_wheel:
         like = (0.0,) * parameter_count(selected)
         wheels = [
             selected.own_wheel(
-                one.axle,
-                one.b,
-                one.terms.coulomb_asymmetry,
-                one.terms.load,
-                shaped(like, map(at, places)),
+                wheel.axle,
+                wheel.b,
+                wheel.terms.coulomb_asymmetry,
+                wheel.terms.load,
+                shaped(like, map(at, indices)),
                 0.0,
             )
-            for one in wheels
+            for wheel in wheels
         ]
-    return Parameters(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
+    return RobotNumbers(*rigid, tuple(wheels))  # pyright: ignore[reportCallIssue] (as many as `RIGID_SHAPE`)
 
 
 @traced
 def load_parameters(selected, work, lane):
-    """Return the `Parameters` of one lane without a motor's load."""
-    return unpacked(selected, lambda place: entry(work, place, lane))
+    """Return the `RobotNumbers` of one lane without a motor's load."""
+    return unpacked(selected, lambda index: entry(work, index, lane))
 
 
 @traced
 def under_torque(P, u):
-    """Return the `Parameters` with the friction that the drives have under the motors' torques u."""
+    """Return the `RobotNumbers` with the friction that the drives have under the motors' torques u."""
     return P._replace(wheels=each(under_load, P.wheels, u))
 
 
 @traced
 def load(selected, work, lane):
-    """Return the `Parameters` of one lane of a whole block's work array, under the torques in the lane."""
+    """Return the `RobotNumbers` of one lane of a whole block's work array, under the torques in the lane."""
     P = load_parameters(selected, work, lane)
     return under_torque(P, restored(selected.wheels, work, TORQUE, lane))
 

@@ -229,8 +229,8 @@ class Lanes:
         lanes = max([np.size(index) for index in given.values() if index is not None] or counts)
         columns = []
         for count, (name, index) in zip(counts, given.items(), strict=True):
-            own = np.zeros(lanes, np.int64) if count == 1 else np.arange(lanes)
-            columns.append(index_array(own if index is None else index, name, count=count, length=lanes))
+            default = np.zeros(lanes, np.int64) if count == 1 else np.arange(lanes)
+            columns.append(index_array(default if index is None else index, name, count=count, length=lanes))
         return np.column_stack(columns)
 
 
@@ -255,8 +255,8 @@ def simulate_lanes(
     """Simulate many robots under torques held over each sample of `steps` inner steps; record every so many samples.
 
     All cores are used by default; the result does not depend on `threads`. With `lost_lanes` a lane may begin with
-    values that are not finite, as one that an earlier call has lost does: it stays lost, and its neighbours do not
-    notice.
+    values that are not finite, as after an earlier call in which it was lost: it stays lost, and its neighbours are
+    not affected.
 
     InputError if shapes disagree, an index names no row, or a value is not one that it can be.
     """

@@ -6,9 +6,9 @@ takes the step. (A sign that changes between the last stage and the end, which d
 step.) A ball that does not spin stays so while pivoting friction can hold it, and that is smooth as well.
 
 `smooth_block` takes the step for the lanes of a block, part by part: attitudes, dry friction, forces, accelerations. A
-processor looks a few hundred instructions ahead. Of a short loop these are several turns, which it works on together
-while each waits for its own results; of a long one a single turn, and it stands still. So a part is a loop of its own
-wherever it passes on few numbers.
+processor looks a few hundred instructions ahead. In a short loop these are several iterations, which overlap
+while each waits for its own results; in a long one they are a single iteration, and the processor stalls. So a part is
+a loop of its own wherever it passes on few numbers.
 """
 
 from ballbot.mechanics.engine.compiled import inlined
@@ -180,22 +180,22 @@ def _dry_friction(selected, work, width):
     if selected.own_wheel:
         for wheel in range(len(selected.wheels)):
             for lane in lanes(0, width):
-                one = load(selected, work, lane).wheels[wheel]
+                driveline = load(selected, work, lane).wheels[wheel]
                 speed, direction = entry(work, SPEEDS + wheel, lane), entry(work, _SIGNS + wheel, lane)
-                put(work, _DRY + wheel, lane, directed_friction(one, speed, direction))
+                put(work, _DRY + wheel, lane, directed_friction(driveline, speed, direction))
         return
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
-            one = load(selected, work, lane).wheels[wheel]
-            put(work, _DRY + wheel, lane, decay_exponent(one, entry(work, SPEEDS + wheel, lane)))
+            driveline = load(selected, work, lane).wheels[wheel]
+            put(work, _DRY + wheel, lane, decay_exponent(driveline, entry(work, SPEEDS + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
             put(work, _DRY + wheel, lane, power_of_two(entry(work, _DRY + wheel, lane)))
     for wheel in range(len(selected.wheels)):
         for lane in lanes(0, width):
-            one = load(selected, work, lane).wheels[wheel]
+            driveline = load(selected, work, lane).wheels[wheel]
             power, direction = entry(work, _DRY + wheel, lane), entry(work, _SIGNS + wheel, lane)
-            put(work, _DRY + wheel, lane, with_decay(one, power, direction))
+            put(work, _DRY + wheel, lane, with_decay(driveline, power, direction))
 
 
 def _forces(selected, work, width):

@@ -1,10 +1,10 @@
 """Straight-line arithmetic of compiled code, written as plain Python functions on numbers and tuples of them.
 
 A `traced` function is called by Python with floats or NumPy's arrays, and by Numba's code. There it runs once, while
-that code is compiled, on stand-ins for the numbers (`Number`), and each operation on a stand-in adds an instruction
-where the call stands. Loops over tuples, choices by the kind of robot and functions as arguments are Python's own,
-and are gone by then: what is left is what LLVM makes vector code of. Numba would infer the types of every statement,
-and LLVM optimise every function and again each of its callers, which took most of a cold start.
+that code is compiled, on stand-ins for the numbers (`TracedNumber`), and each operation on a stand-in adds an
+instruction where the call stands. Loops over tuples, choices by the kind of robot and functions as arguments are
+Python's own, and are gone by then: what is left is what LLVM makes vector code of. Numba would infer the types of
+every statement, and LLVM optimise every function and again each of its callers: most of a cold start.
 
 A choice that depends on a number is `where`, not `if`; both sides are computed. `least`, `greatest`, `both`, `either`
 and `root` stand for `min`, `max`, `and`, `or` and `math.sqrt`. This is Numba's low-level interface for extensions
@@ -38,7 +38,7 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable)
 
 
-class _Place:
+class _Target:
     """Where instructions are added, and how freely they may be reordered."""
 
     builder: ir.IRBuilder
@@ -48,38 +48,38 @@ class _Place:
 def _real(operation: str) -> Callable:
     """Return an operator that adds a floating-point instruction, or the one of integers for two of them."""
 
-    def operator(self: Number, other: Number | float) -> Number:
-        one, two = _alike(self, other)
-        if one.type == REAL:
-            return Number(getattr(_Place.builder, f"f{operation}")(one, two, flags=_Place.flags))
-        return Number(getattr(_Place.builder, operation)(one, two, flags=("nsw",)))
+    def operator(self: TracedNumber, other: TracedNumber | float) -> TracedNumber:
+        left, right = _alike(self, other)
+        if left.type == REAL:
+            return TracedNumber(getattr(_Target.builder, f"f{operation}")(left, right, flags=_Target.flags))
+        return TracedNumber(getattr(_Target.builder, operation)(left, right, flags=("nsw",)))
 
     return operator
 
 
 def _swapped(operator: Callable) -> Callable:
-    return lambda self, other: operator(Number(_value(other, like=self.value.type)), self)
+    return lambda self, other: operator(TracedNumber(_value(other, like=self.value.type)), self)
 
 
 def _comparison(sign: str) -> Callable:
-    def operator(self: Number, other: Number | float) -> Number:
-        one, two = _alike(self, other)
-        if one.type != REAL:
-            return Number(_Place.builder.icmp_signed(sign, one, two))
-        ordered = _Place.builder.fcmp_unordered if sign == "!=" else _Place.builder.fcmp_ordered
-        return Number(ordered(sign, one, two))
+    def operator(self: TracedNumber, other: TracedNumber | float) -> TracedNumber:
+        left, right = _alike(self, other)
+        if left.type != REAL:
+            return TracedNumber(_Target.builder.icmp_signed(sign, left, right))
+        ordered = _Target.builder.fcmp_unordered if sign == "!=" else _Target.builder.fcmp_ordered
+        return TracedNumber(ordered(sign, left, right))
 
     return operator
 
 
 def _bitwise(operation: str) -> Callable:
-    def operator(self: Number, other: Number | int) -> Number:
-        return Number(getattr(_Place.builder, operation)(*_alike(self, other)))
+    def operator(self: TracedNumber, other: TracedNumber | int) -> TracedNumber:
+        return TracedNumber(getattr(_Target.builder, operation)(*_alike(self, other)))
 
     return operator
 
 
-class Number:
+class TracedNumber:
     """Stands for a float, an integer or a truth value of the code that is compiled."""
 
     def __init__(self, value: Any) -> None:
@@ -95,30 +95,30 @@ class Number:
     __and__, __or__, __lshift__, __rshift__ = (_bitwise(name) for name in ("and_", "or_", "shl", "ashr"))
     __rand__, __ror__ = __and__, __or__
 
-    def __neg__(self) -> Number:
+    def __neg__(self) -> TracedNumber:
         if self.value.type == REAL:
-            return Number(_Place.builder.fneg(self.value, flags=_Place.flags))
+            return TracedNumber(_Target.builder.fneg(self.value, flags=_Target.flags))
         return 0 - self
 
-    def __abs__(self) -> Number:
+    def __abs__(self) -> TracedNumber:
         return _called("llvm.fabs", self)
 
-    def __invert__(self) -> Number:
-        return Number(_Place.builder.not_(self.value))
+    def __invert__(self) -> TracedNumber:
+        return TracedNumber(_Target.builder.not_(self.value))
 
     def __bool__(self) -> bool:
         raise TypeError("A number of compiled code is known only when it runs; choose by `where`.")
 
-    def __pow__(self, exponent: Number | float) -> Number:
+    def __pow__(self, exponent: TracedNumber | float) -> TracedNumber:
         return FUNCTIONS[np.power](self, exponent)
 
-    def __rpow__(self, base: float) -> Number:
+    def __rpow__(self, base: float) -> TracedNumber:
         return FUNCTIONS[np.power](base, self)
 
     def __array_ufunc__(self, function: np.ufunc, method: str, *numbers: Any, **options: Any) -> Any:
         if method != "__call__" or options or function not in FUNCTIONS:
             return NotImplemented
-        return FUNCTIONS[function](*(float(one) if isinstance(one, np.generic) else one for one in numbers))
+        return FUNCTIONS[function](*(float(x) if isinstance(x, np.generic) else x for x in numbers))
 
     def __array_function__(self, function: Callable, kinds: object, arguments: tuple, options: object) -> Any:
         if options or function not in FUNCTIONS:
@@ -149,28 +149,28 @@ class Rows:
     def __init__(self, data: Any) -> None:
         self.data = data
 
-    def _at(self, index: Number | int) -> Any:
-        return _Place.builder.gep(self.data, [_value(index, like=_WHOLE)], inbounds=True)
+    def _at(self, index: TracedNumber | int) -> Any:
+        return _Target.builder.gep(self.data, [_value(index, like=_WHOLE)], inbounds=True)
 
-    def __getitem__(self, index: Number | int) -> Number:
-        return Number(_Place.builder.load(self._at(index)))
+    def __getitem__(self, index: TracedNumber | int) -> TracedNumber:
+        return TracedNumber(_Target.builder.load(self._at(index)))
 
-    def __setitem__(self, index: Number | int, value: Number | float) -> None:
-        _Place.builder.store(_value(value, like=REAL), self._at(index))
+    def __setitem__(self, index: TracedNumber | int, value: TracedNumber | float) -> None:
+        _Target.builder.store(_value(value, like=REAL), self._at(index))
 
 
-def _value(number: Number | float, *, like: Any) -> Any:
+def _value(number: TracedNumber | float, *, like: Any) -> Any:
     """Return LLVM's value of a stand-in, or of a number that is known; integers become floats where asked for."""
-    if not isinstance(number, Number):
+    if not isinstance(number, TracedNumber):
         return ir.Constant(like, float(number) if like == REAL else int(number))
     if like == REAL and number.value.type == _WHOLE:
-        return _Place.builder.sitofp(number.value, REAL)
+        return _Target.builder.sitofp(number.value, REAL)
     return number.value
 
 
-def _alike(a: Number | float, b: Number | float) -> tuple[Any, Any]:
+def _alike(a: TracedNumber | float, b: TracedNumber | float) -> tuple[Any, Any]:
     """Return the values of two numbers as one type: the float's, if there is one."""
-    kinds = [one.value.type if isinstance(one, Number) else _kind_of(one) for one in (a, b)]
+    kinds = [number.value.type if isinstance(number, TracedNumber) else _kind_of(number) for number in (a, b)]
     kind = REAL if REAL in kinds else _WHOLE if _WHOLE in kinds else _TRUTH
     return _value(a, like=kind), _value(b, like=kind)
 
@@ -181,9 +181,9 @@ def _kind_of(number: float) -> Any:
     return _WHOLE if isinstance(number, int) else REAL
 
 
-def _called(name: str, *numbers: Number) -> Number:
-    function = _Place.builder.module.declare_intrinsic(name, [REAL])
-    return Number(_Place.builder.call(function, [_value(one, like=REAL) for one in numbers]))
+def _called(name: str, *numbers: TracedNumber) -> TracedNumber:
+    function = _Target.builder.module.declare_intrinsic(name, [REAL])
+    return TracedNumber(_Target.builder.call(function, [_value(number, like=REAL) for number in numbers]))
 
 
 # --- what stands for Python's own, on numbers of either kind ---
@@ -191,15 +191,15 @@ def _called(name: str, *numbers: Number) -> Number:
 
 def where(condition: Any, this: T, other: T) -> T:
     """Return `this` or `other`, numbers or tuples of them."""
-    if not isinstance(condition, Number | np.ndarray):
+    if not isinstance(condition, TracedNumber | np.ndarray):
         return this if condition else other
     if isinstance(this, tuple) and isinstance(other, tuple):
         chosen = [where(condition, a, b) for a, b in zip(this, other, strict=True)]
         return _tuple_like(this, chosen)
     if isinstance(condition, np.ndarray):
         return np.where(condition, this, other)  # pyright: ignore[reportArgumentType, reportCallIssue, reportReturnType]
-    one, two = _alike(this, other)  # pyright: ignore[reportArgumentType]
-    return Number(_Place.builder.select(condition.value, one, two))  # pyright: ignore[reportReturnType]
+    left, right = _alike(this, other)  # pyright: ignore[reportArgumentType]
+    return TracedNumber(_Target.builder.select(condition.value, left, right))  # pyright: ignore[reportReturnType]
 
 
 def least(a, b):
@@ -223,15 +223,15 @@ def either(*conditions):
 
 
 def _joined(conditions: Sequence, join: Callable):
-    found = conditions[0]
-    for one in conditions[1:]:
-        found = join(found, one)
-    return found
+    joined = conditions[0]
+    for condition in conditions[1:]:
+        joined = join(joined, condition)
+    return joined
 
 
 def root(x):
     """Return the square root."""
-    return _called("llvm.sqrt", x) if isinstance(x, Number) else np.sqrt(x)
+    return _called("llvm.sqrt", x) if isinstance(x, TracedNumber) else np.sqrt(x)
 
 
 FUNCTIONS |= {np.where: where, np.minimum: least, np.maximum: greatest, np.sqrt: root}
@@ -239,38 +239,38 @@ FUNCTIONS |= {np.where: where, np.minimum: least, np.maximum: greatest, np.sqrt:
 
 def bits_of(x):
     """Return the 64 bits of a float64 as an integer."""
-    if isinstance(x, Number):
-        return Number(_Place.builder.bitcast(x.value, _WHOLE))
+    if isinstance(x, TracedNumber):
+        return TracedNumber(_Target.builder.bitcast(x.value, _WHOLE))
     return np.float64(x).view(np.int64)
 
 
 def float_of(bits):
     """Return the float64 that has these 64 bits."""
-    if isinstance(bits, Number):
-        return Number(_Place.builder.bitcast(bits.value, REAL))
+    if isinstance(bits, TracedNumber):
+        return TracedNumber(_Target.builder.bitcast(bits.value, REAL))
     return np.int64(bits).view(np.float64)
 
 
 def whole(x):
     """Return the integer part of a float."""
-    if isinstance(x, Number):
-        return Number(_Place.builder.fptosi(x.value, _WHOLE))
+    if isinstance(x, TracedNumber):
+        return TracedNumber(_Target.builder.fptosi(x.value, _WHOLE))
     return np.int64(x)
 
 
-def lanes(first: Number | int, last: Number | int) -> Iterator[Any]:
+def lanes(first: TracedNumber | int, last: TracedNumber | int) -> Iterator[Any]:
     """Yield the index of a loop from `first` to `last` - 1; its body is run once, to be compiled."""
-    builder = _Place.builder
+    builder = _Target.builder
     start, stop = _value(first, like=_WHOLE), _value(last, like=_WHOLE)
     with cgutils.for_range(builder, stop, start=start, intp=_WHOLE) as loop:
-        yield Number(loop.index)
+        yield TracedNumber(loop.index)
 
 
 def outside(address, *arguments) -> None:
     """Call C code at an address with arrays, of whose numbers it gets the place, and integers."""
-    values = [one.data if isinstance(one, Rows) else _value(one, like=_WHOLE) for one in arguments]
-    kind = ir.FunctionType(ir.VoidType(), [one.type for one in values])
-    builder = _Place.builder
+    values = [item.data if isinstance(item, Rows) else _value(item, like=_WHOLE) for item in arguments]
+    kind = ir.FunctionType(ir.VoidType(), [value.type for value in values])
+    builder = _Target.builder
     builder.call(builder.inttoptr(address.value, kind.as_pointer()), values)
 
 
@@ -293,8 +293,8 @@ def traced(function: F) -> F:
     def _lower(context, builder, signature, arguments):
         with written_by(builder):
             values = zip(signature.args, arguments, strict=True)
-            found = function(*(_stand_in(context, kind, value) for kind, value in values))
-            return _packed(context, signature.return_type, found)
+            result = function(*(_stand_in(context, kind, value) for kind, value in values))
+            return _packed(context, signature.return_type, result)
 
     return function
 
@@ -321,11 +321,11 @@ def _borrow(context, builder, signature, arguments):
 def _uncounted(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
-        array.meminfo, array.parent = (ir.Constant(one.type, None) for one in (array.meminfo, array.parent))
+        array.meminfo, array.parent = (ir.Constant(part.type, None) for part in (array.meminfo, array.parent))
         return array._getvalue()
     if isinstance(kind, types.BaseTuple):
         values = cgutils.unpack_tuple(builder, value, len(kind))
-        items = [_uncounted(context, builder, *one) for one in zip(kind.types, values, strict=True)]  # pyright: ignore[reportAttributeAccessIssue]
+        items = [_uncounted(context, builder, *pair) for pair in zip(kind.types, values, strict=True)]  # pyright: ignore[reportAttributeAccessIssue]
         return context.make_tuple(builder, kind, items)
     return value
 
@@ -335,11 +335,11 @@ def in_order(function: F) -> F:
 
     @wraps(function)
     def ordered(*arguments):
-        flags, _Place.flags = _Place.flags, _IN_ORDER
+        flags, _Target.flags = _Target.flags, _IN_ORDER
         try:
             return function(*arguments)
         finally:
-            _Place.flags = flags
+            _Target.flags = flags
 
     return ordered  # pyright: ignore[reportReturnType]
 
@@ -347,20 +347,20 @@ def in_order(function: F) -> F:
 @contextmanager
 def written_by(builder: ir.IRBuilder) -> Iterator[None]:
     """Add instructions there; Numba compiles in one thread at a time. What has a builder's methods will do."""
-    before = _Place.__dict__.get("builder"), _Place.flags
-    _Place.builder, _Place.flags = builder, _FAST
+    before = _Target.__dict__.get("builder"), _Target.flags
+    _Target.builder, _Target.flags = builder, _FAST
     try:
         yield
     finally:
-        _Place.builder, _Place.flags = before  # pyright: ignore[reportAttributeAccessIssue]
+        _Target.builder, _Target.flags = before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def instructions_of(function: Callable, count: int) -> str:
     """Return the instructions that a function of so many numbers stands for; TypeError if it returns no number."""
     scratch = ir.Function(ir.Module(), ir.FunctionType(REAL, [REAL] * count), "scratch")
     with written_by(ir.IRBuilder(scratch.append_basic_block())):
-        found = function(*(Number(one) for one in scratch.args))
-        _Place.builder.ret(_value(found, like=REAL))
+        result = function(*(TracedNumber(argument) for argument in scratch.args))
+        _Target.builder.ret(_value(result, like=REAL))
     return str(scratch)
 
 
@@ -372,13 +372,13 @@ def _result_type(function: Callable, arguments: tuple[types.Type, ...]) -> types
         return _type_of(function(*(_stand_in(None, kind, None) for kind in arguments)))
 
 
-def _type_of(found: object) -> types.Type:
-    if found is None:
+def _type_of(result: object) -> types.Type:
+    if result is None:
         return types.none
-    if isinstance(found, tuple):
-        kind = type(found) if hasattr(found, "_fields") else None
-        return types.BaseTuple.from_types([_type_of(one) for one in found], kind)  # pyright: ignore[reportReturnType]
-    return _NUMBA_TYPES[found.value.type if isinstance(found, Number) else _kind_of(found)]  # pyright: ignore[reportArgumentType]
+    if isinstance(result, tuple):
+        kind = type(result) if hasattr(result, "_fields") else None
+        return types.BaseTuple.from_types([_type_of(part) for part in result], kind)  # pyright: ignore[reportReturnType]
+    return _NUMBA_TYPES[result.value.type if isinstance(result, TracedNumber) else _kind_of(result)]  # pyright: ignore[reportArgumentType]
 
 
 def _stand_in(context: Any, kind: types.Type, value: Any | None) -> Any:
@@ -386,14 +386,14 @@ def _stand_in(context: Any, kind: types.Type, value: Any | None) -> Any:
     if isinstance(kind, types.BaseTuple):
         items = tuple(kind)  # pyright: ignore[reportArgumentType] (each kind of tuple is iterable, their base is not)
         parts = [
-            _stand_in(context, one, None if value is None else _Place.builder.extract_value(value, i))
-            for i, one in enumerate(items)
+            _stand_in(context, item, None if value is None else _Target.builder.extract_value(value, i))
+            for i, item in enumerate(items)
         ]
         return kind.instance_class(*parts) if isinstance(kind, types.BaseNamedTuple) else tuple(parts)  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(kind, types.Array):
         if value is None:
             return Rows(ir.Constant(ir.PointerType(REAL), None))
-        return Rows(cgutils.create_struct_proxy(kind)(context, _Place.builder, value=value).data)
+        return Rows(cgutils.create_struct_proxy(kind)(context, _Target.builder, value=value).data)
     if isinstance(kind, types.CPointer):
         return Rows(ir.Constant(ir.PointerType(REAL), None) if value is None else value)
     if isinstance(kind, types.Function):
@@ -403,18 +403,18 @@ def _stand_in(context: Any, kind: types.Type, value: Any | None) -> Any:
     if isinstance(kind, types.NoneType):
         return None
     plain = REAL if isinstance(kind, types.Float) else _TRUTH if isinstance(kind, types.Boolean) else _WHOLE
-    return Number(ir.Constant(plain, ir.Undefined) if value is None else value)
+    return TracedNumber(ir.Constant(plain, ir.Undefined) if value is None else value)
 
 
-def _packed(context: Any, kind: types.Type, found: Any) -> Any:
+def _packed(context: Any, kind: types.Type, result: Any) -> Any:
     """Return LLVM's value of a result."""
     if isinstance(kind, types.NoneType):
         return context.get_dummy_value()
     if isinstance(kind, types.BaseTuple):
         items = tuple(kind)  # pyright: ignore[reportArgumentType]
-        parts = [_packed(context, one, part) for one, part in zip(items, found, strict=True)]
-        return context.make_tuple(_Place.builder, kind, parts)
-    return _value(found, like=context.get_value_type(kind))
+        parts = [_packed(context, item, part) for item, part in zip(items, result, strict=True)]
+        return context.make_tuple(_Target.builder, kind, parts)
+    return _value(result, like=context.get_value_type(kind))
 
 
 def _tuple_like(like: tuple, items: list) -> Any:

@@ -98,7 +98,7 @@ def inner(a, b):
 
 def summed(numbers: Iterable):
     """Return the sum of at least one number."""
-    return reduce(lambda one, other: one + other, numbers)
+    return reduce(lambda total, other: total + other, numbers)
 
 
 def solve_dense(K, right):

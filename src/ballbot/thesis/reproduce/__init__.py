@@ -1,6 +1,6 @@
 """The thesis reproduced: its figures and tables from the twin and the models, beside what the thesis shows.
 
-item.py         the result for one figure or table: `Item`, and the numbers that decide its verdict, `Check`
+item.py         the result for one figure or table: `Item`, and the numbers that decide its verdict, `ClaimCheck`
 figures.py      each figure and table: what is measured, what the thesis shows, and the drawing
 mistakes.py     the thesis's misprints and mistakes, each with the number that shows it
 recordings.py   recordings of the twin
@@ -11,6 +11,6 @@ page.py         the page
 """
 
 from ballbot.thesis.reproduce.campaign import Reproduction, reproduce
-from ballbot.thesis.reproduce.item import VERDICTS, Check, Item, Mistake, Verdict
+from ballbot.thesis.reproduce.item import VERDICTS, ClaimCheck, Item, Mistake, Verdict
 
-__all__ = ["VERDICTS", "Check", "Item", "Mistake", "Reproduction", "Verdict", "reproduce"]
+__all__ = ["VERDICTS", "ClaimCheck", "Item", "Mistake", "Reproduction", "Verdict", "reproduce"]

@@ -87,7 +87,7 @@ class Bench:
     @cached_property
     def identified(self) -> Robot:
         """The robot with the friction of balancing, identified from two recordings."""
-        logs = [one["log"].without_truth() for one in self.recorded("fit")]
+        logs = [recording["log"].without_truth() for recording in self.recorded("fit")]
         run = Run(seed=self.seed, progress=in_stage(self.progress, "identifying the friction"))
         return rounded_friction(identify(self.robot, logs, run=run).robot)
 
@@ -162,7 +162,7 @@ class Bench:
     def twin_changes(self, kind: Literal["none", "full"]) -> tuple[Log, ...]:
         """Return the twin's runs through it with that compensation."""
         name = {"none": "without_compensation", "full": "with_compensation"}[kind]
-        return tuple(one["log"] for one in self.recorded(name))
+        return tuple(recording["log"] for recording in self.recorded(name))
 
     @cached_property
     def validations(self) -> tuple[Validated, ...]:

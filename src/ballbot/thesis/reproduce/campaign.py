@@ -32,8 +32,8 @@ class Reproduction:
     @property
     def counts(self) -> dict[Verdict, int]:
         """How many items have each verdict that there is."""
-        found = Counter(item.verdict for item in self.items)
-        return {verdict: found[verdict] for verdict in VERDICTS if found[verdict]}
+        verdicts = Counter(item.verdict for item in self.items)
+        return {verdict: verdicts[verdict] for verdict in VERDICTS if verdicts[verdict]}
 
 
 def item_name(make: Callable[[Bench], Item]) -> str:
@@ -53,10 +53,10 @@ def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
     if only is None:
         return ITEMS
     names = {item_name(make): make for make in ITEMS}
-    found = {name.casefold(): make for name, make in names.items()}.get(" ".join(only.casefold().split()))
-    if found is None:
+    chosen = {name.casefold(): make for name, make in names.items()}.get(" ".join(only.casefold().split()))
+    if chosen is None:
         raise InputError(f"There is no {only!r} to reproduce; there are {', '.join(names)}.")
-    return (found,)
+    return (chosen,)
 
 
 def reproduce(*, seed: int, only: str | None = None, progress: ProgressCallback) -> Reproduction:

@@ -30,7 +30,7 @@ from ballbot.report.style import LOOKS, STATE_UNITS, one_panel, thinned
 from ballbot.report.validation import correlation_figure, symbols
 from ballbot.report.words import state_mark
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, STEPS, Bench
-from ballbot.thesis.reproduce.item import RUNS, Check, Item, Rows, check, over_runs
+from ballbot.thesis.reproduce.item import RUNS, ClaimCheck, Item, TextTable, check, over_runs
 from ballbot.thesis.reproduce.mistakes import clear_correlation, largest_lean, velocity_pairs
 from ballbot.thesis.reproduce.recordings import ARRIVED
 from ballbot.thesis.reproduce.runs import (
@@ -212,14 +212,14 @@ Ratios = Callable[[Validated], NDArray[np.float64]]
 
 def figure_4_1(bench: Bench) -> Item:
     """Closed loop: measured states beside the models'."""
-    found = bench.validations
-    closer = {name: _over(found, _whole(1), name) for name in ("x", "y", "psi")}
-    thesis = {name: over_runs(_over(found, _whole(2), name)) for name in closer}
-    missed = [float((one.rmse[0, 2:4] / np.std(one.log.states[:, 2:4], axis=0)).min()) for one in found]
+    validations = bench.validations
+    closer = {name: _over(validations, _whole(1), name) for name in ("x", "y", "psi")}
+    thesis = {name: over_runs(_over(validations, _whole(2), name)) for name in closer}
+    missed = [float((run.rmse[0, 2:4] / np.std(run.log.states[:, 2:4], axis=0)).min()) for run in validations]
     shaken, truly = (
-        list(ratios) for ratios in zip(*(_shaking(bench, k) for k in range(len(found))), strict=True)
+        list(ratios) for ratios in zip(*(_shaking(bench, k) for k in range(len(validations))), strict=True)
     )
-    runs = {"measured": found[0].log.without_truth()} | found[0].runs
+    runs = {"measured": validations[0].log.without_truth()} | validations[0].runs
     whole = "error without friction over that with, whole run"
     of_lean = "RMS error of theta or phi with friction over its standard deviation, the smaller"
     fast = f"RMS of theta and phi above {_FAST_LEAN:g} Hz, measured over modelled"
@@ -229,7 +229,7 @@ def figure_4_1(bench: Bench) -> Item:
         thesis="With friction the model's x, y and psi are closer to what was measured; the lean matches "
         "neither model, and as measured it oscillates more.",
         ours="Over the whole run the error of x, y and psi without friction is "
-        f"{', '.join(over_runs(one) for one in closer.values())} times that with (by the thesis's own equations "
+        f"{', '.join(over_runs(values) for values in closer.values())} times that with (by the thesis's own equations "
         f"{', '.join(thesis.values())}). Theta and phi with friction err by {over_runs(missed)} of their standard "
         f"deviation. Above {_FAST_LEAN:g} Hz the measured lean moves {over_runs(shaken)} times as much as the model's "
         f"with friction, the true one {over_runs(truly)} times: most of it is the sensor.",
@@ -247,7 +247,7 @@ def figure_4_1(bench: Bench) -> Item:
 
 def table_4_1(bench: Bench) -> Item:
     """Closed loop: (4.1) for each state, over the whole run and restarted."""
-    found = bench.validations
+    runs = bench.validations
     ours = {
         "whole run": _whole(1),
         "thesis's equations": _whole(2),
@@ -258,19 +258,19 @@ def table_4_1(bench: Bench) -> Item:
         name="Table 4.1",
         title="Closed loop: the error (4.1) of each state",
         thesis="The model with friction has the smaller error in every state.",
-        ours=f"Over the whole run, as in the thesis, {_better(found, _whole(1))}; beside the thesis's own equations "
-        f"without friction, {_better(found, _whole(2))}. Over a whole run robot and model lose each other's phase. "
-        f"Restarted from the measured state every {RESTART:g} s, {_better(found, _restarted(1))}; beside the thesis's "
-        f"own, {_better(found, _restarted(2))}. The verdict is on the whole run. Ratios may be set beside the "
+        ours=f"Over the whole run, as in the thesis, {_better(runs, _whole(1))}; beside the thesis's own equations "
+        f"without friction, {_better(runs, _whole(2))}. Over a whole run robot and model lose each other's phase. "
+        f"Restarted from the measured state every {RESTART:g} s, {_better(runs, _restarted(1))}; beside the thesis's "
+        f"own, {_better(runs, _restarted(2))}. The verdict is on the whole run. Ratios may be set beside the "
         "thesis's, sizes not: (4.1) shrinks with the length of a run (mistake 15).",
-        checks=_table_checks(found, _whole(1)),
-        table=_table(TABLE_4_1, found, ours),
+        checks=_table_checks(runs, _whole(1)),
+        table=_table(TABLE_4_1, runs, ours),
     )
 
 
 def figure_4_2(bench: Bench) -> Item:
     """Open loop: the models under the measured torques, each until its own lean is past recovery."""
-    times = {name: [float(one.falls[k]) for one in bench.validations] for k, name in enumerate(MODELS)}
+    times = {name: [float(run.falls[k]) for run in bench.validations] for k, name in enumerate(MODELS)}
     exact, thesis = (_ratios(times["friction"], times[name]) for name in ("exact", "thesis"))
     later = "the lean of the model with friction runs away later"
     until = "time until past recovery, with over without"
@@ -300,25 +300,25 @@ def figure_4_2(bench: Bench) -> Item:
 
 def table_4_2(bench: Bench) -> Item:
     """Open loop: (4.1) for each state."""
-    found = bench.validations
+    runs = bench.validations
     return Item(
         name="Table 4.2",
         title="Open loop: the error (4.1) of each state",
         thesis="The model with friction has the smaller error in every state, both cut to the shorter.",
-        ours=f"From initial states a second apart, both models cut to the shorter, {_better(found, _opened(0))}; "
-        f"beside the thesis's own equations without friction, {_better(found, _opened(1))}. "
+        ours=f"From initial states a second apart, both models cut to the shorter, {_better(runs, _opened(0))}; "
+        f"beside the thesis's own equations without friction, {_better(runs, _opened(1))}. "
         "Ratios may be set beside the thesis's, sizes not (mistake 15).",
-        checks=_table_checks(found, _opened(0)),
-        table=_table(TABLE_4_2, found, {"without": _opened(0), "thesis's equations": _opened(1)}),
+        checks=_table_checks(runs, _opened(0)),
+        table=_table(TABLE_4_2, runs, {"without": _opened(0), "thesis's equations": _opened(1)}),
     )
 
 
 def figure_4_3(bench: Bench) -> Item:
     """Correlation of the one-step residuals with each other and with the torques."""
-    found = [one.correlations for one in bench.validations]
-    x_phi, y_theta, named = velocity_pairs(found)
-    clear = max(clear_correlation(one) for one in found)
-    others = [_largest_other(one) for one in found]
+    correlations = [run.correlations for run in bench.validations]
+    x_phi, y_theta, named = velocity_pairs(correlations)
+    clear = max(clear_correlation(run) for run in correlations)
+    others = [_largest_other(run) for run in correlations]
     sizes = [size for size, _ in others]
     weaker = [min(abs(a), abs(b)) for a, b in zip(x_phi, y_theta, strict=True)]
     joined = "the ball's velocity goes with the body's rate of lean"
@@ -337,41 +337,41 @@ def figure_4_3(bench: Bench) -> Item:
             check("all others are low", "the largest other", sizes, highest=0.5),
         ),
         figure=lambda: correlation_figure(
-            symbols(found[0].labels), found[0].matrix, marked=found[0].significant
+            symbols(correlations[0].labels), correlations[0].matrix, marked=correlations[0].significant
         ),
     )
 
 
 def _whole(model: int) -> Ratios:
-    return lambda one: one.whole[model] / one.whole[0]
+    return lambda run: run.whole[model] / run.whole[0]
 
 
 def _restarted(model: int) -> Ratios:
-    return lambda one: one.restarted[model] / one.restarted[0]
+    return lambda run: run.restarted[model] / run.restarted[0]
 
 
 def _opened(pair: int) -> Ratios:
-    return lambda one: one.open_loop[pair, 1] / one.open_loop[pair, 0]
+    return lambda run: run.open_loop[pair, 1] / run.open_loop[pair, 0]
 
 
-def _over(found: Sequence[Validated], ratios: Ratios, name: str) -> list[float]:
-    return [float(ratios(one)[STATE_NAMES.index(name)]) for one in found]
+def _over(runs: Sequence[Validated], ratios: Ratios, name: str) -> list[float]:
+    return [float(ratios(run)[STATE_NAMES.index(name)]) for run in runs]
 
 
 def _shaking(bench: Bench, number: int) -> tuple[float, float]:
     """Return how much more the measured and the true lean move at high frequency than the model's with friction."""
-    one, h = bench.validations[number], bench.robot.sensors.sample_time
+    run, h = bench.validations[number], bench.robot.sensors.sample_time
     true = bench.twin_changes("none")[number].truth().states
     modelled, shaken, truly = (
         rms(above(states[:, 2:4], h, _FAST_LEAN))
-        for states in (one.runs["friction"].states, one.log.states, true)
+        for states in (run.runs["friction"].states, run.log.states, true)
     )
     return shaken / modelled, truly / modelled
 
 
-def _largest_other(found: Correlations) -> tuple[float, str]:
+def _largest_other(correlations: Correlations) -> tuple[float, str]:
     """Return the largest size of a cell off the diagonal but for velocity with rate of lean, and which it is."""
-    sizes = np.abs(np.nan_to_num(found.matrix.copy()))
+    sizes = np.abs(np.nan_to_num(correlations.matrix.copy()))
     np.fill_diagonal(sizes, 0.0)
     for i, j in ((5, 8), (6, 7), (5, 7), (6, 8)):
         sizes[i, j] = sizes[j, i] = 0.0
@@ -379,29 +379,31 @@ def _largest_other(found: Correlations) -> tuple[float, str]:
     return float(sizes[i, j]), f"({i + 1}, {j + 1})"
 
 
-def _better(found: Sequence[Validated], ratios: Ratios) -> str:
+def _better(runs: Sequence[Validated], ratios: Ratios) -> str:
     """Return in how many states friction lowers the error, and in how many that is sure."""
-    table = np.array([ratios(one) for one in found])
+    table = np.array([ratios(run) for run in runs])
     sure = sum(median_with_interval(column).low > 1.0 for column in table.T.tolist())
     lower = int((np.median(table, axis=0) > 1.0).sum())
     return (
-        f"friction lowers the error in {lower} of {table.shape[1]} states by the median of {len(found)} runs, in "
+        f"friction lowers the error in {lower} of {table.shape[1]} states by the median of {len(runs)} runs, in "
         f"{sure} by the whole interval"
     )
 
 
-def _table_checks(found: Sequence[Validated], ratios: Ratios) -> tuple[Check, ...]:
+def _table_checks(runs: Sequence[Validated], ratios: Ratios) -> tuple[ClaimCheck, ...]:
     quantity = "error without friction over that with"
     return tuple(
         check(
-            f"the error of {name} is smaller with friction", quantity, _over(found, ratios, name), lowest=1.0
+            f"the error of {name} is smaller with friction", quantity, _over(runs, ratios, name), lowest=1.0
         )
         for name in STATE_NAMES
     )
 
 
-def _table(printed: Sequence[Sequence[float]], found: Sequence[Validated], ours: dict[str, Ratios]) -> Rows:
-    return Rows(
+def _table(
+    printed: Sequence[Sequence[float]], runs: Sequence[Validated], ours: dict[str, Ratios]
+) -> TextTable:
+    return TextTable(
         headings=("state", "thesis: with friction", "without", "ratio", *(f"ours: {name}" for name in ours)),
         rows=tuple(
             (
@@ -409,7 +411,7 @@ def _table(printed: Sequence[Sequence[float]], found: Sequence[Validated], ours:
                 f"{with_friction:.4f}",
                 f"{without:.4f}",
                 f"{without / with_friction:.2f}",
-                *(over_runs(_over(found, ratios, name)) for ratios in ours.values()),
+                *(over_runs(_over(runs, ratios, name)) for ratios in ours.values()),
             )
             for name, with_friction, without in zip(STATE_NAMES, *printed, strict=True)
         ),
@@ -462,9 +464,9 @@ def figure_5_1(bench: Bench) -> Item:
         f"(RMS), by the thesis's own equations {_share(near['thesis'])}. Without the turn, at a lean of up to "
         f"{leans['exact'][0]:.1f} degrees, they differ by {_share(growth['exact'][0])}, {STEPS[-1]:g} times as "
         f"far, at {leans['exact'][-1]:.1f} degrees, by {_share(growth['exact'][-1])}. With friction x is off by "
-        f"{over_runs([100.0 * one for one in far])} %.",
+        f"{over_runs([100.0 * share for share in far])} %.",
         checks=_linear_checks(near, growth, far),
-        table=Rows(
+        table=TextTable(
             headings=(
                 "way",
                 "lean",
@@ -480,7 +482,7 @@ def figure_5_1(bench: Bench) -> Item:
 
 def _linear_checks(
     near: Mapping[Formulation, float], growth: Mapping[Formulation, Sequence[float]], far: Sequence[float]
-) -> tuple[Check, ...]:
+) -> tuple[ClaimCheck, ...]:
     """Return the checks of Figure 5.1: differences along the reference, their growth with the lean, and friction's."""
     largest = "largest RMS difference of a state, of its range"
     ratio = "smallest ratio of a difference to the one before, the way doubled each time"
@@ -514,7 +516,7 @@ def figure_5_4(bench: Bench) -> Item:
         ]
         for law, suffix in (("bare sign", "_sign"), ("ramp", ""))
     }
-    sign, ramp = ([over_runs(one) for one in errors[law]] for law in errors)
+    sign, ramp = ([over_runs(values) for values in errors[law]] for law in errors)
     less = {law: _ratios(full, partial) for law, (full, partial) in errors.items()}
     size = {law: [abs(a - b) for a, b in zip(*pair, strict=True)] for law, pair in errors.items()}
     shown = {kind: bench.changes[kind][0] for kind in ("full", "partial", "full_sign", "partial_sign")}
@@ -531,15 +533,15 @@ def figure_5_4(bench: Bench) -> Item:
                 check(
                     f"with a {law} partial compensation has less steady error",
                     "full over partial",
-                    one,
+                    ratios,
                     "",
                     _CLEARLY,
                 )
-                for law, one in less.items()
+                for law, ratios in less.items()
             ),
             *(
-                check(f"with a {law} the difference is small", "its size", one, "mm", highest=50.0)
-                for law, one in size.items()
+                check(f"with a {law} the difference is small", "its size", differences, "mm", highest=50.0)
+                for law, differences in size.items()
             ),
         ),
         series=lambda: _states({"linear": bench.linear["exact"], **shown}, ("x", "y")),
@@ -567,7 +569,7 @@ def figure_5_5(bench: Bench) -> Item:
 def figure_5_6(bench: Bench) -> Item:
     """The models' paths with and without compensation."""
     peaks = {
-        k: [1e3 * peak_after_arrival(one) for one in bench.changes[k]] for k in ("none", "full", "full_sign")
+        k: [1e3 * peak_after_arrival(log) for log in bench.changes[k]] for k in ("none", "full", "full_sign")
     }
     ways = _ways(bench, bench.changes)
     nearer = "on the way compensation keeps it nearer to the linear model's path"
@@ -648,14 +650,14 @@ def figure_5_8(bench: Bench) -> Item:
     )
 
 
-def _runs_table(runs: Mapping[str, Sequence[Log]], peaks: Mapping[str, Sequence[float]]) -> Rows:
+def _runs_table(runs: Mapping[str, Sequence[Log]], peaks: Mapping[str, Sequence[float]]) -> TextTable:
     """Return each run's distance early on, which a fresh run can be held against soon, and its peak."""
     measured = (f"distance at {EARLY:g} s", "peak")
     cells = [
         [f"{value:.3f}" for kind in _WORDS for value in (distance_at(runs[kind][k], EARLY), peaks[kind][k])]
         for k in range(len(peaks["none"]))
     ]
-    return Rows(
+    return TextTable(
         headings=("run", *(f"{words}, {what} [m]" for words in _WORDS.values() for what in measured)),
         rows=tuple((f"{k}", *row) for k, row in enumerate(cells)),
     )
@@ -693,10 +695,10 @@ _PART = 30.0
 def figure_iii_1(bench: Bench) -> Item:
     """The body hung up at the ball's centre and let swing, in simulation."""
     fit = bench.swings[0]
-    found = [inertia_of_swing(one, bench.robot) for one in bench.swings]
-    pivots = [one.about_pivot.value for one in found]
-    half, own = found[0].about_pivot.half_width, found[0].about_center_of_mass
-    off = [100.0 * abs(one / THESIS_INERTIA - 1.0) for one in pivots]
+    inertias = [inertia_of_swing(swing, bench.robot) for swing in bench.swings]
+    pivots = [inertia.about_pivot.value for inertia in inertias]
+    half, about_center = inertias[0].about_pivot.half_width, inertias[0].about_center_of_mass
+    off = [100.0 * abs(pivot / THESIS_INERTIA - 1.0) for pivot in pivots]
     claim = "the method finds the inertia that was simulated, 4.37 kg m^2"
     return Item(
         name="Figure III.1",
@@ -706,8 +708,8 @@ def figure_iii_1(bench: Bench) -> Item:
         ours=f"A body of that inertia swings at {fit.frequency:.4f} rad/s, with a period of "
         f"{2.0 * math.pi / fit.frequency:.4f} s. Nothing was filmed: the angles are simulated by a pendulum of that "
         f"inertia, {fit.swing.swings:.0f} swings at 30 samples a second with an error of 3 mrad each. From each of "
-        f"{len(found)} such records `ballbot check --swing` finds {over_runs(pivots)} kg m^2 about the pivot, the "
-        f"first to ± {half:.1g}, and {own.value:.3f} about the centre of mass. That tests the method, not the "
+        f"{len(inertias)} such records `ballbot check --swing` finds {over_runs(pivots)} kg m^2 about the pivot, the "
+        f"first to ± {half:.1g}, and {about_center.value:.3f} about the centre of mass. That tests the method, not the "
         "thesis's number.",
         checks=(check(claim, "found from the swing, its difference from that", off, "%", highest=0.1),),
         series=lambda: swing_series(fit, label="simulated, with the tracking's error"),
@@ -717,8 +719,10 @@ def figure_iii_1(bench: Bench) -> Item:
 def figure_iv_2(bench: Bench) -> Item:
     """The angles' errors."""
     sensors = _sensors(bench)
-    largest = [max(float(np.degrees(one.of[name].largest)) for name in ("theta", "phi")) for one in sensors]
-    drift = [float(np.degrees(abs(one.of["psi"].drift))) * 60.0 * MINUTES for one in sensors]
+    largest = [
+        max(float(np.degrees(error.of[name].largest)) for name in ("theta", "phi")) for error in sensors
+    ]
+    drift = [float(np.degrees(abs(error.of["psi"].drift))) * 60.0 * MINUTES for error in sensors]
     peak = "theta's and phi's errors peak just over 1 degree"
     drifts = "the heading drifts by about 16 degrees in 3 minutes"
     return Item(
@@ -739,9 +743,9 @@ def figure_iv_2(bench: Bench) -> Item:
 def figure_iv_4(bench: Bench) -> Item:
     """The position's errors, and what of them the heading's error makes."""
     sensors = _sensors(bench)
-    shares = [one.position.by_heading for one in sensors if one.position is not None]
+    shares = [error.position.by_heading for error in sensors if error.position is not None]
     first, last = (list(part) for part in zip(*map(_away, bench.alignments), strict=True))
-    follows = [_crossed(one) for one in bench.alignments]
+    follows = [_crossed(alignment) for alignment in bench.alignments]
     early, late = f"largest distance in the first {_PART:g} s", "the last part's largest over the first's"
     crossed = "each error goes with the other coordinate's movement"
     return Item(
@@ -751,7 +755,7 @@ def figure_iv_4(bench: Bench) -> Item:
         "movement in y and that of y with x, which shows that the heading's drift makes them.",
         ours=f"They differ by at most {over_runs(first)} mm in the first {_PART:g} s and {over_runs(last)} mm "
         "in the last. In the last minute the smaller of the errors' correlations with the other coordinate is "
-        f"{over_runs(follows)}; the heading's error explains {over_runs([100.0 * one for one in shares])} % of the "
+        f"{over_runs(follows)}; the heading's error explains {over_runs([100.0 * share for share in shares])} % of the "
         "position error's square.",
         checks=(
             check("they match in the beginning", early, first, "mm", highest=100.0),
@@ -770,23 +774,23 @@ def figure_iv_4(bench: Bench) -> Item:
 
 def _sensors(bench: Bench) -> list[SensorErrors]:
     # the twin's log has angles and the cameras see them
-    return [one.sensors for one in bench.alignments if one.sensors is not None]
+    return [alignment.sensors for alignment in bench.alignments if alignment.sensors is not None]
 
 
-def _away(found: Alignment) -> tuple[float, float]:
+def _away(alignment: Alignment) -> tuple[float, float]:
     """Return the largest distance between the two positions in the first and in the last part [mm]."""
-    assert found.sensors is not None  # as in `_sensors`
-    away, t = np.hypot(found.sensors.errors["x"], found.sensors.errors["y"]), found.log.t
+    assert alignment.sensors is not None  # as in `_sensors`
+    away, t = np.hypot(alignment.sensors.errors["x"], alignment.sensors.errors["y"]), alignment.log.t
     first, last = np.nanmax(away[t <= t[0] + _PART]), np.nanmax(away[t >= t[-1] - _PART])
     return 1e3 * float(first), 1e3 * float(last)
 
 
-def _crossed(found: Alignment) -> float:
+def _crossed(alignment: Alignment) -> float:
     """Return the smaller correlation of an error with the other coordinate, late, when the heading is far off."""
-    assert found.sensors is not None  # as in `_sensors`
-    errors = found.sensors.errors
-    table = np.array([errors["x"], found.log["mocap_y"], errors["y"], found.log["mocap_x"]])
-    table = table[:, (found.log.t >= found.log.t[-1] - 2.0 * _PART) & np.isfinite(table).all(axis=0)]
+    assert alignment.sensors is not None  # as in `_sensors`
+    errors = alignment.sensors.errors
+    table = np.array([errors["x"], alignment.log["mocap_y"], errors["y"], alignment.log["mocap_x"]])
+    table = table[:, (alignment.log.t >= alignment.log.t[-1] - 2.0 * _PART) & np.isfinite(table).all(axis=0)]
     matrix = np.asarray(np.corrcoef(table))
     return float(min(abs(matrix[0, 1]), abs(matrix[2, 3])))
 
@@ -809,11 +813,11 @@ _SHOWN: Mapping[str, tuple[str, Look]] = {
 
 def _states(runs: Mapping[str, Log], names: Sequence[str], *, end: float = math.inf) -> TimeSeries:
     """Return states of some runs up to a time [s], with the reference where there is one."""
-    runs = {one: log.between(-math.inf, end) for one, log in runs.items()}
+    runs = {kind: log.between(-math.inf, end) for kind, log in runs.items()}
     longest = max(runs.values(), key=len)
     panels = []
     for name in names:
-        _, lines = together([(*_SHOWN[one], log.t, log[name]) for one, log in runs.items()])
+        _, lines = together([(*_SHOWN[kind], log.t, log[name]) for kind, log in runs.items()])
         if f"ref_{name}" in longest:
             lines.append(Line("reference", longest[f"ref_{name}"], "reference"))
         panels.append(Panel(f"{state_mark(name)} [{STATE_UNITS[name]}]", lines))
@@ -830,11 +834,11 @@ def _wheels(bench: Bench) -> TimeSeries:
         kind: 1e3 * above(log.wheel_speeds, bench.robot.sensors.sample_time, _FAST)
         for kind, log in logs.items()
     }
-    reach = 1.2 * max(float(np.abs(one[on_way]).max()) for one in fast.values())
+    reach = 1.2 * max(float(np.abs(speeds[on_way]).max()) for speeds in fast.values())
     panels = []
     for wheel in range(bench.robot.wheel_count):
         whole, part = (
-            [Line(_SHOWN[kind][0], one[rows, wheel], _SHOWN[kind][1]) for kind, one in speeds.items()]
+            [Line(_SHOWN[kind][0], values[rows, wheel], _SHOWN[kind][1]) for kind, values in speeds.items()]
             for speeds in ({kind: log.wheel_speeds for kind, log in logs.items()}, fast)
         )
         # the step's jump goes beyond
@@ -846,11 +850,11 @@ def _wheels(bench: Bench) -> TimeSeries:
 def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
     """Return the thesis's Figure 3.2 as a torque-speed characteristic."""
     figure, axes = one_panel(f"speed of wheel {sweep.wheel} [rad/s]", "torque [N m]")
-    torque, measured, found, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
+    torque, measured, predicted, without = thinned(sweep.torque, sweep.speed, fit.predicted, fit.without)
     # a broad pale line beneath, for the model's with friction lies on it
     axes.plot(measured, torque, label="measured", **{**LOOKS["reference"], "linewidth": 3.2})
     axes.plot(without, torque, label="without friction", **LOOKS["second"])
-    axes.plot(found, torque, label="with friction", **LOOKS["first"])
+    axes.plot(predicted, torque, label="with friction", **LOOKS["first"])
     axes.legend(loc="upper left")
     return figure
 

@@ -45,7 +45,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
+class ClaimCheck:
     """A claim, and our number that decides it.
 
     It agrees if `lowest` <= `value` <= `highest`. A number over several runs is their median; then all of its
@@ -94,29 +94,29 @@ def check(
     unit: str = "",
     lowest: float = -math.inf,
     highest: float = math.inf,
-) -> Check:
+) -> ClaimCheck:
     """Return the check of a number, or of the median of several runs' numbers, with its 95 % interval by rank."""
-    made = partial(Check, claim=claim, quantity=quantity, unit=unit, lowest=lowest, highest=highest)
+    made = partial(ClaimCheck, claim=claim, quantity=quantity, unit=unit, lowest=lowest, highest=highest)
     if isinstance(value, float | int):
         return made(value=value)
-    found = median_with_interval(value)
-    return made(value=found.median, interval=(found.low, found.high), runs=len(value))
+    estimate = median_with_interval(value)
+    return made(value=estimate.median, interval=(estimate.low, estimate.high), runs=len(value))
 
 
 def spread_text(value: float, interval: tuple[float, float]) -> str:
     """Return a median with its interval, three digits each: "0.343 (0.31 to 0.38)"."""
-    middle, lower, upper = (f"{0.0 if abs(one) < _ROUNDING else one:.3g}" for one in (value, *interval))
+    middle, lower, upper = (f"{0.0 if abs(part) < _ROUNDING else part:.3g}" for part in (value, *interval))
     return f"{middle} ({lower} to {upper})"
 
 
 def over_runs(values: Sequence[float]) -> str:
     """Return the median of several runs' values with its interval, in words."""
-    found = median_with_interval(values)
-    return spread_text(found.median, (found.low, found.high))
+    estimate = median_with_interval(values)
+    return spread_text(estimate.median, (estimate.low, estimate.high))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rows:
+class TextTable:
     """A table of texts."""
 
     headings: tuple[str, ...]
@@ -131,8 +131,8 @@ class Item:
     title: str
     thesis: str  #: what the thesis shows, a sentence
     ours: str  #: what ours shows, a sentence or two
-    checks: tuple[Check, ...]
-    table: Rows | None = None
+    checks: tuple[ClaimCheck, ...]
+    table: TextTable | None = None
     figure: Callable[[], Figure] | None = None
     series: Callable[[], TimeSeries] | None = None
 
@@ -168,7 +168,7 @@ class Mistake:
     where: str  #: the equation or section
     thesis: str  #: what it states
     right: str  #: what is right
-    shown_by: tuple[Check, ...]  #: numbers that would differ if the thesis were right
+    shown_by: tuple[ClaimCheck, ...]  #: numbers that would differ if the thesis were right
 
     @reported
     def proven(self) -> bool:
@@ -176,7 +176,7 @@ class Mistake:
         return all(check.agrees for check in self.shown_by)
 
 
-def _missing(check: Check) -> str:
+def _missing(check: ClaimCheck) -> str:
     claim, quantity, measured, criterion, _ = check.cells
     return f"{claim} ({quantity}: {measured}; required: {criterion})"
 

@@ -73,8 +73,8 @@ def derivative_of_angles(bench: Bench) -> Mistake:
     force, torque = matrices.T_fgb @ matrices.T_tbw, matrices.T_trw
     # d r_1 / dq has ones for x and y only, so that the body's torque enters there
     printed, mended = (
-        abs(float(np.linalg.solve(mass, np.vstack(one))[4, 0]))
-        for one in ([force + torque[:2], np.zeros_like(torque)], [force, torque])
+        abs(float(np.linalg.solve(mass, np.vstack(rows))[4, 0]))
+        for rows in ([force + torque[:2], np.zeros_like(torque)], [force, torque])
     )
     quantity = "psi_dd for 1 N m at wheel 1"
     return Mistake(
@@ -117,20 +117,20 @@ def inertia_counted_twice(bench: Bench) -> Mistake:
     body = bench.robot.body
     extra = body.mass * body.center_of_mass**2
     xx, yy, *rest = body.inertia
-    own = replace(body, inertia=(xx - extra, yy - extra, *rest), inertia_about="center_of_mass")
+    about_center = replace(body, inertia=(xx - extra, yy - extra, *rest), inertia_about="center_of_mass")
 
     def pole(formulation: Formulation, of: Body) -> float:
         """Return the faster unstable pole [rad/s]."""
         return float(Model(bench.robot.replace(body=of), formulation=formulation).linearize().poles()[0].real)
 
-    exact, thesis, mended = pole("exact", body), pole("thesis", body), pole("thesis", own)
+    exact, thesis, mended = pole("exact", body), pole("thesis", body), pole("thesis", about_center)
     return Mistake(
         number=5,
         where="(II.22), (II.25), Appendix III",
         thesis="The inertia of 4.37 kg m^2 stands beside m_r v_body^2.",
         right="It was measured about the ball's centre, so that it has m_r l^2 already; about the centre of mass it is "
-        f"{own.inertia[0]:.3f} kg m^2. Items 4 to 7 together make the printed model fall with {thesis:.2f} rad/s where "
-        f"the robot falls with {exact:.2f}.",
+        f"{about_center.inertia[0]:.3f} kg m^2. Items 4 to 7 together make the printed model fall with {thesis:.2f} "
+        f"rad/s where the robot falls with {exact:.2f}.",
         shown_by=(
             check("m_r l^2 counts twice", "m_r l^2", extra, "kg m^2", lowest=2.636, highest=2.639),
             check("it falls too slowly", "exact unstable pole over the printed", exact / thesis, lowest=1.4),
@@ -144,7 +144,9 @@ def no_counter_torque(bench: Bench) -> Mistake:
     matrices = transforms(bench.robot)
     # by action and reaction the torque on the body is minus that on the ball
     ratio = float(np.linalg.norm(matrices.T_trw) / np.linalg.norm(matrices.T_tbw))
-    heading = [float(Model(bench.robot, formulation=one).linearize().B[9, 0]) for one in ("thesis", "exact")]
+    heading = [
+        float(Model(bench.robot, formulation=kind).linearize().B[9, 0]) for kind in ("thesis", "exact")
+    ]
     return Mistake(
         number=6,
         where="(II.11), (II.32)",
@@ -175,8 +177,8 @@ def friction_on_absolute_spin(bench: Bench) -> Mistake:
     # body and ball lean over as one, theta_dot = 1 rad/s: the ball rolls along, no wheel turns in its bearings
     together = np.array([0.0, -bench.robot.ball.radius, 1.0, 0.0, 0.0])
     exact, thesis = (
-        float(np.abs(Model(bench.robot, formulation=one).wheel_speed(np.zeros(5), together)).max())
-        for one in ("exact", "thesis")
+        float(np.abs(Model(bench.robot, formulation=kind).wheel_speed(np.zeros(5), together)).max())
+        for kind in ("exact", "thesis")
     )
     quantity = "wheel speed where body and ball turn as one by 1 rad/s"
     return Mistake(
@@ -283,9 +285,9 @@ def rounded_constants(bench: Bench) -> Mistake:
 
 def residual_pairs(bench: Bench) -> Mistake:
     """Mistake 13."""
-    found = [one.correlations for one in bench.validations]
-    clear = max(clear_correlation(one) for one in found)
-    first, second, named = velocity_pairs(found)
+    correlations = [run.correlations for run in bench.validations]
+    clear = max(clear_correlation(run) for run in correlations)
+    first, second, named = velocity_pairs(correlations)
     return Mistake(
         number=13,
         where="section 4.2",
@@ -294,7 +296,10 @@ def residual_pairs(bench: Bench) -> Mistake:
         "(7, 8), with opposite signs.",
         shown_by=(
             check(
-                "7 does not go with 9", "correlation, its size", [abs(one) for one in named], highest=clear
+                "7 does not go with 9",
+                "correlation, its size",
+                [abs(value) for value in named],
+                highest=clear,
             ),
             check("6 goes with 9, and not oppositely", "their correlation", first, lowest=clear),
             check("7 goes with 8, oppositely", "their correlation", second, highest=-clear),
@@ -302,15 +307,15 @@ def residual_pairs(bench: Bench) -> Mistake:
     )
 
 
-def velocity_pairs(found: list[Correlations]) -> list[list[float]]:
+def velocity_pairs(runs: list[Correlations]) -> list[list[float]]:
     """Return the correlations of each of `VELOCITY_PAIRS`, run by run."""
-    return [[one.between(f"e_{a}", f"e_{b}")[0] for one in found] for a, b in VELOCITY_PAIRS]
+    return [[run.between(f"e_{a}", f"e_{b}")[0] for run in runs] for a, b in VELOCITY_PAIRS]
 
 
-def clear_correlation(found: Correlations) -> float:
+def clear_correlation(correlations: Correlations) -> float:
     """Return from what size on a residual's correlation with another is clear: four of its standard errors."""
-    place = found.labels.index("e_y_dot"), found.labels.index("e_phi_dot")
-    return 4.0 / float(np.sqrt(found.counts[place]))
+    cell = correlations.labels.index("e_y_dot"), correlations.labels.index("e_phi_dot")
+    return 4.0 / float(np.sqrt(correlations.counts[cell]))
 
 
 class FixedFrame:
@@ -418,7 +423,7 @@ def nonholonomic_force(
         [m, rad] and their rates.
     """
     step = 1e-5  # of a central difference [rad]: its square and the rounding over it are both near 1e-10
-    along = [_wheel_rates(robot, q + one)[0] - _wheel_rates(robot, q - one)[0] for one in step * np.eye(5)]
+    along = [_wheel_rates(robot, q + dq)[0] - _wheel_rates(robot, q - dq)[0] for dq in step * np.eye(5)]
     gradient = np.stack(along, axis=-1) / (2.0 * step)  # (n, 5, 5): dW_ij / dq_k
     momenta = robot.wheels.inertia * _wheel_rates(robot, q)[1] @ q_dot
     curl = gradient @ q_dot - np.einsum("ijk,j->ik", gradient, q_dot)
@@ -427,9 +432,9 @@ def nonholonomic_force(
 
 def _wheel_rates(robot: Robot, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return W and S (n, 5): the wheels' rates against the body and their spins (II.16), both for each rate of q."""
-    found, back = transforms(robot), rotation(*q[2:]).T
-    ball = found.T_owb @ back @ np.linalg.pinv(found.T_vgb)[:, :2]
-    body = found.T_owr @ back  # with (II.24) as printed
+    matrices, back = transforms(robot), rotation(*q[2:]).T
+    ball = matrices.T_owb @ back @ np.linalg.pinv(matrices.T_vgb)[:, :2]
+    body = matrices.T_owr @ back  # with (II.24) as printed
     # a wheel counts its spin against a_i, so that the body's share is added
     return np.hstack([ball, body + axles(robot.wheels.azimuths, robot.wheels.tilt) @ back]), np.hstack(
         [ball, body]
@@ -458,8 +463,8 @@ def locked_wheels_twice(bench: Bench) -> Mistake:
 
 def undefined_inverses(bench: Bench) -> Mistake:
     """Mistake 18."""
-    found = transforms(bench.robot)
-    ranks = [float(np.linalg.matrix_rank(one)) for one in (found.T_vgb, found.T_tbg)]
+    matrices = transforms(bench.robot)
+    ranks = [float(np.linalg.matrix_rank(matrix)) for matrix in (matrices.T_vgb, matrices.T_tbg)]
     return Mistake(
         number=18,
         where="(II.19), (II.31)",
@@ -484,8 +489,8 @@ def reference_and_stability(bench: Bench) -> Mistake:
         Model(bench.robot), FixedFrame(bench), lambda _: reference, duration=60.0, initial_state=np.zeros(10)
     )
     last = run.states[-1] if not run.ended else np.full(10, np.nan)
-    rates, input_size = (float(np.abs(one).max()) for one in (last[5:], linear.A @ reference))
-    place = float(last[0] / rest[0])
+    rates, input_size = (float(np.abs(values).max()) for values in (last[5:], linear.A @ reference))
+    ratio = float(last[0] / rest[0])
     return Mistake(
         number=19,
         where="section 5.1, (5.3)",
@@ -497,7 +502,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
                 "the reference has A r other than 0", "its largest entry, phi = 2 deg", input_size, lowest=0.1
             ),
             check("the nonlinear model comes to rest", "largest rate after 60 s", rates, highest=1e-4),
-            check("where (5.3) says", "x at rest over that of (5.3)", place, lowest=0.99, highest=1.01),
+            check("where (5.3) says", "x at rest over that of (5.3)", ratio, lowest=0.99, highest=1.01),
         ),
     )
 

@@ -12,7 +12,7 @@ from ballbot.report.blocks import Paragraph, Result, Section, Sheet, section
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import RAISED, with_symbols
 from ballbot.thesis.reproduce.campaign import Reproduction
-from ballbot.thesis.reproduce.item import RUNS, VERDICTS, Check, Item, Mistake
+from ballbot.thesis.reproduce.item import RUNS, VERDICTS, ClaimCheck, Item, Mistake
 
 CHECK_HEADINGS = ("claim", "quantity", "value", "criterion", "agrees")
 
@@ -76,12 +76,12 @@ def _labelled(label: str, text: str) -> Paragraph:
     return Paragraph(Markup("<strong>{}:</strong> {}").format(label, with_symbols(text)))
 
 
-def _checks_sheet(caption: str, checks: Sequence[Check]) -> Sheet:
+def _checks_sheet(caption: str, checks: Sequence[ClaimCheck]) -> Sheet:
     return Sheet(
         CHECK_HEADINGS,
         [[with_powers(with_symbols(cell)) for cell in check.cells] for check in checks],
         with_symbols(caption),
-        shaded=frozenset(place for place, check in enumerate(checks) if not check.agrees),
+        shaded=frozenset(row for row, check in enumerate(checks) if not check.agrees),
     )
 
 
@@ -91,9 +91,10 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
         Paragraph("Each with computed numbers that would differ if the thesis were right."),
         *(
             _checks_sheet(
-                f"{one.number}. {one.where}. The thesis prints: {one.thesis} Right: {one.right}", one.shown_by
+                f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}",
+                mistake.shown_by,
             )
-            for one in mistakes
+            for mistake in mistakes
         ),
     )
 
@@ -128,4 +129,4 @@ _EXPONENT = re.compile(r"\b(\d[.\d]*)e([-+]?\d+)\b")
 
 def with_powers(words: str) -> str:
     """Return words with the powers of ten of their numbers raised: 8.58·10⁻⁶ for 8.58e-06."""
-    return _EXPONENT.sub(lambda found: f"{found[1]}·10{str(int(found[2])).translate(RAISED)}", words)
+    return _EXPONENT.sub(lambda match: f"{match[1]}·10{str(int(match[2])).translate(RAISED)}", words)

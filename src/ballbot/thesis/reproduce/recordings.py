@@ -119,15 +119,15 @@ def _fit(robot: Robot, seed: int, number: int) -> Logs:
 
 def _drifting(robot: Robot, seed: int, number: int) -> Logs:
     """Record three minutes around a square, recorded by motion capture (Appendix IV)."""
-    own = run_seed(seed, 200 + number)
-    log = balance(robot, square(), duration=180.0, seed=own)
-    return {"log": log, "mocap": MotionCapture.drawn(own).record(log.truth(), ball_radius=robot.ball.radius)}
+    seed = run_seed(seed, 200 + number)
+    log = balance(robot, square(), duration=180.0, seed=seed)
+    return {"log": log, "mocap": MotionCapture.drawn(seed).record(log.truth(), ball_radius=robot.ball.radius)}
 
 
 def _change(robot: Robot, seed: int, number: int, *, compensation: Compensation) -> Logs:
     """Record the change of reference (Figures 4.1 to 4.3, 5.7 and 5.8); both compensations of a number share noise."""
-    own = run_seed(seed, 300 + number)
-    return {"log": balance(robot, CHANGE, duration=CHANGE_RUN, seed=own, compensation=compensation)}
+    seed = run_seed(seed, 300 + number)
+    return {"log": balance(robot, CHANGE, duration=CHANGE_RUN, seed=seed, compensation=compensation)}
 
 
 def _bench(robot: Robot, seed: int, _: int, *, experiment: Experiment, duration: float) -> Logs:

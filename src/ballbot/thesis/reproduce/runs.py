@@ -63,9 +63,9 @@ def largest_apart(first: Log, second: Log, names: Sequence[str] = STATE_NAMES) -
 def way_apart(first: Log, second: Log) -> float:
     """Return the largest distance of the second run's place, on its way, from the first run's path [m]."""
     paths = [true_place(log) for log in (first, second)]
-    along, places = (np.column_stack([one["x"], one["y"]])[one.t < ARRIVED] for one in paths)
+    along, points = (np.column_stack([path["x"], path["y"]])[path.t < ARRIVED] for path in paths)
     # a path's points lie millimetres apart, so that the nearest of them is as good as the path
-    distances, _ = KDTree(along).query(places)
+    distances, _ = KDTree(along).query(points)
     return float(np.max(distances))
 
 
@@ -133,8 +133,8 @@ def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
     return Validated(
         log=log,
         runs=dict(zip(MODELS, runs, strict=True)),
-        whole=np.array([thesis_error(one) for one in differences]),
-        rmse=np.array([np.sqrt(np.mean(one**2, axis=0)) for one in differences]),
+        whole=np.array([thesis_error(difference) for difference in differences]),
+        rmse=np.array([np.sqrt(np.mean(difference**2, axis=0)) for difference in differences]),
         restarted=np.array([_restarted(model, log, round(RESTART / log.sample_time)) for model in models]),
         falls=falls,
         open_loop=open_loop,
@@ -187,8 +187,8 @@ def _open_loop(
     k = int(np.argsort(lengths[0], kind="stable")[len(starts) // 2])
     row = int(starts[k])
     example = {"measured": log.select(slice(row, row + int(lengths[:, k].max()) + 1))}
-    for name, found, length in zip(MODELS, states[:, k], lengths[:, k], strict=True):
-        run = np.vstack([log.states[row], found[:length]])
+    for name, simulated, length in zip(MODELS, states[:, k], lengths[:, k], strict=True):
+        run = np.vstack([log.states[row], simulated[:length]])
         times = log.t[row : row + length + 1]
         example[name] = Log({"t": times} | dict(zip(STATE_NAMES, run.T, strict=True)))
     return (
