@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.sweep import Processes
+from ballbot.fitting.run import Processes
 from ballbot.log import Log
 from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.mapping_search.motion import Stated

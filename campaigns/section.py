@@ -18,7 +18,8 @@ from matplotlib.figure import Figure
 import ballbot
 from ballbot.errors import InputError
 from ballbot.files import read_bytes, read_json, write_bytes, write_text
-from ballbot.fitting.sweep import ALL_CORES, Processes, RunFolder, Workers, identity
+from ballbot.fitting.run import ALL_CORES, Executor, Processes
+from ballbot.fitting.sweep import RunFolder, identity
 from ballbot.progress import Progress, ignore_progress
 from ballbot.report.style import drawn
 from ballbot.workflows.grid import GridRun, GridTable
@@ -72,7 +73,7 @@ def finished(
     runs: Mapping[str, Piece],
     *,
     packages: Sequence[str] = (),
-    workers: Workers = ALL_CORES,
+    workers: Executor = ALL_CORES,
 ) -> dict[str, Made]:
     """Return what each run makes of its piece; those finished are read from the folder build/NAME.
 
@@ -85,7 +86,7 @@ def finished(
         The piece of each run by the name of its file.
     packages : sequence of str, optional
         Whose code what is finished belongs to; other code refuses the folder.
-    workers : Workers, optional
+    workers : Executor, optional
     """
     folder: RunFolder[Made, Made] = RunFolder(
         path=BUILD / name,
@@ -98,7 +99,7 @@ def finished(
         print(f"\r{name}: {now.done} of {now.total}", end="", file=sys.stderr, flush=True)
 
     progress = report if len(runs) > 1 else ignore_progress
-    return folder.complete(make, runs, workers=workers, stage=name, progress=progress)[0]
+    return folder.complete(make, runs, workers=workers, stage=name, progress=progress)
 
 
 def kept(folder: str, name: str, make: Callable[[], Made]) -> Made:
@@ -124,7 +125,7 @@ def compared(
 ) -> GridTable[Score]:
     """Return scores by the files of their runs; those that the folder lacks are made."""
     kept = RunFolder(path=folder, made_from=made_from, write=_write_score, read=_read_score)
-    scores, _ = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
+    scores = kept.complete(_scored, runs, workers=Processes(count=processes), stage=stage)
     return GridTable(runs=tuple(runs.values()), answers=tuple(scores.values()))
 
 

@@ -95,12 +95,12 @@ def read_text(path: str | Path, *, largest: int = LARGEST_TABLE) -> str:
     return decode_text(read_bytes(path, largest=largest), source=str(path))
 
 
-def decode_text(content: bytes, *, source: str, errors: str = "strict") -> str:
+def decode_text(content: bytes, *, source: str) -> str:
     """Return bytes as text in UTF-8, as `read_text` does; a refusal names `source`."""
     if content.startswith(_UTF_16):
         raise InputError(f"{source} is not a text file in UTF-8 but in UTF-16; save it as UTF-8.")
     try:
-        text = content.decode("utf-8-sig", errors)
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(
             f"{source} is not a text file in UTF-8; if it is text in another encoding, as Latin-1, save it as UTF-8."

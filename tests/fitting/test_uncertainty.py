@@ -6,6 +6,7 @@ import pytest
 from ballbot.fitting.uncertainty import (
     NormalEquations,
     WindowEquations,
+    block_length,
     bootstrap,
     correlation,
     covariance,
@@ -33,9 +34,9 @@ def test_one_step_is_the_whole_way_where_the_problem_is_linear():
     random = np.random.default_rng(1)
     J, y = random.standard_normal((30, 8, 3)), random.standard_normal((30, 8))
     estimate = np.linalg.lstsq(J.reshape(-1, 3), -y.ravel())[0]
-    found = bootstrap(equations_of(J, y + J @ estimate), np.ones(3, bool), seed=4, repeats=5)
-    drawn = resamples(30, block=found.block, repeats=5, seed=4)
-    for times, shift in zip(drawn, found.shifts, strict=True):
+    shifts = bootstrap(equations_of(J, y + J @ estimate), np.ones(3, bool), seed=4, repeats=5)
+    drawn = resamples(30, block=block_length(30), repeats=5, seed=4)
+    for times, shift in zip(drawn, shifts, strict=True):
         rows = np.repeat(np.arange(30), times.astype(int))
         anew = np.linalg.lstsq(J[rows].reshape(-1, 3), -y[rows].ravel())[0]
         # the ridge of 1e-12 that keeps a resample's equations soluble
@@ -56,7 +57,7 @@ def test_errors_are_those_of_many_repeats_where_neighbouring_windows_depend_on_e
         shift = -residual.mean()
         equations = equations_of(J, residual + shift)
         estimates.append(shift)
-        resampled.append(bootstrap(equations, np.array([True]), seed=seed, repeats=200).errors[0])
+        resampled.append(bootstrap(equations, np.array([True]), seed=seed, repeats=200).std())
         normal = NormalEquations(matrix=equations.matrices.sum(axis=0), scores=equations.scores)
         clustered.append(np.sqrt(covariance(normal, np.array([True]))[0, 0]))
     true = np.std(estimates)

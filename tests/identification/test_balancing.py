@@ -7,7 +7,7 @@ import pytest
 
 from ballbot.fitting.fit import descend, profile
 from ballbot.fitting.run import Threads
-from ballbot.fitting.uncertainty import NormalEquations, bootstrap, covariance, resamples
+from ballbot.fitting.uncertainty import NormalEquations, block_length, bootstrap, covariance, resamples
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Bounds, scale_between
@@ -107,10 +107,10 @@ def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(prob
 @pytest.mark.sample
 def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
     free, count = problem.coordinates.free, len(problem.windows)
-    errors = bootstrap(finished.equations, free, seed=1).errors
-    few = bootstrap(finished.equations, free, seed=0, repeats=1)
-    drawn = resamples(count, block=few.block, repeats=1, seed=0)
-    for times, shift in zip(drawn, few.shifts, strict=True):
+    errors = bootstrap(finished.equations, free, seed=1).std(axis=0)
+    shifts = bootstrap(finished.equations, free, seed=0, repeats=1)
+    drawn = resamples(count, block=block_length(count), repeats=1, seed=0)
+    for times, shift in zip(drawn, shifts, strict=True):
         rows = np.repeat(np.arange(count), times.astype(int))
         resampled = replace(problem, windows=problem.windows.take(rows))
         anew = descend(resampled, finished.point, free=free, most_steps=40)

@@ -14,7 +14,7 @@ from ballbot.findings import texts
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Bounds, Identification, Progress, cross_validate, identify
 from ballbot.identification.excitation import check_excitation
-from ballbot.identification.holdout import friction_by_horizon, horizon_errors
+from ballbot.identification.holdout import friction_by_horizon
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.windows import cut_windows
@@ -52,7 +52,7 @@ def test_known_friction_is_found_within_its_standard_errors(found):
     assert found.standard_errors["C_rr"] < 0.001
     assert max(found.held_out.with_over_without.values()) < 0.5
     held_out, fitted = (
-        {(span.log, span.start) for span in spans} for spans in (found.held_out_windows, found.fit_windows)
+        {(span.log, span.start) for span in spans} for spans in (found.held_out.spans, found.fit.spans)
     )
     assert not fitted & held_out
     assert (
@@ -230,7 +230,7 @@ AMOUNTS = np.array([*range(9), 11])
 def errors(factor: float):
     values = TRUTH.copy()
     values[AMOUNTS] *= factor
-    return friction_by_horizon(horizon_errors(PREDICTOR, values, noisy(balancing_log(), seed=3)))
+    return friction_by_horizon(PREDICTOR, values, noisy(balancing_log(), seed=3))
 
 
 def test_friction_share_is_one_of_the_identified_log_and_scales_with_the_friction():

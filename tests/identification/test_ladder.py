@@ -7,12 +7,12 @@ import pytest
 
 from ballbot.errors import InputError
 from ballbot.fitting.fit import at_bound, descend
-from ballbot.fitting.model_selection import ModelSelection, gain_between
+from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.uncertainty import covariance
 from ballbot.identification import Bounds, Identification, identify, select_law
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
-from ballbot.identification.laws import bounds_of, law_named
+from ballbot.identification.laws import LawSelection, bounds_of, law_named
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.verdict import BLOCK, window_blocks
 from ballbot.identification.windows import Span, cut_windows
@@ -57,7 +57,7 @@ def test_bounds_that_a_user_gives_stay_but_for_what_a_law_does_not_have():
 
 
 @pytest.fixture(scope="module")
-def ladder() -> ModelSelection[Identification]:
+def ladder() -> LawSelection:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
     log = noisy(balancing_log(friction=plain, duration=10.0), seed=8).between(4.0, 9.5)
@@ -85,7 +85,7 @@ def ladder() -> ModelSelection[Identification]:
 
 @pytest.mark.slow  # six fits
 def test_laws_without_a_significant_gain_are_not_selected(ladder):
-    taken = {one.name: one.accepted for one in ladder.candidates}
+    taken = {one.law.name: one.accepted for one in ladder.candidates}
     assert taken == {
         "viscous": True,
         "coulomb": True,
@@ -94,7 +94,7 @@ def test_laws_without_a_significant_gain_are_not_selected(ladder):
         "directed": False,
         "load": False,
     }
-    assert ladder.best.name == "coulomb"
+    assert ladder.best.law.name == "coulomb"
     # a law over one that was not accepted is compared with the largest accepted one within it
     assert [one.over for one in ladder.candidates] == [None, "viscous", *["coulomb"] * 4]
 

@@ -5,7 +5,7 @@ import pytest
 
 from ballbot import Log
 from ballbot.errors import InputError
-from ballbot.identification.excitation import chatter, chatter_finding, check_excitation
+from ballbot.identification.excitation import chatter_findings, check_excitation
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout, read_bounds, scale_between
 from ballbot.identification.windows import cut_windows, split
@@ -67,9 +67,6 @@ def test_split_is_a_partition():
     assert not np.array_equal(split(101, held_out=0.25, seed=8)[1], held_out)
 
 
-# --- search ---
-
-
 # --- bounds ---
 
 
@@ -104,17 +101,15 @@ def log_of(angle: np.ndarray) -> Log:
 
 def test_swings_as_long_as_the_play_are_chatter():
     t = 0.005 * np.arange(2000)
-    found = chatter(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), alten())
-    assert found.share > 0.98
-    assert found.swing == pytest.approx(PLAY, rel=0.05)  # twenty samples a turn miss its ends by 1 %
-    assert found.matters
+    (finding,) = chatter_findings(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), alten(), "a log")
+    # twenty samples a turn miss its ends by 1 %
+    assert finding.text.startswith("In a log the wheels oscillate by 1.0 deg for 100 % of the time")
 
 
 def test_the_stiff_log_chatters_and_the_soft_one_does_not(shared_data):
-    found = {
-        name: chatter(Log.read(shared_data / "bbr" / f"{name}.csv"), alten())
+    soft, stiff = (
+        chatter_findings(Log.read(shared_data / "bbr" / f"{name}.csv"), alten(), name)
         for name in ("square_soft", "square_stiff")
-    }
-    assert [name for name, one in found.items() if one.matters] == ["square_stiff"]
-    said = chatter_finding(found["square_stiff"], alten(), "square_stiff").text
-    assert "by 1.0 deg for 89 % of the time" in said
+    )
+    assert soft == []
+    assert "by 1.0 deg for 89 % of the time" in stiff[0].text

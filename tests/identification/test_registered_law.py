@@ -5,7 +5,7 @@ import pytest
 
 from ballbot import InputError, LawParameter, Robot, identify, register_friction_law
 from ballbot.control.presets import nominal_controller
-from ballbot.identification.laws import law_named
+from ballbot.identification.laws import bounds_of, law_named
 from ballbot.identification.quantities import Bounds
 from ballbot.report.identification import friction_curve
 from tests.support.control_examples import alten
@@ -47,7 +47,7 @@ def test_quantities_of_a_law_have_bounds_and_those_that_it_lacks_are_held():
     assert law.free == (
         *("viscous", "coulomb", "stribeck", "stribeck_speed", "quadratic", "teeth", "rolling"),
     )
-    assert law.fixed == {"stribeck_exponent": (1.0, 1.0)}
+    assert bounds_of(law, Bounds()).limits == {"stribeck_exponent": (1.0, 1.0)}
     assert Bounds({"quadratic": (0.0, 0.1)}).limits == {"quadratic": (0.0, 0.1)}
     with pytest.raises(InputError, match="did you mean 'toothed'"):
         law_named("toothet")

@@ -10,7 +10,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign
-from ballbot.log.formats.inference import infer_text_table
+from ballbot.log.formats.text import infer_text_table
 from ballbot.log.mapping import parse_mapping
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.proposal import evaluate, propose

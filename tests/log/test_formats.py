@@ -20,12 +20,10 @@ from ballbot.log.formats import (
     WRITTEN_SUFFIXES,
     is_foreign,
     read_columns,
-    read_units,
     read_variables,
     write_columns,
 )
-from ballbot.log.formats.inference import infer_text_table
-from ballbot.log.formats.text import read_text_table
+from ballbot.log.formats.text import infer_text_table, read_text_table
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -298,7 +296,7 @@ def test_long_matrices_of_a_matlab_file_are_columns(tmp_path, turned):
     columns = read_columns(tmp_path / "log.mat")
     assert set(columns) == {"t", "wheel_1", "wheel_2", "wheel_3"}
     np.testing.assert_array_equal(np.column_stack([columns[f"wheel_{k}"] for k in (1, 2, 3)]), wheel)
-    np.testing.assert_array_equal(read_variables(tmp_path / "log.mat")["gain"], gain.ravel())
+    np.testing.assert_array_equal(read_variables(tmp_path / "log.mat")[0]["gain"], gain.ravel())
 
 
 HEADED_TABLES = {
@@ -317,13 +315,12 @@ HEADED_TABLES = {
 def test_separator_decimal_sign_and_header_of_variables_are_inferred(tmp_path, text):
     path = tmp_path / "table.csv"
     path.write_text(text)
-    variables = read_variables(path)
+    variables, units = read_variables(path)
     values = [variables[name].tolist() for name in ("Zeit", "Weg", "Kraft")]
     assert values == [[0.5, 1.5], [1.25, 2.5], [-3.0, 0.4]]
     assert infer_text_table(path).layout.names == tuple(variables)
     assert (
-        read_units(path) == ({"Zeit": "s", "Weg": "mm", "Kraft": "N m"} if "\ns,mm,N m\n" in text else {})
-        or "[" in text
+        units == ({"Zeit": "s", "Weg": "mm", "Kraft": "N m"} if "\ns,mm,N m\n" in text else {}) or "[" in text
     )
 
 
@@ -333,7 +330,7 @@ def test_the_fields_of_a_matlab_structure_are_columns(tmp_path):
 
     def read(variables):
         scipy.io.savemat(tmp_path / "log.mat", variables)
-        return read_variables(tmp_path / "log.mat")
+        return read_variables(tmp_path / "log.mat")[0]
 
     alone = read({"log": fields, "Ts": 0.01})
     assert {"t", "roll", "imu.pitch", "enc_1", "enc_2", "enc_3", "Ts"} <= set(alone)

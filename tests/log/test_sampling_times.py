@@ -40,7 +40,7 @@ def test_times_of_messages_are_found(period, poll):
     assert (np.diff(found) - np.diff(sent))[fast].std() < 5e-4
     # what was off: the host's clock against the messages'
     assert (np.diff(host) - np.diff(sent)).std() > 0.6e-3
-    assert speed_noise(host, angles, found) < 0.3 * speed_noise(host, angles)
+    assert speed_noise(found, angles) < 0.3 * speed_noise(host, angles)
     assert repaired_noise(host, angles) < 0.5 * speed_noise(host, angles)
 
 

@@ -7,8 +7,9 @@ import pytest
 
 from ballbot import Model, Robot
 from ballbot.errors import InputError
-from ballbot.identification.quantities import Layout
-from ballbot.identification.result import found_robot
+from ballbot.fitting.intervals import Uncertainty
+from ballbot.identification.quantities import Bounds, scale_between
+from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.mechanics.friction import stribeck_curve, wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
@@ -130,14 +131,20 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     values = np.array(
         [*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, 0.6, 1.1, 0.007, *LOAD, -0.03, 0.02, 0.5]
     )
-    layout = Layout(wheel_count=3, extra=("load", "torque_offset"))
-    errors = np.full(len(values), 0.001)
-    given = {"covariance": np.diag(errors**2), "ends": {}, "log_count": 1}
-    robot = found_robot(alten(Friction.none(3)), layout, values, errors, **given, asymmetric=True)
-    assert robot.friction == replace(FRICTION, load=LOAD, coulomb_asymmetry=(0.03, -0.02, -0.12))
+    bounds = Bounds({"load": (0.0, 1.0), "torque_offset": (-1.0, 1.0)})
+    coordinates = scale_between(alten(), bounds=bounds)
+    point = coordinates.scaled(values)
+    sizes = 0.001 / coordinates.slopes(point)
+    estimate = Uncertainty(
+        coordinates=coordinates, point=point, covariance=np.diag(sizes**2), bootstrap=sizes, intervals={}
+    )
+    robot = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, log_count=1, asymmetric=True)
+    np.testing.assert_allclose(robot.friction.load, LOAD)
+    np.testing.assert_allclose(robot.friction.coulomb, FRICTION.coulomb)
+    np.testing.assert_allclose(robot.friction.coulomb_asymmetry, (0.03, -0.02, -0.12))
     assert robot.sources["friction.load"].startswith("identified: from 1 log")
     robot.write(tmp_path / "found.toml")
     assert Robot.load(tmp_path / "found.toml").friction == robot.friction
     # without the law, an offset is the motor's, and no friction
-    motor = found_robot(alten(Friction.none(3)), layout, values, errors, **given)
-    assert motor.friction == replace(FRICTION, load=LOAD)
+    motor = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, log_count=1)
+    assert motor.friction == replace(robot.friction, coulomb_asymmetry=())

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import Layout, scale_between
+from ballbot.identification.quantities import scale_between
 from ballbot.identification.result import Identification, OtherOptimum, WindowErrors
 from ballbot.identification.result_findings import optimum_findings
 from ballbot.identification.variation import Variation
@@ -32,31 +33,28 @@ def test_names_of_states_become_symbols_and_other_words_stay():
 
 
 def _found() -> Identification:
-    errors = WindowErrors(window_samples=1, squares_with=np.ones((1, 10)), squares_without=np.ones((1, 10)))
-    random = np.random.default_rng(2)
-    root = random.normal(size=(12, 12))
+    span = Span(log=0, start=0.0, end=0.25)
+    errors = WindowErrors(
+        spans=(span,), window_samples=1, squares_with=np.ones((1, 10)), squares_without=np.ones((1, 10))
+    )
+    root = np.random.default_rng(2).normal(size=(12, 12))
     spread = root @ root.T
     scale = np.sqrt(np.diag(spread))
-    friction = true_robot().friction
+    coordinates = scale_between(true_robot())
+    point = coordinates.scaled(coordinates.nominal)
+    sizes = np.array([1e-3] * 3 + [3e-3] * 3 + [4e-3] * 3 + [0.01, 0.02, 1e-4]) / coordinates.slopes(point)
     return Identification(
         robot=true_robot(),
-        parameters={"b": list(friction.viscous), "v_s": friction.stribeck_speed},
-        standard_errors={
-            "b": [1e-3] * 3,
-            "c": [3e-3] * 3,
-            "s": [4e-3] * 3,
-            "v_s": 0.01,
-            "delta": 0.02,
-            "C_rr": 1e-4,
-        },
         predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
-        values=Layout(wheel_count=3).nominal(true_robot()),
-        bounds=np.tile([0.0, 10.0], (12, 1)),
-        intervals={},
-        variation=Variation(
-            logs=1, differ=False, factor=1.0, deviations=np.full(12, np.nan), predictions={}, prior_robots=0
+        uncertainty=Uncertainty(
+            coordinates=coordinates,
+            point=point,
+            covariance=spread / np.outer(scale / sizes, scale / sizes),
+            bootstrap=sizes,
+            intervals={},
         ),
-        correlation=spread / np.outer(scale, scale),
+        unknown=np.zeros(12, dtype=bool),
+        variation=Variation(logs=1, differ=False, factor=1.0, deviations={}, predictions={}, prior_robots=0),
         coulomb=CoulombEquivalent(
             values=np.full(3, 0.1),
             standard_errors=np.full(3, 5e-3),
@@ -66,8 +64,6 @@ def _found() -> Identification:
         ),
         fit=errors,
         held_out=errors,
-        fit_windows=(),
-        held_out_windows=(Span(log=0, start=0.0, end=0.25),),
         window=0.25,
         excluded_states=(),
         evolution_cost=(),
@@ -81,8 +77,7 @@ def test_a_second_optimum_is_a_column_and_a_sentence():
     values = found.values.copy()
     values[10] = 2.71  # delta
     other = OtherOptimum(values=values, rise=0.01)
-    found = replace(found, parameters=found.layout.by_symbol(found.values), other=other)
-    made = _parameter_sheet(found)
+    made = _parameter_sheet(replace(found, other=other))
     assert made.rows[10][made.headings.index("other optimum")] == "2.71"
     coordinates = scale_between(true_robot())
     (finding,) = optimum_findings(coordinates, coordinates.scaled(found.values), other)
@@ -142,11 +137,12 @@ def test_the_friction_band_is_that_of_drawn_parameters(wheel):
 
 def test_a_parameter_without_a_standard_error_is_as_uncertain_as_its_range():
     found = _found()
-    lost = replace(found, standard_errors=found.standard_errors | {"delta": np.nan})
-    covariance = lost.covariance
-    assert np.isnan(covariance[10]).all()
-    # from 0 to 10
-    assert lost.assumed_covariance[10, 10] == pytest.approx(100.0 / 12.0)
+    covariance = found.uncertainty.covariance.copy()
+    covariance[10] = covariance[:, 10] = np.nan
+    lost = replace(found, uncertainty=replace(found.uncertainty, covariance=covariance))
+    assert np.isnan(lost.covariance[10]).all()
+    # from 0.3 to 10
+    assert lost.assumed_covariance[10, 10] == pytest.approx(9.7**2 / 12.0)
     assert np.isfinite(lost.assumed_covariance).all()
 
 

@@ -10,11 +10,12 @@ from ballbot import InputError
 from ballbot.control.file import write_controller
 from ballbot.control.interface import estimator_of
 from ballbot.control.presets import precise_controller
+from ballbot.fitting.run import Threads
 from ballbot.robot import Robot
 from ballbot.twin import Twin
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.grid import InThreads, LoopRobot
+from ballbot.workflows.grid import LoopRobot
 from ballbot.workflows.league import run_league
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
@@ -105,7 +106,7 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
     robot = alten()
     controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
     with pytest.raises(InputError) as refusal:
-        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], workers=InThreads())
+        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], workers=Threads())
     assert sentence in str(refusal.value)
 
 

@@ -25,7 +25,7 @@ from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
-from ballbot.fitting.run import Executor, Threads
+from ballbot.fitting.run import Executor, Processes, Threads
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
@@ -37,7 +37,6 @@ from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
     from ballbot.fitting.cluster import Cluster
-    from ballbot.fitting.sweep import Workers
     from ballbot.identification.verdict import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
@@ -179,13 +178,11 @@ def executor(cluster: str | None) -> AbstractContextManager[Executor]:
     return nullcontext(Threads()) if cluster is None else dask_cluster(cluster)
 
 
-def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Workers]:
+def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Executor]:
     """Return who make runs: the workers of a Dask scheduler at an address, or so many processes.
 
     InputError if there is no such cluster.
     """
-    from ballbot.fitting.sweep import Processes  # with compiled code, which short commands do without
-
     return nullcontext(Processes(count=processes)) if cluster is None else dask_cluster(cluster)
 
 

@@ -431,7 +431,8 @@ class Fit(Generic[At]):
         errors = Errors(
             point=finished.point,
             clustered=_roots(widen**2 * self.scaled_covariance),
-            bootstrap=widen * bootstrap(finished.equations, self.estimated, seed=self.run.seed).errors,
+            bootstrap=widen
+            * bootstrap(finished.equations, self.estimated, seed=self.run.seed).std(axis=0, ddof=1),
             quantile=self.quantile,
         )
         chosen = errors.doubtful[: self.most_profiles].tolist()

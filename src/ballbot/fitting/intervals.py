@@ -84,18 +84,19 @@ class Uncertainty:
         return replace(self, covariance=self.covariance + added, intervals=self.widened(added.diagonal()))
 
     def widened(self, added: NDArray[np.float64]) -> dict[str, Interval]:
-        """Return intervals whose distances from the estimate contain further variances (p,), scaled."""
-        found = {}
-        for place, label in enumerate(self.coordinates.labels):
-            one = self.intervals.get(label)
-            if one is None:
+        """Return intervals of all numbers whose distances from the estimate contain further variances (p,), scaled."""
+        space, found = self.coordinates, {}
+        for place, label in enumerate(space.labels):
+            first = int(space.first[place])
+            own = self.intervals.get(label, self.intervals.get(space.labels[first]))
+            if own is None:
                 continue
-            ends, middle = [], self.point[place]
-            for end, sign in ((one.lower, -1.0), (one.upper, 1.0)):
-                reach = abs(self.coordinates.scaled_one(place, end) - middle)
-                wide = middle + sign * np.hypot(reach, HALF_WIDTH * np.sqrt(max(added[place], 0.0)))
-                ends.append(float(wide) if np.isfinite(end) else None)
-            found[label] = between(self.coordinates, place, ends[0], ends[1], method=one.method)
+            ends, middle = [], self.point[first]
+            more = HALF_WIDTH * np.sqrt(max(added[first], added[place], 0.0))
+            for end, sign in ((own.lower, -1.0), (own.upper, 1.0)):
+                reach = abs(space.scaled_one(place, end) - middle)
+                ends.append(float(middle + sign * np.hypot(reach, more)) if np.isfinite(end) else None)
+            found[label] = between(space, place, ends[0], ends[1], method=own.method)
         return found
 
 

@@ -1,9 +1,9 @@
 """Linear least squares of residuals that depend on each other in time: standard errors and tests that allow for it.
 
-Tests. Within a block of time, errors may depend on each other in any way. For q parameters,
-W = p^T V^-1 p with the covariance V of `ballbot.fitting.uncertainty.covariance_in_time` is tested as Hotelling's T^2 of
-G blocks, W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not
-zero: a rare event is known from few blocks.
+Within a block of time, errors may depend on each other in any way: the covariance V is the clustered one of
+`ballbot.fitting.uncertainty`. For q parameters, W = p^T V^-1 p is tested as Hotelling's T^2 of G blocks,
+W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not zero: a
+rare event is known from few blocks.
 """
 
 from __future__ import annotations
@@ -14,8 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
-
-from ballbot.fitting.uncertainty import covariance_in_time
 
 #: blocks beyond the parameters tested, below which a test has no result
 _LEAST_FREEDOM = 5
@@ -60,12 +58,17 @@ def fit_linear(
     """Fit values (n,) by columns (n, p), their errors clustered by `blocks` (n,)."""
     found = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     _, block = np.unique(blocks, return_inverse=True)
-    count = int(block.max()) + 1
-    residuals = values - design @ found
-    present = [np.bincount(block, weights=column != 0.0, minlength=count) for column in design.T]
+    count, residuals = int(block.max()) + 1, values - design @ found
+    # columns of length one first: mass, viscosity and stiffness are of very different sizes
+    lengths = np.linalg.norm(design, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    scaled = design / lengths
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(lengths, lengths)
+    scores = np.column_stack([np.bincount(block, column) for column in (design * residuals[:, None]).T])
+    present = [np.bincount(block, column != 0.0) for column in design.T]
     return LinearFit(
         values=found,
-        covariance=covariance_in_time(design, residuals, block),
+        covariance=count / max(count - 1, 1) * inverse @ (scores.T @ scores) @ inverse,
         residuals=residuals,
         blocks=np.count_nonzero(present, axis=1),
     )

@@ -54,6 +54,7 @@ class ParameterSpace:
     """p parameters, in their order, and their scaling."""
 
     parameters: tuple[Parameter, ...]
+    alike: tuple[str, ...] = ()  #: quantities that have one number for all of theirs
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -81,9 +82,15 @@ class ParameterSpace:
         return np.array([one.bounds[1] for one in self.parameters], dtype=float)
 
     @cached_property
+    def first(self) -> NDArray[np.int64]:
+        """The place of the number that each one (p,) equals: its own, or the first of a quantity in `alike`."""
+        names = self.names
+        return np.array([names.index(name) if name in self.alike else i for i, name in enumerate(names)])
+
+    @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which parameters their bounds leave free (p,)."""
-        return self.upper > self.lower
+        """Which parameters (p,) a fit moves: those whose bounds differ; of numbers that are equal, the first."""
+        return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
 
     @cached_property
     def logarithmic(self) -> NDArray[np.bool_]:
@@ -99,6 +106,7 @@ class ParameterSpace:
         """Return parameters (..., p) in SI units from scaled ones (..., p)."""
         low = np.where(self.logarithmic, self.lower, 1.0)
         ratio = np.where(self.logarithmic, self.upper / low, 1.0)
+        scaled = scaled[..., self.first]
         linear = self.lower + scaled * (self.upper - self.lower)
         return np.clip(np.where(self.logarithmic, low * ratio**scaled, linear), self.lower, self.upper)
 

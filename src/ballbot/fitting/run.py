@@ -7,12 +7,17 @@ is therefore the same to the bit wherever, and by however many threads or worker
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor as Pool
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from functools import partial
+from typing import TypeVar
 
 from ballbot.errors import InputError
+from ballbot.processes import uninterrupted, worker_pool
 from ballbot.progress import ProgressCallback, in_notebook
 
 Shared = TypeVar("Shared")
@@ -24,39 +29,70 @@ class ExecutorError(InputError):
     """Workers are not there, not alike or lost; nothing is wrong with the work, which others may go on with."""
 
 
-class Executor(Protocol):
-    """Does pieces of work."""
+class Executor(ABC):
+    """Does pieces of work, several at a time."""
 
-    def __call__(
-        self, function: Callable[[Shared, Piece], Result], shared: Shared, pieces: Sequence[Piece]
-    ) -> list[Result]:
-        """Return [function(shared, piece) for piece in pieces].
+    @abstractmethod
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the place and the result of each piece, as they are finished.
 
-        Parameters
-        ----------
-        function : callable
-            Of a module, without effects and random numbers.
-        shared, pieces
-            What all pieces need, and what each does; of types that can be pickled.
+        `make` is a function of a module or a partial of one; for workers in other processes, it, the pieces and the
+        results can be pickled. ExecutorError if a worker is lost.
         """
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Threads:
-    """The threads of this process; compiled code runs in them side by side."""
-
-    count: int | None = None  #: all cores where None
 
     def __call__(
         self, function: Callable[[Shared, Piece], Result], shared: Shared, pieces: Sequence[Piece]
     ) -> list[Result]:
         """Return [function(shared, piece) for piece in pieces]."""
+        made = dict(self.each(partial(function, shared), pieces))
+        return [made[place] for place in range(len(pieces))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _OfThisMachine(Executor):
+    count: int | None = None  #: how many work side by side, one for each core where None; one does all here
+
+    @abstractmethod
+    def _pool(self, workers: int) -> Pool: ...
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the place and the result of each piece, as they are finished."""
         workers = min(self.count or os.cpu_count() or 1, len(pieces))
-        if workers <= 1:
-            return [function(shared, piece) for piece in pieces]
-        with ThreadPoolExecutor(workers) as pool:
-            return list(pool.map(lambda piece: function(shared, piece), pieces))
+        if workers < 2:
+            yield from enumerate(map(make, pieces))
+            return
+        pool, finished = self._pool(workers), False
+        try:
+            with uninterrupted():
+                places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
+            for future in as_completed(places):
+                yield places[future], future.result()
+            finished = True
+        except BrokenProcessPool:
+            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
+        finally:
+            pool.shutdown(wait=finished, cancel_futures=True)
+
+
+class Threads(_OfThisMachine):
+    """The threads of this process: compiled code and MuJoCo run in them side by side."""
+
+    def _pool(self, workers: int) -> Pool:
+        return ThreadPoolExecutor(workers)
+
+
+class Processes(_OfThisMachine):
+    """Processes of this machine, which take seconds to begin."""
+
+    def _pool(self, workers: int) -> Pool:
+        return worker_pool(workers)
+
+
+ALL_CORES = Processes()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +106,7 @@ class Run:
     """
 
     seed: int = 0  #: of all random numbers; the same seed gives the same result
-    executor: Executor = field(default_factory=lambda: Threads())  #: where the work is done
+    executor: Executor = field(default_factory=Threads)  #: where the work is done
     #: is called after each step; by default it shows a line in a notebook
     progress: ProgressCallback = in_notebook
 

@@ -5,97 +5,36 @@ runs are read, the others made. In the folder stands, beside the runs, what all 
 inputs, the options, and the versions and the processor that the last bits of a result depend on. Other runs are
 refused there.
 
-A run is made in a process of its own or by a worker of a Dask cluster (`ballbot.fitting.cluster`). What it returns is
-written here, whole or not at all, and read back, so that a result is the same whether its run was made now or before.
+What a run's worker returns is written here, whole or not at all, and read back, so that a result is the same whether
+its run was made now or before.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-from collections.abc import Callable, Collection, Generator, Mapping, Sequence
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
-import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from numba.core.registry import cpu_target
 
 from ballbot.errors import InputError
 from ballbot.files import read_json, write_text
-from ballbot.fitting.run import ExecutorError
-from ballbot.processes import uninterrupted, worker_pool
+from ballbot.fitting.run import Executor, ExecutorError, Piece
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 
 #: in a folder of runs, what all of them are made from
 HEADER = ".ballbot-runs.json"
 
-Piece = TypeVar("Piece")
-Result = TypeVar("Result")
 Made = TypeVar("Made")
 Finished = TypeVar("Finished")
-
-
-class Workers(Protocol):
-    """Make runs, several at a time."""
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished.
-
-        Parameters
-        ----------
-        make : callable
-            Of a module, or a partial of one.
-        pieces
-            Of types that can be pickled.
-        """
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Processes:
-    """Processes of this machine."""
-
-    count: int | None = None  #: one for each core where None; with one, all is done in this process
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished.
-
-        Raises
-        ------
-        ExecutorError
-            If a process was killed.
-        """
-        workers = min(self.count or os.cpu_count() or 1, len(pieces))
-        if workers < 2:
-            yield from ((place, make(piece)) for place, piece in enumerate(pieces))
-            return
-        pool, finished = worker_pool(workers), False
-        try:
-            with uninterrupted():
-                places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
-            for one in as_completed(places):
-                yield places[one], one.result()
-            finished = True
-        except BrokenProcessPool:
-            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
-        finally:
-            pool.shutdown(wait=finished, cancel_futures=True)
-
-
-ALL_CORES = Processes()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,29 +52,22 @@ class RunFolder(Generic[Made, Finished]):
         make: Callable[[Piece], Made],
         runs: Mapping[str, Piece],
         *,
-        workers: Workers,
+        workers: Executor,
         stage: str,
         progress: ProgressCallback = ignore_progress,
-    ) -> tuple[dict[str, Finished], frozenset[str]]:
-        """Make the runs that the folder lacks.
+    ) -> dict[str, Finished]:
+        """Make the runs that the folder lacks, and return every run by its name, in the order of `runs`.
 
         Parameters
         ----------
         make : callable
-            Makes a run from its piece; see `Workers`.
+            Makes a run from its piece; see `ballbot.fitting.run.Executor.each`.
         runs : mapping
             The piece of each run by the name of its file in the folder.
-        workers : Workers
+        workers : Executor
         stage : str
             What is being done, for the progress, which is reported after each run.
         progress : callable, optional
-
-        Returns
-        -------
-        results : dict
-            Every run by its name, in the order of `runs`.
-        before : frozenset of str
-            Those that were there before.
 
         Raises
         ------
@@ -143,30 +75,23 @@ class RunFolder(Generic[Made, Finished]):
             If the folder holds runs that are made from something else, or a run cannot be made or written.
         """
         self._check(runs)
-        found = {name: one for name in runs if (one := self.read(self.path / name)) is not None}
-        before = frozenset(found)
+        found = {name: run for name in runs if (run := self.read(self.path / name)) is not None}
         missing = [name for name in runs if name not in found]
         progress(Progress(stage=stage, done=len(found), total=len(runs)))
         try:
-            with closing(self._made(workers.each(make, [runs[name] for name in missing]))) as making:
+            with closing(workers.each(make, [runs[name] for name in missing])) as making:
                 for place, made in making:
-                    name = missing[place]
-                    found[name] = self._kept(self.path / name, made)
+                    found[missing[place]] = self._kept(self.path / missing[place], made)
                     progress(Progress(stage=stage, done=len(found), total=len(runs)))
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "interrupted; the same command goes on with the runs that are finished."
-            ) from None
-        return {name: found[name] for name in runs}, before
-
-    def _made(self, making: Generator[Result, None, None]) -> Generator[Result, None, None]:
-        """Yield what runs have made; of lost workers, say that the finished runs are kept."""
-        try:
-            yield from making
         except ExecutorError as error:  # nothing is wrong with the run
             raise ExecutorError(
                 f"{error} Finished runs are kept; the same command goes on with them."
             ) from None
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(
+                "interrupted; the same command goes on with the runs that are finished."
+            ) from None
+        return {name: found[name] for name in runs}
 
     def _kept(self, path: Path, made: Made) -> Finished:
         """Write what a run has made, with what it is made from before the first one, and read it."""
@@ -190,15 +115,15 @@ class RunFolder(Generic[Made, Finished]):
             return
         try:
             before = cast("dict[str, dict[str, str]]", read_json(header))["made_from"]
-            names = [
-                one for one in {**self.made_from, **before} if before.get(one) != self.made_from.get(one)
+            differing = [
+                name for name in {**self.made_from, **before} if before.get(name) != self.made_from.get(name)
             ]
         except (KeyError, AttributeError, TypeError):
             raise InputError(f"{header} is damaged; delete {self.path}, or choose another folder.") from None
-        if names:
+        if differing:
             raise InputError(
-                f"{self.path} holds finished runs that differ from these in: {', '.join(names)}; delete that folder to "
-                "start again, or choose another one with --out."
+                f"{self.path} holds finished runs that differ from these in: {', '.join(differing)}; delete that "
+                "folder to start again, or choose another one with --out."
             )
 
 
@@ -221,27 +146,18 @@ def machine() -> dict[str, str]:
     """
     _, _, features = cpu_target.target_context.codegen().magic_tuple()  # pyright: ignore[reportAttributeAccessIssue]
     compiled_for = hashlib.sha256(features.encode()).hexdigest()[:8]
-    packages = ("ballbot", "numpy", "scipy", "numba", "cmaes", "mujoco")
-    return {one: _version(one) for one in packages} | {"processor": f"{get_host_cpu_name()} ({compiled_for})"}
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # MuJoCo is an extra
-        return "not installed"
+    found = {}
+    for package in ("ballbot", "numpy", "scipy", "numba", "cmaes", "mujoco"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:  # MuJoCo is an extra
+            found[package] = "not installed"
+    return {**found, "processor": f"{get_host_cpu_name()} ({compiled_for})"}
 
 
 def digest(*parts: object) -> str:
-    """Return the SHA-256 of arrays, of dataclasses by their fields, and of values whose `repr` is complete."""
-    found = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            found.update(f"{part.dtype} {part.shape}\n".encode())
-            found.update(np.ascontiguousarray(part).tobytes())
-        else:
-            found.update(f"{_complete(part)}\n".encode())
-    return found.hexdigest()
+    """Return the SHA-256 of dataclasses by their fields, and of values whose `repr` is complete."""
+    return hashlib.sha256("".join(f"{_complete(part)}\n" for part in parts).encode()).hexdigest()
 
 
 def _complete(value: object) -> str:
@@ -249,8 +165,8 @@ def _complete(value: object) -> str:
     if type(value) in (list, tuple):
         return f"{type(value).__name__}({', '.join(map(_complete, cast('Sequence[object]', value)))})"
     if isinstance(value, dict | MappingProxyType):
-        return f"mapping({', '.join(f'{name!r}: {_complete(one)}' for name, one in value.items())})"
+        return f"mapping({', '.join(f'{name!r}: {_complete(entry)}' for name, entry in value.items())})"
     if not is_dataclass(value) or isinstance(value, type):
         return repr(value)
-    parts = (f"{one.name}={_complete(getattr(value, one.name))}" for one in fields(value) if one.repr)
+    parts = (f"{field.name}={_complete(getattr(value, field.name))}" for field in fields(value) if field.repr)
     return f"{type(value).__qualname__}({', '.join(parts)})"

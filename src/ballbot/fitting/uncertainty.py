@@ -11,14 +11,6 @@ If each window's H_w is known, its score is corrected for that, (I - H_w H^-1)^-
 jackknife that leaves out one window after another (R. Bell and D. McCaffrey, Bias reduction in standard errors for
 linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
 
-In time, if residuals depend on those of neighbouring blocks:
-
-    (J^T J)^-1 S (J^T J)^-1      S = sum_|k| <= L (1 - |k|/(L + 1)) sum_b g_b g_(b+k)^T      g_b = J_b^T r_b
-
-with the rows taken together in blocks b of time, and neighbouring blocks with falling weights: W. Newey and K. West,
-A simple, positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix, Econometrica
-55 (1987) 703-708. With L = 0 it is the clustered one.
-
 Block bootstrap. Neighbouring windows share the sample between them and the same interval of floor, so blocks of
 neighbours are drawn, with replacement, until there are as many as before (H. Kuensch, Annals of Statistics 17 (1989)
 1217-1241; taken round the end, D. Politis and J. Romano 1992). One Gauss-Newton step from the estimate replaces the fit
@@ -81,13 +73,7 @@ def leverage_corrected(
 ) -> NormalEquations:
     """Return normal equations whose scores are those of errors and not of residuals, see the module's text.
 
-    Parameters
-    ----------
-    matrices : ndarray (w, p, p)
-        J^T J of each window.
-    scores : ndarray (w, p)
-    estimated : ndarray (p,)
-        Which parameters the fit moved; the other scores stay.
+    `matrices` (w, p, p) are J^T J of each window and `scores` (w, p); those not `estimated` (p,) stay.
     """
     places = np.flatnonzero(estimated)
     matrix, result = matrices.sum(axis=0), scores.copy()
@@ -138,48 +124,6 @@ def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
     return inverse * np.outer(scale, scale)
 
 
-def covariance_in_time(
-    J: NDArray[np.float64],
-    residual: NDArray[np.float64],
-    block: NDArray[np.int64],
-    *,
-    neighbours: int = 0,
-    inverse: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
-    """Return the covariance (p, p) of a least-squares estimate.
-
-    Parameters
-    ----------
-    J : ndarray (m, p)
-        Of the residuals by the parameters.
-    residual : ndarray (m,)
-    block : ndarray (m,)
-        The number of each row's block, from 0 in the order of time. A number without rows keeps its place between the
-        others, and is not counted.
-    neighbours : int
-        L, how many blocks on either side depend on each other.
-    inverse : ndarray (p, p), optional
-        Of the matrix of the least squares, if it is not J^T J, as with weights: J then has the weights in it.
-    """
-    places = int(block.max()) + 1
-    count = len(np.unique(block))
-    scores = np.zeros((places, J.shape[1]))
-    for column, scored in enumerate((J * residual[:, None]).T):
-        scores[:, column] = np.bincount(block, weights=scored, minlength=places)
-    spread = scores.T @ scores
-    for k in range(1, min(neighbours, places - 1) + 1):
-        both = scores[:-k].T @ scores[k:]
-        spread += (1.0 - k / (neighbours + 1.0)) * (both + both.T)
-    if inverse is not None:
-        return count / max(count - 1, 1) * inverse @ spread @ inverse
-    # columns of length one first: mass, viscosity and stiffness are of very different sizes
-    lengths = np.linalg.norm(J, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    scaled = J / lengths
-    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True) / np.outer(lengths, lengths)
-    return count / max(count - 1, 1) * inverse @ spread @ inverse
-
-
 def block_length(count: int) -> int:
     """Return how many of `count` neighbours make a block: the cube root of their number, as a variance wants it.
 
@@ -216,35 +160,15 @@ def resampled_means(
 REPEATS = 1000
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Bootstrap:
-    """Shifts of the estimate by resample, in scaled coordinates; NaN for parameters that are not estimated."""
-
-    block: int  #: windows in a block
-    shifts: NDArray[np.float64]  #: (repeats, p), p* - p
-
-    @property
-    def errors(self) -> NDArray[np.float64]:
-        """Standard errors (p,)."""
-        return self.shifts.std(axis=0, ddof=1)
-
-
 def bootstrap(
     equations: WindowEquations, estimated: NDArray[np.bool_], *, seed: int, repeats: int = REPEATS
-) -> Bootstrap:
-    """Resample blocks of windows.
+) -> NDArray[np.float64]:
+    """Return the shifts (repeats, p), scaled, of the estimate by resamples; NaN for parameters not `estimated` (p,).
 
-    Parameters
-    ----------
-    equations : WindowEquations
-        About the estimate, of windows in the order of time.
-    estimated : ndarray (p,)
-        Which parameters the resamples estimate; the others stay.
-    seed : int
-    repeats : int
+    `equations` are about the estimate, of windows in the order of time, which are drawn in blocks of `block_length`.
     """
-    count, block = len(equations.scores), block_length(len(equations.scores))
-    drawn = resamples(count, block=block, repeats=repeats, seed=seed)
+    count = len(equations.scores)
+    drawn = resamples(count, block=block_length(count), repeats=repeats, seed=seed)
     places = np.flatnonzero(estimated)
     shifts = np.full((repeats, len(estimated)), np.nan)
     if len(places):
@@ -256,7 +180,7 @@ def bootstrap(
         # a resample may lack every window that determines a parameter: a small ridge keeps its equations soluble
         scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
         shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
-    return Bootstrap(block=block, shifts=shifts)
+    return shifts
 
 
 #: shuffles of the windows; the smallest p value is one over one more
@@ -289,17 +213,8 @@ def discrepancy(
     At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group but for
     chance; if slow windows want another friction than fast ones, they do not. With scores whitened by their own
     covariance the statistic is the sum over groups of |sum of scores|^2 / windows, and chance is the same groups with
-    the windows shuffled.
-
-    Parameters
-    ----------
-    equations : WindowEquations
-        About the estimate.
-    groups : ndarray (w,)
-        The number of each window's group, from 0.
-    estimated : ndarray (p,)
-        Which parameters the fit moved.
-    seed : int
+    the windows shuffled. `groups` (w,) are the numbers of the windows' groups, from 0, and `estimated` (p,) the
+    parameters that the fit moved.
     """
     scores = equations.scores[:, estimated]
     count, size = scores.shape

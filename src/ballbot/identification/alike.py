@@ -17,19 +17,17 @@ which is added to its error, independently for each wheel.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
-from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import BY_NAME, Coordinates
-from ballbot.identification.variation import Variation
 from ballbot.mechanics.friction import stribeck_decay
 
 #: of the mean: a difference with a larger standard error is not known to be less than the mean
@@ -39,8 +37,6 @@ INSEPARABLE = 0.5
 WHEELS_APART = 0.15
 #: what is fitted as one together
 _DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
-
-T = TypeVar("T")
 
 
 def inseparable(
@@ -101,38 +97,11 @@ def wheels_mean(
 
 def uncertainty_of_each(coordinates: Coordinates, uncertainty: Uncertainty) -> Uncertainty:
     """Return the uncertainty of each wheel's numbers (p,) out of that of the numbers fitted as one."""
-    if not coordinates.alike:
-        return uncertainty
-    first, values = coordinates.first, coordinates.physical(uncertainty.point)
-    # by how much each number may differ from the one fitted for all wheels
-    apart = np.where(np.isin(coordinates.names, coordinates.alike), WHEELS_APART * np.abs(values), 0.0)
-    scaled = apart / np.where(apart > 0.0, coordinates.slopes(uncertainty.point), 1.0)
-
-    def wider(one: Interval, place: int) -> Interval:
-        below, above = (
-            float(np.hypot(end - values[place], HALF_WIDTH * apart[place])) for end in (one.lower, one.upper)
-        )
-        lower = values[place] - below
-        if np.isfinite(lower):  # an amount ends at zero
-            lower = max(lower, coordinates.lower[place])
-        return replace(one, lower=lower, upper=values[place] + above)
-
-    intervals = _of_each(coordinates, uncertainty.intervals)
-    places = {label: place for place, label in enumerate(coordinates.labels)}
-    return replace(
-        uncertainty,
-        covariance=uncertainty.covariance[np.ix_(first, first)] + np.diag(scaled**2),
-        bootstrap=np.hypot(uncertainty.bootstrap[first], scaled),
-        intervals={label: wider(one, places[label]) for label, one in intervals.items()},
-    )
-
-
-def variation_of_each(coordinates: Coordinates, varied: Variation) -> Variation:
-    """Return how each wheel's numbers vary out of how the numbers fitted as one do."""
-    return replace(
-        varied,
-        predictions=_of_each(coordinates, varied.predictions),
-        deviations=varied.deviations[coordinates.first],
+    first, slopes = coordinates.first, coordinates.slopes(uncertainty.point)
+    apart = WHEELS_APART * coordinates.physical(uncertainty.point) / np.where(slopes > 0.0, slopes, np.inf)
+    each = replace(uncertainty, covariance=uncertainty.covariance[np.ix_(first, first)])
+    return each.with_variation(
+        np.diag(np.where(np.isin(coordinates.names, coordinates.alike), apart, 0.0) ** 2)
     )
 
 
@@ -147,10 +116,3 @@ def alike_finding(coordinates: Coordinates) -> list[Finding]:
         f"{100.0 * WHEELS_APART:.0f} %. Longer logs with motion in all directions and about the vertical separate them."
     )
     return [warning("motors-alike", text)]
-
-
-def _of_each(coordinates: Coordinates, table: Mapping[str, T]) -> dict[str, T]:
-    """Return a table by label with the entry of the number that each one equals."""
-    labels = coordinates.labels
-    equal = {label: labels[place] for label, place in zip(labels, coordinates.first.tolist(), strict=True)}
-    return {label: table[of] for label, of in equal.items() if of in table}

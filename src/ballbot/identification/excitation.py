@@ -1,19 +1,16 @@
 """Checks of logs before identification: do they excite the parameters, and do they show effects outside the model?
 
-Excitation is checked before anything is estimated. A log without motion or torque is refused as a whole. Otherwise
-the parameters that a log cannot determine are refused by name: they take part in the fit, since a wheel that friction
-holds throughout has friction, but get no number.
+A log without motion or torque is refused as a whole. Otherwise the parameters that logs cannot determine are refused by
+name: they take part in the fit, since a wheel that friction holds throughout has friction, but get no number.
 
 Chatter. Wheels that swing to and fro within the gearbox's play are predicted wrongly by a model without play, and more
-so with friction. A stiff gain makes motors chatter: they cross the play, strike, and are turned back before ball and
-body have followed. The encoder, on the motor's side, sees swings about as long as the play. Friction's sign then
-follows the motor and averages out over a swing (as dither does), whereas a model that fixes motor to wheel holds the
-ball by c + s. On such windows friction found elsewhere predicts the lean worse than none, and a fit to them alone finds
-none.
+so with friction. A stiff gain makes motors cross the play, strike, and turn back before ball and body have followed.
+Friction's sign then follows the motor and averages out over a swing, whereas a model that fixes motor to wheel holds
+the ball by c + s. On such windows friction found elsewhere predicts the lean worse than none, and a fit to them alone
+finds none.
 
-Pivoting. The heading follows the wheels if the ball does not pivot on the floor. Wheels that all turn alike turn the
-body against the ball, and show psi_dot less the ball's spin: all of psi_dot where the ball does not pivot, and where
-floor and ball are smooth and the ball turns along, a share of it,
+Pivoting. Wheels that all turn alike turn the body against the ball, and show psi_dot less the ball's spin: all of
+psi_dot where the ball does not pivot, and where floor and ball are smooth and the ball turns along, a share of it,
 
     share = sum (psi_dot - spin) psi_dot / sum psi_dot^2            over means of a tenth of a second
 
@@ -53,30 +50,21 @@ WINDOWS_PER_PARAMETER = 2
 LEAST_VARIATION = 0.1
 #: least root mean square of a motor's torque, and of its changes from row to row [N m]
 LEAST_TORQUE = 5e-3
-#: least motion that excites a group of rigid-body parameters: root mean square over the windows of these states
+#: what shows in a wheel's speed
+_OF_WHEEL = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
+#: least root mean square over the windows of states that a quantity shows in
 _MOTIONS = (
-    (("rolling",), ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
-    (("center_of_mass",), ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
-    (("second_moment",), ("theta_dot", "phi_dot"), 0.02, "rad/s", "the lean hardly changes"),
-    (("pivoting",), ("psi_dot",), 0.05, "rad/s", "the heading hardly turns"),
-    (("imu_delay",), ("theta_dot", "phi_dot"), 5e-3, "rad/s", "the lean hardly changes"),
-    (("velocity_delay",), ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
+    ("rolling", ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
+    ("center_of_mass", ("theta", "phi"), 3e-3, "rad", "the robot hardly leans"),
+    ("second_moment", ("theta_dot", "phi_dot"), 0.02, "rad/s", "the lean hardly changes"),
+    ("pivoting", ("psi_dot",), 0.05, "rad/s", "the heading hardly turns"),
+    ("imu_delay", ("theta_dot", "phi_dot"), 5e-3, "rad/s", "the lean hardly changes"),
+    ("velocity_delay", ("x_dot", "y_dot"), 0.01, "m/s", "the ball hardly rolls"),
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identifiability:
-    """The parameters that logs can and cannot determine."""
-
-    refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
-    findings: tuple[Finding, ...]  #: one for each reason
-
-
 def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
-    """Refuse too few windows.
-
-    InputError if the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters.
-    """
+    """Raise InputError if the windows to fit are fewer than `WINDOWS_PER_PARAMETER` times the parameters."""
     least = WINDOWS_PER_PARAMETER * parameters
     if fitted < least:
         length = windows.samples * windows.sample_time
@@ -90,6 +78,14 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Identifiability:
+    """The parameters that logs can and cannot determine."""
+
+    refused: NDArray[np.bool_]  #: (p,), free parameters that they cannot determine
+    findings: tuple[Finding, ...]  #: one for each reason
+
+
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Identifiability:
     """Refuse logs without motion, and the parameters that the other logs cannot determine.
 
@@ -99,7 +95,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
         )
-    speeds = Model(robot).wheel_speed(windows.measured[..., :5], windows.measured[..., 5:])
+    speeds = np.abs(Model(robot).wheel_speed(windows.measured[..., :5], windows.measured[..., 5:]))
     turning = np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
     if np.all(turning.mean(axis=0) < LEAST_SHARE):
         raise InputError(
@@ -107,12 +103,16 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
             f"rad/s in only {turning.any(axis=1).sum()} of {len(windows)} "
             "windows. Log it while it moves, such as around a square."
         )
-    refused, findings = np.zeros(len(coordinates.labels), dtype=bool), []
-    for names, wheel, reason in _reasons(windows, speeds, turning):
-        rows = _rows(coordinates, names, wheel) & coordinates.free & ~refused
+    names, labels = np.array(coordinates.names), np.array(coordinates.labels)
+    of_wheels = np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])
+    refused, findings = np.zeros(len(labels), dtype=bool), []
+    for quantities, wheel, reason in _reasons(windows, speeds, turning):
+        rows = np.isin(names, quantities) & coordinates.free & ~refused
+        if wheel:
+            rows &= of_wheels & np.char.endswith(labels, str(wheel))
         if rows.any():
-            labels = [label for label, row in zip(coordinates.labels, rows, strict=True) if row]
-            findings.append(warning("excitation", f"{reason}: {', '.join(labels)} cannot be estimated."))
+            text = f"{reason}: {', '.join(labels[rows].tolist())} cannot be estimated."
+            findings.append(warning("excitation", text))
             refused |= rows
     if np.all(refused[coordinates.free]):
         raise InputError(
@@ -121,44 +121,34 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     return Identifiability(refused=refused, findings=tuple(findings))
 
 
-#: what shows in a wheel's speed
-_OF_WHEEL = ("viscous", "coulomb", "stribeck", "stribeck_asymmetry", "load", "torque_gain", "torque_offset")
-
-
 def _reasons(
     windows: Windows, speeds: NDArray[np.float64], turning: NDArray[np.bool_]
-) -> Iterator[tuple[tuple[str, ...], int | None, str]]:
-    """Yield quantities that windows do not determine, of which wheel, and why."""
+) -> Iterator[tuple[tuple[str, ...], int, str]]:
+    """Yield quantities that windows do not determine, of which wheel from 1, 0 for all, and why."""
+    torque = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
+    mean, spread = speeds.mean(axis=(0, 1)), speeds.std(axis=(0, 1))
     for i in np.flatnonzero(turning.mean(axis=0) < LEAST_SHARE).tolist():
         text = f"Wheel {i + 1} turns in only {turning[:, i].sum()} of {len(turning)} windows"
-        yield _OF_WHEEL, i, f"{text}; drive in another direction too"
-    size = np.abs(speeds).reshape(-1, speeds.shape[-1])
-    for i in np.flatnonzero(size.std(axis=0) < LEAST_VARIATION * size.mean(axis=0)).tolist():
-        text = f"Wheel {i + 1} turns at one speed, {size[:, i].mean():.2g} rad/s"
-        yield ("viscous",), i, f"{text}; drive at other speeds too"
-    torque = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
+        yield _OF_WHEEL, i + 1, f"{text}; drive in another direction too"
+    for i in np.flatnonzero(spread < LEAST_VARIATION * mean).tolist():
+        text = f"Wheel {i + 1} turns at one speed, {mean[i]:.2g} rad/s; drive at other speeds too"
+        yield ("viscous",), i + 1, text
     for i in np.flatnonzero(torque < LEAST_TORQUE).tolist():
-        yield ("torque_gain", "load"), i, f"Motor {i + 1} gives only {torque[i]:.2g} N m; make it work harder"
+        text = f"Motor {i + 1} gives only {torque[i]:.2g} N m; make it work harder"
+        yield ("torque_gain", "load"), i + 1, text
     change = float(np.sqrt((np.diff(windows.torques, axis=1) ** 2).mean()))
     if change < LEAST_TORQUE:
         text = f"The torques change by only {change:.2g} N m per row; a step of the reference would help"
-        yield ("delay",), None, text
-    for names, states, least, unit, words in _MOTIONS:
-        motion = float(
-            np.sqrt((windows.measured[..., [STATE_NAMES.index(one) for one in states]] ** 2).mean())
-        )
+        yield ("delay",), 0, text
+    for name, states, least, unit, words in _MOTIONS:
+        columns = [STATE_NAMES.index(state) for state in states]
+        motion = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))
         if motion < least:
-            amount = f"{motion:.2g} {unit} root mean square; {least:g} are needed"
-            yield names, None, f"For {' and '.join(names)}, {words} ({amount})"
-
-
-def _rows(coordinates: Coordinates, names: tuple[str, ...], wheel: int | None) -> NDArray[np.bool_]:
-    """Return which parameters (p,) are of these quantities, and of that wheel where one is given."""
-    mine = np.array([name in names for name in coordinates.names])
-    if wheel is None:
-        return mine
-    ends = np.array([label.endswith(str(wheel + 1)) for label in coordinates.labels])
-    return mine & ends & np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])
+            yield (
+                (name,),
+                0,
+                f"For {name}, {words} ({motion:.2g} {unit} root mean square; {least:g} are needed)",
+            )
 
 
 #: a swing is within the play where it is this many times as long: at its end a blow turns the wheel a little
@@ -169,46 +159,28 @@ LEAST_TURN = 0.1
 CHATTER = 0.3
 
 
-@dataclass(frozen=True, kw_only=True)
-class Chatter:
-    """How much a log's wheels swing within the play."""
-
-    share: float  #: of the time, the wheels' mean
-    swing: float  #: median length of the swings within the play [rad]; NaN without swings
-
-    @property
-    def matters(self) -> bool:
-        """Whether predictions with friction are not to be trusted there."""
-        return self.share > CHATTER
-
-
-def chatter(log: Log, robot: Robot) -> Chatter:
-    """Return how much the wheels swing within the robot's play."""
+def chatter_findings(log: Log, robot: Robot, name: str) -> list[Finding]:
+    """Return a warning if a log's wheels swing within the robot's play: predictions with friction are then wrong."""
     play = robot.drive.backlash
     if not play > 0.0:
-        return Chatter(share=0.0, swing=math.nan)
+        return []
     speeds = np.nan_to_num(measured_wheel_speeds(log, robot))
     angles = np.cumsum(speeds[:-1] * np.diff(log.t)[:, None], axis=0)
     turns = [turning_points(angle, LEAST_TURN * play) for angle in angles.T]
     # how far an angle travels from one turning point to the next, and for how many rows
-    lengths = np.concatenate(
-        [np.abs(np.diff(angle[one])) for angle, one in zip(angles.T, turns, strict=True)]
-    )
-    rows = np.concatenate([np.diff(one) for one in turns])
+    lengths = np.concatenate([np.abs(np.diff(angle[at])) for angle, at in zip(angles.T, turns, strict=True)])
+    rows = np.concatenate([np.diff(at) for at in turns])
     within = (lengths > WITHIN[0] * play) & (lengths < WITHIN[1] * play)
-    swing = float(np.median(lengths[within])) if within.any() else math.nan
-    return Chatter(share=float(rows[within].sum() / rows.sum()), swing=swing)
-
-
-def chatter_finding(found: Chatter, robot: Robot, name: str) -> Finding:
-    """Return the warning of a log that chatters."""
+    share = float(rows[within].sum() / rows.sum())
+    if not share > CHATTER:
+        return []
     text = (
-        f"In {name} the wheels oscillate by {math.degrees(found.swing):.1f} deg for {100 * found.share:.0f} % "
-        f"of the time, within the gearbox's play of {math.degrees(robot.drive.backlash):.1f} deg: the motors "
+        f"In {name} the wheels oscillate by {math.degrees(np.median(lengths[within])):.1f} deg for {100 * share:.0f} % "
+        f"of the time, within the gearbox's play of {math.degrees(play):.1f} deg: the motors "
         "strike the stops while ball and body hardly follow. The model has no play, so friction there makes "
         "its predictions worse, first those of the lean. Validate friction on logs of a softer gain."
     )
-    return warning("chatter", text)
+    return [warning("chatter", text)]
 
 
 #: the share is estimated from means over so long [s], in which encoders' noise averages out
@@ -229,7 +201,7 @@ def share_shown(log: Log, robot: Robot) -> float | None:
     known = np.isfinite(rate) & np.isfinite(spin)
     rows = max(1, round(HEADING_MEAN / log.sample_time))
     count = int(known.sum()) // rows
-    rate, spin = (one[known][: count * rows].reshape(count, rows).mean(axis=1) for one in (rate, spin))
+    rate, spin = (part[known][: count * rows].reshape(count, rows).mean(axis=1) for part in (rate, spin))
     if len(rate) < 2 or np.sqrt((rate**2).mean()) < LEAST_TURNING:
         return None
     return float((rate - spin) @ rate / (rate @ rate))
@@ -242,7 +214,7 @@ def heading_findings(
 
     The shares are those of `share_shown`, one a log.
     """
-    few = [one for one in shares if one is not None and SMALLEST_SHARE < one < LARGEST_SHARE]
+    few = [share for share in shares if share is not None and SMALLEST_SHARE < share < LARGEST_SHARE]
     if not few:
         return []
     if "pivoting" in estimated:
@@ -255,7 +227,6 @@ def heading_findings(
             "Estimate the floor's friction against pivoting (--estimate friction,pivoting), "
             "or exclude the heading from the cost (--exclude-states psi,psi_dot)."
         )
-    least = f"{100 * min(few):.0f} %"
     most = f" to {100 * max(few):.0f} %" if len(few) > 1 else ""
-    text = f"The wheels show only {least}{most} of the turning of the heading: the ball pivots on the floor{done}"
-    return [warning("pivoting", text)]
+    shown = f"{100 * min(few):.0f} %{most} of the turning of the heading"
+    return [warning("pivoting", f"The wheels show only {shown}: the ball pivots on the floor{done}")]

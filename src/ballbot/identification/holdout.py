@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
-from ballbot.fitting.comparison import HorizonErrors
-from ballbot.identification.excitation import Chatter, chatter, chatter_finding
+from ballbot.identification.excitation import chatter_findings
 from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
 from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
@@ -69,60 +68,44 @@ class FrictionAtHorizon:
     lean: FrictionErrors = field(metadata=key("lean_rmse"))  #: theta and phi [rad]
 
 
-def horizon_errors(
+def friction_by_horizon(
     predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
-) -> HorizonErrors | None:
-    """Return the errors of the wheels' speeds [rad/s], theta and phi [rad] by horizon: with friction, with its viscous
-    part and without; None if no interval of the log is as long as the longest horizon and has a known start.
+) -> tuple[FrictionAtHorizon, ...]:
+    """Return the effect of friction (p,) on the errors at each horizon at which some prediction has a value.
 
     The predictions begin one longest horizon after another, so that they do not overlap, from the states in the log's
     rows or what `starts` gives. Where motors are driven by voltage, the log has the torques less the back-EMF's.
     """
-    sample_time = log.sample_time
+    sample_time, layout = log.sample_time, predictor.layout
     # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
     duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, values, [supplied], duration=duration)
-    initial = windows.initial if starts is None else starts(np.array([one.start for one in windows.spans]))
+    initial = windows.initial if starts is None else starts(np.array([span.start for span in windows.spans]))
     known = np.flatnonzero(np.isfinite(initial).all(axis=1))
     if not known.size:
-        return None
-    windows, initial, layout = windows.take(known), initial[known], predictor.layout
-    sets = np.stack([values, layout.viscous_part(values), layout.without_friction(values)])
+        return ()
+    windows, initial = windows.take(known), initial[known]
+    viscous = layout.without_friction(values, keep=("viscous",))
+    sets = np.stack([values, viscous, layout.without_friction(values)])
     residuals = np.concatenate([*predictor.in_chunks(sets, windows, starts=initial)], axis=1)
-    states = residuals + windows.measured
+    states, model = residuals + windows.measured, Model(predictor.robot)
     first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in windows.spans])
-    measured = measured_wheel_speeds(log, predictor.robot)
-    model = Model(predictor.robot)
-    rows = [max(1, round(horizon / sample_time)) for horizon in HORIZONS]
-    differences = []
-    for after in rows:
+    measured, found = measured_wheel_speeds(log, predictor.robot), []
+    for horizon in HORIZONS:
+        after = max(1, round(horizon / sample_time))
         at = states[:, :, after - 1]
         speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
-        leans = at[..., _LEANS] - windows.measured[:, after - 1][:, _LEANS]
-        differences.append(np.concatenate([speeds, leans], axis=2))
-    return HorizonErrors(
-        horizons=np.array(rows) * sample_time,
-        differences=np.stack(differences, axis=2),
-    )
-
-
-def friction_by_horizon(errors: HorizonErrors | None) -> tuple[FrictionAtHorizon, ...]:
-    """Return the effect of friction on the errors at each horizon at which some prediction has a value."""
-    if errors is None:
-        return ()
-    found = []
-    for horizon, differences in zip(errors.horizons, errors.differences.swapaxes(0, 2), strict=True):
-        one = differences.swapaxes(0, 1)  # (models, starts, columns)
+        leans = residuals[:, :, after - 1, _LEANS]
         # a robot that fell in a prediction has no value there, nor an encoder that was not read
-        one = one[:, np.isfinite(one).all(axis=(0, 2))]
-        if one.shape[1]:
+        known = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
+        if known.any():
             found.append(
                 FrictionAtHorizon(
-                    horizon=float(horizon),
-                    starts=one.shape[1],
-                    wheel_speed=_errors(one[..., : -len(_LEANS)]),
-                    lean=_errors(one[..., -len(_LEANS) :]),
+                    horizon=after * sample_time,
+                    starts=int(known.sum()),
+                    wheel_speed=_errors(speeds[:, known]),
+                    lean=_errors(leans[:, known]),
                 )
             )
     return tuple(found)
@@ -167,7 +150,6 @@ class HoldoutResult:
     errors: WindowErrors
     horizons: tuple[FrictionAtHorizon, ...]  #: empty if no interval of the log is as long as the longest
     causal: bool  #: whether their predictions start from causal states, and not from the log's rows
-    chatter: Chatter
     findings: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
 
     def to_dict(self) -> dict[str, object]:
@@ -197,30 +179,22 @@ def cross_validate(
         `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
     """
     predictor, log = found.predictor, as_log(log)
-    windows = windows_for(
-        predictor,
-        found.values,
-        [standstill_torques(log, predictor.robot, predictor.back_emf)],
-        duration=found.window,
-    )
+    supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
+    windows = windows_for(predictor, found.values, [supplied], duration=found.window)
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
-    found_errors = window_errors(predictor, windows, found.values)
-    moved = chatter(log, predictor.robot)
-    horizons = friction_by_horizon(horizon_errors(predictor, found.values, log, starts=starts))
-    findings = [
-        *prediction_findings(found_errors.with_over_without, of=name),
-        *_share_findings(name, horizons),
-    ]
-    if moved.matters:
-        findings.append(chatter_finding(moved, predictor.robot, name))
+    errors = window_errors(predictor, windows, found.values)
+    horizons = friction_by_horizon(predictor, found.values, log, starts=starts)
     return HoldoutResult(
         name=name,
-        errors=found_errors,
+        errors=errors,
         horizons=horizons,
         causal=starts is not None,
-        chatter=moved,
-        findings=tuple(findings),
+        findings=(
+            *prediction_findings(errors.with_over_without, of=name),
+            *_share_findings(name, horizons),
+            *chatter_findings(log, predictor.robot, name),
+        ),
     )
 
 

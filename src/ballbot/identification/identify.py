@@ -21,28 +21,25 @@ from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import Fit, FitOptions, Search, fit
 from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty
-from ballbot.fitting.model_selection import ModelSelection
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.alike import (
     alike_finding,
     inseparable,
     uncertainty_of_each,
-    variation_of_each,
     wheels_mean,
 )
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import (
     Identifiability,
-    chatter,
-    chatter_finding,
+    chatter_findings,
     check_count,
     check_excitation,
     heading_findings,
     share_shown,
 )
-from ballbot.identification.laws import bounds_of, law_named, robot_by_law, select_law
+from ballbot.identification.laws import LawSelection, bounds_of, law_named, robot_by_law, select_law
 from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
     BY_NAME,
@@ -54,17 +51,9 @@ from ballbot.identification.quantities import (
     names_in,
     scale_between,
 )
-from ballbot.identification.result import Identification, found_robot
-from ballbot.identification.result_findings import (
-    bound_findings,
-    correlation_findings,
-    error_findings,
-    influence_findings,
-    interval_findings,
-    optimum_findings,
-    prediction_findings,
-)
-from ballbot.identification.stated_uncertainty import ends_without_error
+from ballbot.identification.result import Identification
+from ballbot.identification.result_findings import parameter_findings, prediction_findings
+from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.sweep import with_sweep
 from ballbot.identification.variation import (
     Variation,
@@ -243,7 +232,7 @@ def identify_by_law(
     window: float,
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
-) -> tuple[Identification, ModelSelection[Identification] | None]:
+) -> tuple[Identification, LawSelection | None]:
     """Identify by one law; or, for "best", by each law in turn, each begun from the law that it contains.
 
     The parameters are those of `identify`. Returns the identification by the given law, or by the selected one and the
@@ -268,7 +257,7 @@ def identify_by_law(
 
     if law == "best":
         selection = select_law(by_law)
-        return selection.best.model, selection
+        return selection.best.found, selection
     return by_law(law, options.warm_start), None
 
 
@@ -423,20 +412,23 @@ def _alike(
 def _uncertainty(
     experiment: Balancing,
     estimate: Fit[WindowsIterate],
-    scale_errors: NDArray[np.float64],
+    logs: Sequence[Log],
     *,
     options: IdentificationOptions,
-) -> tuple[NDArray[np.float64], Uncertainty, Variation, list[Finding]]:
-    """Return values (p,) with what windows, other logs, the torques' scale, other wheels and a sweep say of them."""
+) -> tuple[Uncertainty, Variation, list[Finding]]:
+    """Return the estimate with what windows, other logs, the torques' scale, other wheels and a sweep say of it."""
     coordinates = experiment.coordinates
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
+    scale_errors = torque_scale_errors(list(logs), experiment.predictor.robot)
     uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
-    uncertainty = uncertainty_of_each(coordinates, uncertainty)
-    values, findings = estimate.values, ()
+    uncertainty, findings = uncertainty_of_each(coordinates, uncertainty), ()
     if options.sweep is not None:  # which does not vary from log to log
-        values, uncertainty, findings = with_sweep(coordinates, values, uncertainty, options.sweep)
-    said = [*findings, *discrepancy_finding(estimate.discrepancy), *variation_findings(varied)]
-    return values, uncertainty, variation_of_each(coordinates, varied), said
+        uncertainty, findings = with_sweep(coordinates, uncertainty, options.sweep)
+    return (
+        uncertainty,
+        varied,
+        [*findings, *discrepancy_finding(estimate.discrepancy), *variation_findings(varied)],
+    )
 
 
 #: groups of windows by speed, of equal size
@@ -461,87 +453,63 @@ def _result(
 ) -> Identification:
     experiment, fitted = prepared.experiment, list(logs.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
-    layout, scale_errors = predictor.layout, torque_scale_errors(fitted, predictor.robot)
-    values, uncertainty, varied, said = _uncertainty(experiment, estimate, scale_errors, options=options)
-    bounds, errors = np.stack([coordinates.lower, coordinates.upper], axis=1), uncertainty.standard_errors
+    layout = predictor.layout
+    uncertainty, varied, said = _uncertainty(experiment, estimate, fitted, options=options)
+    asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
+    robot = found_robot(predictor.robot, layout, uncertainty, log_count=len(fitted), asymmetric=asymmetric)
+    values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
     covariance = uncertainty.correlation * np.outer(errors, errors)
-    robot = found_robot(
-        predictor.robot,
-        layout,
-        values,
-        errors,
-        covariance=covariance,
-        ends=ends_without_error(
-            layout.labels, values, errors, bounds=bounds, intervals=uncertainty.intervals
-        ),
-        log_count=len(fitted),
-        asymmetric=law in ("asymmetric", "directed") and "torque_offset" in layout.extra,
-    )
-    driven, own = wheel_speeds(experiment), robot.friction.own_law
-    coulomb = coulomb_equivalent(layout, values, covariance=covariance, wheel_speeds=driven, law=own)
     source = "the balancing logs"
     balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
     held_out = window_errors(predictor, prepared.held_out, values)
-    findings = [
-        *_log_findings(predictor, fitted, options.excluded_states),
-        *prepared.excitation.findings,
-        *_parameter_findings(coordinates, estimate, values, uncertainty),
-        *prediction_findings(held_out.with_over_without),
-        *said,
-        *file_findings(predictor.robot, balancing),
-    ]
     return Identification(
         robot=robot.annotated(identified_from=[row for log in fitted for row in fingerprint(log)]),
         predictor=predictor,
-        values=values,
-        bounds=bounds,
-        parameters=layout.by_symbol(np.where(estimate.unknown[coordinates.first], np.nan, values)),
-        standard_errors=layout.by_symbol(errors),
-        intervals=dict(uncertainty.intervals),
+        uncertainty=uncertainty,
+        unknown=estimate.unknown[coordinates.first],
         variation=varied,
-        correlation=uncertainty.correlation,
-        coulomb=coulomb,
+        coulomb=coulomb_equivalent(
+            layout,
+            values,
+            covariance=covariance,
+            wheel_speeds=wheel_speeds(experiment),
+            law=robot.friction.own_law,
+        ),
         fit=window_errors(predictor, experiment.windows, values),
         held_out=held_out,
-        fit_windows=experiment.windows.spans,
-        held_out_windows=prepared.held_out.spans,
         window=window,
         excluded_states=tuple(options.excluded_states),
         evolution_cost=estimate.searched,
         gauss_newton_cost=estimate.finished.history,
-        findings=tuple(findings),
+        findings=(
+            *_log_findings(predictor, fitted, options.excluded_states),
+            *prepared.excitation.findings,
+            *alike_finding(coordinates),
+            *parameter_findings(
+                coordinates,
+                uncertainty,
+                no_influence=estimate.no_influence[coordinates.first],
+                at_bound=estimate.at_bound[coordinates.first],
+                other=estimate.other,
+            ),
+            *prediction_findings(held_out.with_over_without),
+            *said,
+            *file_findings(predictor.robot, balancing),
+        ),
         other=estimate.other,
         log_findings=logs.findings,
     )
 
 
-def _parameter_findings(
-    coordinates: Coordinates,
-    estimate: Fit[WindowsIterate],
-    values: NDArray[np.float64],
-    uncertainty: Uncertainty,
-) -> list[Finding]:
-    """Return what the logs leave open about the parameters (p,), SI units."""
-    return [
-        *alike_finding(coordinates),
-        *influence_findings(coordinates, values, estimate.no_influence[coordinates.first]),
-        *bound_findings(coordinates, values, estimate.at_bound[coordinates.first]),
-        *error_findings(coordinates, uncertainty.scaled_errors),
-        *interval_findings(uncertainty.intervals),
-        *correlation_findings(coordinates.labels, uncertainty.correlation),
-        *optimum_findings(coordinates, estimate.finished.point, estimate.other),
-    ]
-
-
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
     """Return findings on effects that the model does not have: corrupted rows, play, and a ball that pivots."""
     robot = predictor.robot
-    found = [chatter(log, robot) for log in logs]
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
-    shares = [share_shown(log, robot) for log, one in zip(logs, found, strict=True) if not one.matters]
+    chatter = [chatter_findings(log, robot, name) for log, name in zip(logs, names, strict=True)]
+    shares = [share_shown(log, robot) for log, found in zip(logs, chatter, strict=True) if not found]
     return [
-        *(one for log, name in zip(logs, names, strict=True) for one in _spoilt(log, robot, name)),
-        *(chatter_finding(one, robot, name) for one, name in zip(found, names, strict=True) if one.matters),
+        *(finding for log, name in zip(logs, names, strict=True) for finding in _spoilt(log, robot, name)),
+        *(finding for found in chatter for finding in found),
         *heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra),
     ]
 

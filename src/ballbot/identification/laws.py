@@ -15,27 +15,27 @@ any torque from -c- to c+. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sg
 
     forward   c + o = c+          backward  -c + o = -c-          at rest   [-c, c] + o = [-c-, c+]
 
-So it is the symmetric law and a constant torque -o on the wheel, the set of torques that hold it at rest included, and
-the same holds with s exp(..) added to c on both sides. The offset is found as `torque_offset` (= -o): a motor driver's
-own offset has the same effect, and no log separates the two. It is physical while |o| <= c. A viscous part that
-differs with direction is another law, of |w|, and not in it.
-
-Directed. With s+ and s- by direction and e = (s+ - s-)/2 the friction is the asymmetric one and e exp(-|w/v_s|^delta).
-It differs from an offset at speeds around v_s, where the exponential fades. It is physical while |e| <= s.
+So it is the symmetric law and a constant torque -o on the wheel, found as `torque_offset`: a motor driver's own offset
+has the same effect, and no log separates the two. It is physical while |o| <= c. Directed: with s+ and s- by direction
+and e = (s+ - s-)/2 the friction has e exp(-|w/v_s|^delta) more, which fades at speeds around v_s, while |e| <= s.
 
 Load. A gear's teeth rub in proportion to what they carry, here the motor's torque u, which is held over a sample; so is
 then the friction's size. It is an alternative to asymmetric: both contain stribeck.
 
-Each law is fitted to the same windows; `ballbot.fitting.model_selection` has how one is selected.
+Selection. All laws are fitted to the same windows and predict the same ones held out. A law is accepted if the whole
+interval of its gain (`ballbot.fitting.model_selection`) is above zero, over the law within it and, if that one was not
+accepted, over the largest one within that was; no friction is within viscous. The accepted law of the least error is
+the best. One is rejected if an interval lies below a useful gain of 1 %; else the data cannot decide.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 from ballbot.errors import InputError, suggest
-from ballbot.fitting.model_selection import Candidate, HeldOut, ModelSelection, select_model
+from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between
 from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bounds, Limits, names_in
 from ballbot.identification.result import Identification
 from ballbot.identification.verdict import window_blocks
@@ -53,12 +53,6 @@ class Law:
     free: tuple[str, ...]  #: quantities
     #: bounds if none are given
     wide_bounds: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
-
-    @property
-    def fixed(self) -> dict[str, Limits]:
-        """The quantities of `FRICTION` that it does not have, at values without effect."""
-        absent = [name for name in FRICTION if name not in self.free]
-        return {name: (1.0, 1.0) if BY_NAME[name].scale == "ratio" else (0.0, 0.0) for name in absent}
 
 
 _COULOMB = ("viscous", "coulomb", "rolling")
@@ -90,16 +84,15 @@ def law_named(name: str) -> Law:
     if ".py:" in name or name in registered_laws():
         law = friction_law(name)
         assert law is not None
-        for one in law.own:
-            if one.name in [quantity.name for quantity in QUANTITIES]:
+        for own in law.own:
+            if own.name in [quantity.name for quantity in QUANTITIES]:
                 raise InputError(
-                    f"The friction law {law.name} has a parameter {one.name}, the name of a quantity that is "
+                    f"The friction law {law.name} has a parameter {own.name}, the name of a quantity that is "
                     "identified; give it another name."
                 )
         free = ("viscous", *law.takes, "rolling")
         return Law(law.name, f"b w + ({law.formula}) sgn w, C_rr", None, free)
-    names += registered_laws()
-    hint = suggest(name, names, otherwise="there are")
+    hint = suggest(name, [*names, *registered_laws()], otherwise="there are")
     raise InputError(f"{name!r} is not a friction law; {hint}")
 
 
@@ -113,50 +106,96 @@ def robot_by_law(robot: Robot, name: str, *, free: Sequence[str] | str) -> Robot
 
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:
-    """Return bounds that fix what the law does not have; the rest stay as given."""
-    return Bounds({**law.wide_bounds, **bounds.limits, **law.fixed})
+    """Return bounds that hold the friction that the law does not have at values without effect; the rest as given."""
+    absent = [name for name in FRICTION if name not in law.free]
+    held = {name: (BY_NAME[name].neutral, BY_NAME[name].neutral) for name in absent}
+    return Bounds({**law.wide_bounds, **bounds.limits, **held})
 
 
-#: from a law and the identification to begin from, to an identification by that law
-LawFit = Callable[[str, Identification | None], Identification]
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidate:
+    """A fitted law, and what the held-out windows say of it."""
+
+    law: Law
+    found: Identification
+    gain: Gain  #: over the law within it
+    over: str | None  #: the largest accepted law within it; None: no friction
+    gain_over: Gain  #: over that one
+    error: float  #: over that without friction
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the held-out windows support it."""
+        return self.gain.significant and self.gain_over.significant
+
+    @property
+    def decision(self) -> Literal["accepted", "rejected", "undecided"]:
+        """Whether the held-out windows support it, exclude a useful gain, or cannot decide."""
+        if self.accepted:
+            return "accepted"
+        return "rejected" if min(self.gain.upper, self.gain_over.upper) < USEFUL_GAIN else "undecided"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "law": self.law.name,
+            "formula": self.law.formula,
+            "within": self.law.within,
+            "gain": self.gain.to_dict(),
+            "highest_accepted_below": self.over,
+            "gain_over_highest_accepted": self.gain_over.to_dict(),
+            "accepted": self.accepted,
+            "decision": self.decision,
+            "error_over_no_friction": self.error,
+            "parameters": self.found.to_dict()["parameters"],
+        }
 
 
-def select_law(fit: LawFit) -> ModelSelection[Identification]:
-    """Fit every friction law and select the one that the held-out windows support; no friction is the baseline.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawSelection:
+    """All laws, fitted, and the best one."""
 
-    `fit` calls `ballbot.identification.identify` with its law and `warm_start`, all else the same each time.
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def best(self) -> Candidate:
+        """Of those accepted, the one with the least error; viscous if there is none."""
+        accepted = [candidate for candidate in self.candidates if candidate.accepted]
+        return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "candidates": [candidate.to_dict() for candidate in self.candidates],
+            "best": self.best.law.name,
+        }
+
+
+def select_law(fit: Callable[[str, Identification | None], Identification]) -> LawSelection:
+    """Fit every friction law and select the one that the held-out windows support.
+
+    `fit` calls `ballbot.identification.identify` with its law and, as `warm_start`, the identification by the law
+    within it; all else is the same each time.
     """
-    by_name = {law.name: law for law in LAWS}
-
-    def held_out(name: str, inner: Identification | None) -> HeldOut[Identification]:
-        found = fit(by_name[name].name, inner)
-        return HeldOut(
-            model=found,
-            squares=found.held_out.squares_with[:, found.counted],
-            baseline=found.held_out.squares_without[:, found.counted],
-            groups=window_blocks(found.held_out_windows),
+    known: dict[str | None, Candidate] = {}
+    for law in LAWS:
+        inner = over = known.get(law.within)
+        found = fit(law.name, inner and inner.found)
+        while over and not over.accepted:
+            over = known.get(over.law.within)
+        known[law.name] = Candidate(
+            law=law,
+            found=found,
+            gain=_gain(found, inner),
+            over=over and over.law.name,
+            gain_over=_gain(found, over),
+            error=1.0 - _gain(found, None).share,
         )
-
-    return select_model({law.name: law.within for law in LAWS}, held_out)
-
-
-def law_results(selection: ModelSelection[Identification]) -> dict[str, object]:
-    """Return what results.json holds of a selection of laws."""
-    return {"candidates": [_law_result(one) for one in selection.candidates], "best": selection.best.name}
+    return LawSelection(candidates=tuple(known.values()))
 
 
-def _law_result(one: Candidate[Identification]) -> dict[str, object]:
-    assert one.gain is not None  # there is a baseline
-    assert one.gain_over is not None
-    return {
-        "law": one.name,
-        "formula": law_named(one.name).formula,
-        "within": one.within,
-        "gain": one.gain.to_dict(),
-        "highest_accepted_below": one.over,
-        "gain_over_highest_accepted": one.gain_over.to_dict(),
-        "accepted": one.accepted,
-        "decision": one.decision,
-        "error_over_no_friction": one.error,
-        "parameters": one.model.to_dict()["parameters"],
-    }
+def _gain(found: Identification, other: Candidate | None) -> Gain:
+    """Return the gain over another law, or over no friction."""
+    theirs = found.held_out.squares_without if other is None else other.found.held_out.squares_with
+    ours, counted = found.held_out.squares_with, found.counted
+    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(found.held_out.spans))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import (
+    Span,
     Windows,
     acting_torques,
     ball_spin,
@@ -230,20 +231,16 @@ def windows_for(
 class WindowErrors:
     """Errors of open-loop predictions over windows, all samples of all windows together."""
 
-    window_samples: int  #: compared in each window
+    spans: tuple[Span, ...]  #: (w,), the windows
+    window_samples: int  #: compared in each
     #: (w, 10), sums of squared errors in each window with the friction found
     squares_with: NDArray[np.float64]
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
-    def windows(self) -> int:
-        """How many windows."""
-        return len(self.squares_with)
-
-    @property
     def samples(self) -> int:
         """Samples compared in all, n."""
-        return self.windows * self.window_samples
+        return len(self.spans) * self.window_samples
 
     @property
     def rmse_with(self) -> NDArray[np.float64]:
@@ -256,40 +253,35 @@ class WindowErrors:
         return np.sqrt(self.squares_without.sum(axis=0) / max(self.samples, 1))
 
     @property
-    def with_friction(self) -> dict[str, float]:
-        """By (4.1), |x - x_hat| / n, for each state."""
-        return self._by_state(self.rmse_with / np.sqrt(self.samples))
-
-    @property
-    def without_friction(self) -> dict[str, float]:
-        """By (4.1), for each state."""
-        return self._by_state(self.rmse_without / np.sqrt(self.samples))
-
-    @property
     def with_over_without(self) -> dict[str, float]:
         """Error with friction over error without, for each state."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self._by_state(self.rmse_with / self.rmse_without)
+            return _by_state(self.rmse_with / self.rmse_without)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
+        """Return what results.json holds; errors are by (4.1), |x - x_hat| / n, and root mean squares."""
         return {
-            "windows": self.windows,
+            "windows": len(self.spans),
             "samples": self.samples,
-            "with_friction": self.with_friction,
-            "without_friction": self.without_friction,
-            "rmse_with_friction": self._by_state(self.rmse_with),
-            "rmse_without_friction": self._by_state(self.rmse_without),
+            "with_friction": _by_state(self.rmse_with / np.sqrt(self.samples)),
+            "without_friction": _by_state(self.rmse_without / np.sqrt(self.samples)),
+            "rmse_with_friction": _by_state(self.rmse_with),
+            "rmse_without_friction": _by_state(self.rmse_without),
         }
 
-    @staticmethod
-    def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
-        return dict(zip(STATE_NAMES, values.tolist(), strict=True))
+
+def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
 
 
 def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
     """Return the errors of predictions by parameters (p,), with their friction and without."""
     both = np.stack([values, predictor.layout.without_friction(values)])
-    squares = [(one**2).sum(axis=2) for one in predictor.in_chunks(both, windows)]
+    squares = [(residuals**2).sum(axis=2) for residuals in predictor.in_chunks(both, windows)]
     with_friction, without = np.concatenate([np.zeros((2, 0, len(STATE_NAMES))), *squares], axis=1)
-    return WindowErrors(window_samples=windows.samples, squares_with=with_friction, squares_without=without)
+    return WindowErrors(
+        spans=windows.spans,
+        window_samples=windows.samples,
+        squares_with=with_friction,
+        squares_without=without,
+    )

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -35,7 +35,7 @@ from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import Limits, Parameter, ParameterSpace, Scale
-from ballbot.robot import Body, Drive, Robot
+from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.friction_law import OWN_PARAMETERS
@@ -43,8 +43,6 @@ from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 
 #: quantities of which the rigid body is made; what changes one of them makes another robot
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
-
-
 #: the least second moment as a share of their sum, so that their ratios mean something
 _THINNEST = 1e-3
 
@@ -70,17 +68,22 @@ def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> R
     positive definite S positive definite. Of rotor and gear, both are scaled by one factor; where both are zero,
     the rotor has it all.
     """
-    ball, wheels = robot.ball, robot.wheels
+    ball, body, wheels, drive = robot.ball, robot.body, robot.wheels, robot.drive
     if "ball_inertia" in found:
         ball = replace(ball, inertia=float(found["ball_inertia"][0]))
     if "wheel_inertia" in found:
         wheels = replace(wheels, inertia=float(found["wheel_inertia"][0]))
-    return robot.replace(ball=ball, body=_body(robot, found), wheels=wheels, drive=_drive(robot, found))
+    if "rotor_inertia" in found:
+        wanted, before = float(found["rotor_inertia"][0]), drive.reflected_inertia
+        factor = wanted / before if before else 1.0
+        motor = factor * drive.motor_inertia if before else wanted / drive.gear_ratio**2
+        drive = replace(drive, motor_inertia=motor, gear_inertia=factor * drive.gear_inertia)
+    if {"center_of_mass", "second_moment"} & found.keys():
+        body = _body(robot, found)
+    return robot.replace(ball=ball, body=body, wheels=wheels, drive=drive)
 
 
 def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
-    if not {"center_of_mass", "second_moment"} & found.keys():
-        return robot.body
     S = _second_moment_matrix(robot)
     if "second_moment" in found:
         ratio = np.sqrt(found["second_moment"] / np.array(second_moments(robot)))
@@ -90,22 +93,8 @@ def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
     height = float(found["center_of_mass"][0]) if "center_of_mass" in found else robot.body.center_of_mass
     if robot.body.inertia_about == "ball_center":
         J = J + robot.body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
-    six = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
-    xx, yy, zz, xy, xz, yz = (float(element) for element in six)
+    xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
     return replace(robot.body, center_of_mass=height, inertia=(xx, yy, zz, xy, xz, yz))
-
-
-def _drive(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Drive:
-    if "rotor_inertia" not in found:
-        return robot.drive
-    drive, wanted = robot.drive, float(found["rotor_inertia"][0])
-    before = rotor_inertia(robot)[0]
-    if before == 0.0:
-        return replace(drive, motor_inertia=wanted / drive.gear_ratio**2)
-    factor = wanted / before
-    return replace(
-        drive, motor_inertia=factor * drive.motor_inertia, gear_inertia=factor * drive.gear_inertia
-    )
 
 
 def _second_moment_matrix(robot: Robot) -> NDArray[np.float64]:
@@ -113,25 +102,27 @@ def _second_moment_matrix(robot: Robot) -> NDArray[np.float64]:
     return 0.5 * np.trace(J) * np.eye(3) - J
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Quantity:
     """One line of the table."""
 
     name: str  #: in options and files
     symbol: str  #: in results
     unit: str
+    #: default bounds of each of its numbers; in shares of `share_of(robot)`, where that is given
+    bounds: Limits
     meaning: str
     #: what its numbers belong to: "" for one number, "wheels" for one a wheel, or letters, as "xyz"
     each: str = ""
-    scale: Scale = "amount"
-    #: default bounds of each of its numbers; in shares of `of(robot)`, where that is given
-    bounds: Limits
-    of: Callable[[Robot], Sequence[float]] | None = None
-    #: the nominal values; zero if None
-    nominal_of: Callable[[Robot], Sequence[float]] | None = None
+    scale: Scale = "signed"
+    _: KW_ONLY
+    #: the robot's own values; None of an input or a sensor, whose nominal values are neutral
+    own: Callable[[Robot], Sequence[float]] | None = None
+    share_of: Callable[[Robot], Sequence[float]] | None = None
     #: what else its estimate from balancing stands for; empty for one that is physical, None where nobody looked. By
     #: `campaigns.between_logs.effective`, on the twin with single faults on and off
     stands_for: str | None = None
+    lines: tuple[str, ...] = ()  #: of a robot file, in which it stands
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
         """Return the label of each of its numbers, as "b1" or "S_x"."""
@@ -151,163 +142,153 @@ class Quantity:
             meaning=self.meaning,
         )
 
+    @property
+    def neutral(self) -> float:
+        """The value without effect."""
+        return 1.0 if self.scale == "ratio" else 0.0
+
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
         """Return its numbers as the robot has them, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
-        return np.zeros(count) if self.nominal_of is None else np.array(self.nominal_of(robot), dtype=float)
+        return np.full(count, self.neutral) if self.own is None else np.array(self.own(robot), dtype=float)
 
-    def default_bounds(self, robot: Robot) -> NDArray[np.float64]:
-        """Return the least and greatest value of each of its numbers (k, 2)."""
-        unit = np.ones(len(self.labels(robot.wheel_count))) if self.of is None else np.array(self.of(robot))
-        return unit[:, None] * np.array(self.bounds)
+    def limits(self, robot: Robot) -> NDArray[np.float64]:
+        """Return the least and greatest value of each of its numbers (k, 2) by default.
+
+        InputError if they are equal.
+        """
+        count = len(self.labels(robot.wheel_count))
+        unit = np.ones(count) if self.share_of is None else np.array(self.share_of(robot))
+        limits = unit[:, None] * np.array(self.bounds)
+        if not np.all(limits[:, 1] > limits[:, 0]):
+            raise InputError(
+                f"{self.name} is zero in the robot's description, "
+                "so the search has no scale for it; give it bounds."
+            )
+        return limits
+
+
+def _shell_inertia(robot: Robot) -> Sequence[float]:
+    return (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),)
 
 
 def _of_robot(
     place: str,
+    stands_for: str | None = None,
     *,
     name: str = "",
     bounds: Limits | None = None,
-    of: Callable[[Robot], Sequence[float]] | None = None,
-    stands_for: str | None = None,
+    share_of: Callable[[Robot], Sequence[float]] | None = None,
 ) -> Quantity:
     """Return the quantity that is a parameter of the robot, with what is stated beside its field.
 
-    Its bounds are the usual values, unless they are given, in shares of `of(robot)` or of the robot's own value.
+    Its bounds are the usual values, unless they are given, in shares of `share_of(robot)` or of the robot's own value.
     """
     stated = ROBOT_PARAMETERS[place]
-    of_wheels = stated.shape == "list"
 
-    def nominal(robot: Robot) -> Sequence[float]:
-        own = value_of(robot, stated)
-        return (own or (0.0,) * robot.wheel_count) if isinstance(own, tuple) else (own,)
+    def own(robot: Robot) -> Sequence[float]:
+        value = value_of(robot, stated)
+        return (value or (0.0,) * robot.wheel_count) if isinstance(value, tuple) else (value,)
 
     return Quantity(
-        name=name or stated.key,
-        symbol=stated.symbol,
-        unit=stated.unit.removeprefix(DIMENSIONLESS),
-        meaning=stated.meaning.partition(", ")[2],
-        each="wheels" if of_wheels else "",
-        scale="ratio" if not stated.least_is_allowed else "amount" if stated.least == 0.0 else "signed",
-        bounds=bounds or stated.usual,
-        of=of or (nominal if bounds else None),
-        nominal_of=nominal,
+        name or stated.key,
+        stated.symbol,
+        stated.unit.removeprefix(DIMENSIONLESS),
+        bounds or stated.usual,
+        stated.meaning.partition(", ")[2],
+        "wheels" if stated.shape == "list" else "",
+        "ratio" if not stated.least_is_allowed else "amount" if stated.least == 0.0 else "signed",
+        own=own,
+        share_of=share_of or (own if bounds else None),
         stands_for=stands_for,
+        lines=(place,),
     )
 
 
+def _shell(robot: Robot) -> Sequence[float]:
+    return (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),)
+
+
+_PLAY = "play of the gears and the change from roller to roller"
 QUANTITIES: tuple[Quantity, ...] = (
+    _of_robot("friction.viscous", "losses of the rollers and their slip, which grow with the speed"),
     _of_robot(
-        "friction.viscous", stands_for="losses of the rollers and their slip, which grow with the speed"
+        "friction.coulomb", "dry friction less what slip of the rollers and play move to other parameters"
     ),
-    _of_robot(
-        "friction.coulomb",
-        stands_for="dry friction less what slip of the rollers and play move to other parameters",
-    ),
-    *(
-        _of_robot(f"friction.{name}", stands_for="play of the gears and the change from roller to roller")
-        for name in ("stribeck", "stribeck_speed", "stribeck_exponent")
-    ),
-    _of_robot("friction.rolling", stands_for="losses of the rollers on the ball, and play of the gears"),
+    *(_of_robot(f"friction.stribeck{of}", _PLAY) for of in ("", "_speed", "_exponent")),
+    _of_robot("friction.rolling", "losses of the rollers on the ball, and play of the gears"),
     _of_robot("friction.stribeck_asymmetry"),
     _of_robot("friction.load"),
     Quantity(
-        name="pivoting",
-        symbol="T_p",
-        unit="N m",
-        meaning="largest friction against the ball's pivoting on the floor",
-        bounds=(0.0, 0.5),
+        "pivoting",
+        "T_p",
+        "N m",
+        (0.0, 0.5),
+        "largest friction against the ball's pivoting on the floor",
+        "",
+        "amount",
     ),
     _of_robot("body.center_of_mass", bounds=(0.5, 2.0)),
     Quantity(
-        name="second_moment",
-        symbol="S",
-        unit="kg m^2",
-        meaning="integral of x^2 dm, y^2 dm and z^2 dm over the body about its centre of mass",
-        each="xyz",
-        scale="ratio",
-        bounds=(0.25, 4.0),
-        of=second_moments,
-        nominal_of=second_moments,
+        "second_moment",
+        "S",
+        "kg m^2",
+        (0.25, 4.0),
+        "integral of x^2 dm, y^2 dm and z^2 dm over the body about its centre of mass",
+        "xyz",
+        "ratio",
+        own=second_moments,
+        share_of=second_moments,
+        lines=tuple(f"body.inertia.{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
     ),
     # between a solid ball's and a thin shell's
-    _of_robot(
-        "ball.inertia",
-        name="ball_inertia",
-        bounds=(0.6, 1.0),
-        of=lambda robot: (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),),
-    ),
+    _of_robot("ball.inertia", name="ball_inertia", bounds=(0.6, 1.0), share_of=_shell_inertia),
     _of_robot("wheels.inertia", name="wheel_inertia", bounds=(0.0, 5.0)),
     Quantity(
-        name="rotor_inertia",
-        symbol="j_r",
-        unit="kg m^2",
-        meaning="of a motor's rotor and gear, as felt at the wheel",
-        bounds=(0.0, 5.0),
-        of=rotor_inertia,
-        nominal_of=rotor_inertia,
+        "rotor_inertia",
+        "j_r",
+        "kg m^2",
+        (0.0, 5.0),
+        "of a motor's rotor and gear, as felt at the wheel",
+        "",
+        "amount",
+        own=rotor_inertia,
+        share_of=rotor_inertia,
+        lines=("drive.motor_inertia", "drive.gear_inertia"),
     ),
     Quantity(
-        name="torque_gain",
-        symbol="gain",
-        unit="",
-        meaning="torque that acts for each N m logged, of each motor",
-        each="wheels",
-        scale="ratio",
-        bounds=(0.5, 2.0),
-        nominal_of=lambda robot: (1.0,) * robot.wheel_count,
+        "torque_gain", "gain", "", (0.5, 2.0), "a motor's torque for each N m logged", "wheels", "ratio"
+    ),
+    Quantity("torque_offset", "offset", "N m", (-0.2, 0.2), "a motor's torque when none is logged", "wheels"),
+    Quantity(
+        "delay", "delay", "s", (0.0, 0.03), "from a torque's row in the log to its effect in the states"
     ),
     Quantity(
-        name="torque_offset",
-        symbol="offset",
-        unit="N m",
-        meaning="torque that acts when none is logged, of each motor",
-        each="wheels",
-        scale="signed",
-        bounds=(-0.2, 0.2),
+        "imu_delay",
+        "late_imu",
+        "s",
+        (-0.01, 0.03),
+        "by which the body's angles and rates are older than x and y",
+    ),
+    # as differenced encoders are
+    Quantity(
+        "velocity_delay", "late_v", "s", (-0.01, 0.03), "by which x_dot and y_dot are older than x and y"
     ),
     Quantity(
-        name="delay",
-        symbol="delay",
-        unit="s",
-        meaning="from a torque's row in the log to its effect in the states' rows",
-        scale="signed",
-        bounds=(0.0, 0.03),
+        "lean_bias",
+        "lean",
+        "rad",
+        (-0.1, 0.1),
+        "tilt of the IMU against the line from ball to centre of mass",
+        "xy",
     ),
+    # that about z turns the heading
     Quantity(
-        name="imu_delay",
-        symbol="late_imu",
-        unit="s",
-        meaning="by which the body's angles and their rates are older than x and y in the same row",
-        scale="signed",
-        bounds=(-0.01, 0.03),
-    ),
-    Quantity(
-        name="velocity_delay",
-        symbol="late_v",
-        unit="s",
-        meaning="by which x_dot and y_dot are older than x and y in the same row, as differenced encoders are",
-        scale="signed",
-        bounds=(-0.01, 0.03),
-    ),
-    Quantity(
-        name="lean_bias",
-        symbol="lean",
-        unit="rad",
-        meaning="tilt of the IMU against the line from the ball's centre to the body's centre of mass",
-        each="xy",
-        scale="signed",
-        bounds=(-0.1, 0.1),
-    ),
-    Quantity(
-        name="gyro_bias",
-        symbol="gyro",
-        unit="rad/s",
-        meaning="what the gyro reads at rest, about the body's axes; that about z turns the heading",
-        each="xyz",
-        scale="signed",
-        bounds=(-0.1, 0.1),
+        "gyro_bias", "gyro", "rad/s", (-0.1, 0.1), "what the gyro reads at rest, about the body's axes", "xyz"
     ),
 )
+#: begins the dotted names of a friction law's own parameters
+OWN = "friction.own."
 
 
 class _ByName(Mapping[str, Quantity]):
@@ -319,17 +300,10 @@ class _ByName(Mapping[str, Quantity]):
         return self._table[name] if name in self._table else _of_robot(f"{OWN}{name}")
 
     def __iter__(self) -> Iterator[str]:
-        yield from self._table
-        yield from (
-            name.removeprefix(OWN) for name in OWN_PARAMETERS if name.removeprefix(OWN) not in self._table
-        )
+        return iter(dict.fromkeys([*self._table, *(name.removeprefix(OWN) for name in OWN_PARAMETERS)]))
 
     def __len__(self) -> int:
         return len(tuple(iter(self)))
-
-
-#: begins the dotted names of a friction law's own parameters
-OWN = "friction.own."
 
 
 BY_NAME = _ByName()
@@ -360,12 +334,11 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
     InputError
         If one is neither, or the list is empty.
     """
-    if isinstance(free, str):
-        free = names_listed(free)
-    if not free:
+    words = names_listed(free) if isinstance(free, str) else free
+    if not words:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
-    for word in free:
+    for word in words:
         if word not in BY_NAME and word not in GROUPS:
             hint = suggest(word, [*GROUPS, *BY_NAME], otherwise="there are")
             raise InputError(f"{word!r} is not a quantity that can be identified; {hint}")
@@ -422,8 +395,7 @@ class Layout:
 
     def with_rigid_body(self, robot: Robot, values: NDArray[np.float64]) -> Robot:
         """Return the robot with the rigid body out of parameters (p,), as far as it is among them."""
-        parts = {name: self.part(name, values) for name in RIGID}
-        found = {name: part for name, part in parts.items() if part is not None}
+        found = {name: part for name in RIGID if (part := self.part(name, values)) is not None}
         return with_rigid_body(robot, found) if found else robot
 
     def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
@@ -454,27 +426,24 @@ class Layout:
         )
         return self.with_rigid_body(robot.replace(friction=friction), values)
 
-    def without_friction(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters (..., p) with all friction taken out of them; v_s and delta are then without effect."""
-        return self._without((*FRICTION, *TERMS, *self.own), values)
-
-    def viscous_part(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters (..., p) with all friction taken out of them but the wheels' viscous one."""
-        dry = (name for name in FRICTION if name != "viscous")
-        return self._without((*dry, *TERMS, *self.own), values)
-
-    def _without(self, names: Sequence[str], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def without_friction(
+        self, values: NDArray[np.float64], *, keep: Sequence[str] = ()
+    ) -> NDArray[np.float64]:
+        """Return parameters (..., p) without friction but for what is kept; v_s and delta are then without effect."""
         result = values.copy()
-        for name in names:
+        for name in (*FRICTION, *TERMS, *self.own):
             part = self.part(name, result)
-            if part is not None:
-                part[...] = 1.0 if BY_NAME[name].scale == "ratio" else 0.0
+            if part is not None and name not in keep:
+                part[...] = BY_NAME[name].neutral
         return result
 
     def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
         """Return parameters (p,) as {"b": [..], "c": [..], "s": [..], "v_s": .., "delta": .., "C_rr": .., ..}."""
-        numbers = {BY_NAME[name]: values[columns].tolist() for name, columns in self._columns.items()}
-        return {one.symbol: own if one.each else own[0] for one, own in numbers.items()}
+        table: dict[str, list[float] | float] = {}
+        for name, columns in self._columns.items():
+            numbers = values[columns].tolist()
+            table[BY_NAME[name].symbol] = numbers if BY_NAME[name].each else numbers[0]
+        return table
 
 
 def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
@@ -509,11 +478,11 @@ class Bounds:
             if (lower < 0.0 and scale != "signed") or (lower <= 0.0 and scale == "ratio"):
                 least = "above zero" if scale == "ratio" else "zero or more"
                 raise InputError(f"The lower bound of {name} is {lower:g}; it must be {least}.")
-        if self.limits.get("delay", (0.0, 0.0))[0] < 0.0:
-            raise InputError(
-                f"The lower bound of delay is {self.limits['delay'][0]:g}; it must be "
-                "zero or more, because an effect cannot precede its cause."
-            )
+            if name == "delay" and lower < 0.0:
+                raise InputError(
+                    f"The lower bound of delay is {lower:g}; it must be "
+                    "zero or more, because an effect cannot precede its cause."
+                )
 
 
 def read_bounds(path: str | Path) -> Bounds:
@@ -521,9 +490,15 @@ def read_bounds(path: str | Path) -> Bounds:
 
     InputError if the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
     """
-    entries = read_toml(path)
+    limits: dict[str, Limits] = {}
+    for key, value in read_toml(path).items():
+        match value:
+            case [int() | float() as lower, int() | float() as upper]:
+                limits[key] = (float(lower), float(upper))
+            case _:
+                raise InputError(f"{path}: {key} is {value!r}; write two numbers, as in {key} = [0.1, 0.5].")
     try:
-        return Bounds({key: _limits_in_file(key, value) for key, value in entries.items()})
+        return Bounds(limits)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -534,16 +509,7 @@ BoundsLike = Bounds | str | Path
 
 def as_bounds(source: BoundsLike | None) -> Bounds:
     """Return the bounds themselves, or those in that file; the default ones of every parameter if there are none."""
-    if source is None:
-        return Bounds()
-    return source if isinstance(source, Bounds) else read_bounds(source)
-
-
-def _limits_in_file(key: str, value: object) -> Limits:
-    match value:
-        case [int() | float() as lower, int() | float() as upper]:
-            return float(lower), float(upper)
-    raise InputError(f"{key} is {value!r}; write two numbers, as in {key} = [0.1, 0.5].")
+    return Bounds() if source is None else source if isinstance(source, Bounds) else read_bounds(source)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -551,26 +517,6 @@ class Coordinates(ParameterSpace):
     """The parameters of a robot in the order of its layout, friction's 3 n + 3 first."""
 
     layout: Layout
-    alike: tuple[str, ...] = ()  #: quantities of wheels that have one number for all of them
-
-    @cached_property
-    def first(self) -> NDArray[np.int64]:
-        """The place of the number that each one (p,) equals: its own, or the first wheel's."""
-        places = np.arange(len(self.parameters))
-        for name in self.alike:
-            columns = self.layout.columns(name)
-            assert columns is not None, name
-            places[columns] = columns.start
-        return places
-
-    @cached_property
-    def free(self) -> NDArray[np.bool_]:
-        """Which parameters (p,) a fit moves; of numbers that are equal, the first."""
-        return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
-
-    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return parameters (..., p) in SI units from scaled ones (..., p)."""
-        return super().physical(scaled[..., self.first])
 
 
 def scale_between(
@@ -581,36 +527,19 @@ def scale_between(
     `free` names the quantities to estimate, or groups of them. Quantities with bounds are estimated as well; the others
     are fixed. InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
-    bounds = bounds or Bounds()
-    estimated = names_in(free)
-    asked = {*estimated, *bounds.limits}
-    extra = tuple(name for name in BY_NAME if name not in FRICTION and name in asked)
+    given, estimated = bounds.limits if bounds else {}, names_in(free)
+    extra = tuple(name for name in BY_NAME if name not in FRICTION and (name in estimated or name in given))
     layout = Layout(wheel_count=robot.wheel_count, extra=extra)
     parameters = []
     for name in layout.names:
-        quantity = BY_NAME[name]
-        limits = _limits(quantity, robot, estimated, bounds)
-        values = zip(quantity.labels(robot.wheel_count), limits, quantity.nominal(robot), strict=True)
+        quantity, labels = BY_NAME[name], BY_NAME[name].labels(robot.wheel_count)
+        nominal = quantity.nominal(robot)
+        if name in given:
+            limits = np.tile(given[name], (len(labels), 1))
+        else:
+            limits = quantity.limits(robot) if name in estimated else np.stack([nominal, nominal], axis=1)
         parameters += [
-            quantity.parameter(label, (float(low), float(high)), float(value))
-            for label, (low, high), value in values
+            quantity.parameter(label, (low, high), value)
+            for label, (low, high), value in zip(labels, limits.tolist(), nominal.tolist(), strict=True)
         ]
     return Coordinates(layout=layout, parameters=tuple(parameters))
-
-
-def _limits(
-    quantity: Quantity, robot: Robot, estimated: Sequence[str], bounds: Bounds
-) -> NDArray[np.float64]:
-    """Return the least and greatest value of each of a quantity's numbers (k, 2); equal where it is held."""
-    given = bounds.limits.get(quantity.name)
-    if given is not None:
-        return np.tile(given, (len(quantity.labels(robot.wheel_count)), 1))
-    if quantity.name not in estimated:
-        return np.repeat(quantity.nominal(robot)[:, None], 2, axis=1)
-    default = quantity.default_bounds(robot)
-    if not np.all(default[:, 1] > default[:, 0]):
-        raise InputError(
-            f"{quantity.name} is zero in the robot's description, "
-            "so the search has no scale for it; give it bounds."
-        )
-    return default

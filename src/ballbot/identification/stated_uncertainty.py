@@ -12,14 +12,16 @@ correlations five decimals.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.fitting.intervals import HALF_WIDTH, Interval
+from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
+from ballbot.identification.quantities import BY_NAME as QUANTITIES
+from ballbot.identification.quantities import FRICTION, Layout
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
@@ -30,25 +32,49 @@ _STEP = 0.1
 _UNCHANGED = 1e-12
 
 
-def ends_without_error(
-    labels: Sequence[str],
-    values: NDArray[np.float64],
-    errors: NDArray[np.float64],
-    *,
-    bounds: NDArray[np.float64],
-    intervals: Mapping[str, Interval],
-) -> dict[int, tuple[float, float]]:
-    """Return the interval or, lacking one, the range of each estimated parameter without a standard error.
-
-    By the parameter's place. Equal `bounds` (p, 2) hold a parameter: it is not estimated.
-    """
-    ends = {}
-    for i in np.flatnonzero((bounds[:, 1] > bounds[:, 0]) & ~np.isfinite(errors)).tolist():
-        one = intervals.get(labels[i])
-        low, high = (-np.inf, np.inf) if one is None else (one.lower, one.upper)
-        least, most = max(low, float(bounds[i, 0])), min(high, float(bounds[i, 1]))
+def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float]]:
+    """Return the interval or, lacking one, the range of each estimated parameter without a standard error, by place."""
+    space, ends = uncertainty.coordinates, dict[int, tuple[float, float]]()
+    values = space.physical(uncertainty.point)
+    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(uncertainty.standard_errors)).tolist():
+        known = uncertainty.intervals.get(space.labels[i])
+        low, high = (-np.inf, np.inf) if known is None else (known.lower, known.upper)
+        least, most = max(low, float(space.lower[i])), min(high, float(space.upper[i]))
         ends[i] = (min(least, float(values[i])), max(most, float(values[i])))
     return ends
+
+
+def found_robot(
+    robot: Robot, layout: Layout, uncertainty: Uncertainty, *, log_count: int, asymmetric: bool = False
+) -> Robot:
+    """Return the robot with friction and rigid body out of an estimate; its sources state the standard errors.
+
+    Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
+    numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
+    are friction.
+    """
+    values, errors = uncertainty.coordinates.physical(uncertainty.point), uncertainty.standard_errors
+    logs, sources = "1 log" if log_count == 1 else f"{log_count} logs", dict[str, str]()
+    for name in layout.names:
+        part = layout.part(name, errors)
+        offset = asymmetric and name == "torque_offset"
+        lines = ("friction.coulomb_asymmetry",) if offset else QUANTITIES[name].lines
+        if part is not None and (name in FRICTION or np.isfinite(part).any()):
+            numbers = ", ".join(f"{error:.2g}" if np.isfinite(error) else "none" for error in part)
+            of = " of S_x, S_y, S_z" if name == "second_moment" else ""
+            sources |= dict.fromkeys(lines, f"identified: from {logs}, standard error{of} {numbers}")
+
+    def robot_of(parameters: NDArray[np.float64]) -> Robot:
+        return layout.robot_of(robot, parameters, asymmetric=asymmetric)
+
+    return with_uncertainty(
+        robot_of(values).annotated(sources={**robot.sources, **sources}),
+        robot_of,
+        values,
+        uncertainty.correlation * np.outer(errors, errors),
+        names=sources,
+        ends=ends_without_error(uncertainty),
+    )
 
 
 def with_uncertainty(

@@ -79,19 +79,19 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
 
 
 def with_sweep(
-    coordinates: Coordinates, values: NDArray[np.float64], uncertainty: Uncertainty, sweep: StageEstimate
-) -> tuple[NDArray[np.float64], Uncertainty, tuple[Finding, ...]]:
-    """Return values (p,) from logs and a sweep together, within bounds, their uncertainty, and findings.
+    coordinates: Coordinates, uncertainty: Uncertainty, sweep: StageEstimate
+) -> tuple[Uncertainty, tuple[Finding, ...]]:
+    """Return the estimate from logs and a sweep together, within bounds, with its uncertainty, and findings.
 
     Of two errors of the logs, clustered and by bootstrap, the larger counts. If no value of the sweep could be used,
     all is as it was.
     """
-    slopes = coordinates.slopes(uncertainty.point)
+    values, slopes = coordinates.physical(uncertainty.point), coordinates.slopes(uncertainty.point)
     logs = np.fmax(uncertainty.scaled_errors, uncertainty.bootstrap) * slopes
     C = uncertainty.correlation * np.outer(logs, logs)
     moved, C, findings = combine(coordinates.layout, values, C, sweep)
     if moved is values:
-        return values, uncertainty, findings
+        return uncertainty, findings
     moved, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
     half = float(special.ndtri(0.5 + 0.5 * CONFIDENCE)) * errors
     lower, upper = np.maximum(moved - half, coordinates.lower), np.minimum(moved + half, coordinates.upper)
@@ -107,7 +107,7 @@ def with_sweep(
         covariance=C / np.outer(slopes, slopes),
         intervals={**uncertainty.intervals, **intervals},
     )
-    return moved, together, findings
+    return together, findings
 
 
 def combine(

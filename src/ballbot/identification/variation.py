@@ -19,8 +19,8 @@ v_s and delta vary by a factor. Other quantities are not known to vary.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import cast
@@ -34,6 +34,7 @@ from ballbot.fitting.between_logs import LogEstimates, spread
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import Discrepancy
 from ballbot.identification.quantities import Coordinates
+from ballbot.results import key
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
 #: speed at which the unit of b is read off the friction curve [rad/s]
@@ -48,7 +49,7 @@ _UNLIKELY = 0.05
 class Priors:
     """How logs of one robot vary, by simulated robots."""
 
-    sizes: Mapping[str, float]  #: by quantity, as fractions of the unit of `units_of`
+    sizes: Mapping[str, float]  #: by quantity, as fractions of `scaled_units`
     degrees: float  #: of tau^2
     robots: int  #: the simulated robots that they are fitted to
 
@@ -66,46 +67,34 @@ class Variation:
     """How parameters vary between logs of one robot."""
 
     logs: int
-    differ: bool  #: whether the logs differ by more than their errors explain
+    #: the simulated robots of the prior
+    prior_robots: int = field(metadata=key("robots_of_the_prior"))
+    #: whether the logs differ by more than their errors explain
+    differ: bool = field(metadata=key("logs_differ"))
     factor: float  #: the variation over that of the simulated robots
-    deviations: NDArray[np.float64]  #: (p,), between logs, SI units; NaN if not known
-    predictions: Mapping[str, Interval]  #: 95 %, for the estimate from another log as long as these, by label
-    prior_robots: int
-
-    def to_dict(self, labels: Sequence[str]) -> dict[str, object]:
-        """Return what results.json holds."""
-        known = zip(labels, self.deviations.tolist(), strict=True)
-        return {
-            "logs": self.logs,
-            "robots_of_the_prior": self.prior_robots,
-            "logs_differ": self.differ,
-            "factor": self.factor,
-            "standard_deviations": {label: one for label, one in known if np.isfinite(one)},
-            "next_log_intervals_95": self.predictions,
-        }
-
-
-def units_of(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the units (p,) that the priors' sizes are shares of, at estimates (p,), SI; NaN without a prior."""
-    names, layout = np.array(coordinates.names), coordinates.layout
-    mean = {name: float(np.mean(values[names == name])) for name in layout.names}
-    dry = mean["coulomb"] + mean["stribeck"]
-    viscous = mean["viscous"] + dry / SPEED
-    of = {"viscous": viscous, "coulomb": dry, "stribeck": dry, "rolling": mean["rolling"]}
-    units = np.full(len(names), np.nan)
-    for name, unit in of.items():
-        width = float((coordinates.upper - coordinates.lower)[names == name].max())
-        units[names == name] = max(unit, _LEAST_UNIT * width)
-    by_factor = np.isin(names, ("stribeck_speed", "stribeck_exponent"))
-    return np.where(by_factor, values, units)
+    #: between logs, SI units, by label, as far as they are known
+    deviations: Mapping[str, float] = field(metadata=key("standard_deviations"))
+    #: 95 %, for the estimate from another log as long as these, by label
+    predictions: Mapping[str, Interval] = field(metadata=key("next_log_intervals_95"))
 
 
 def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `units_of` (p,) in scaled coordinates; NaN without a prior, or for a parameter that is held."""
+    """Return the units (p,) that the priors' sizes are shares of, at estimates (p,), SI; scaled.
+
+    NaN without a prior, or for a parameter that is held.
+    """
+    names = np.array(coordinates.names)
+    mean = {
+        name: float(np.mean(values[names == name])) for name in ("viscous", "coulomb", "stribeck", "rolling")
+    }
+    dry = mean["coulomb"] + mean["stribeck"]
+    of = mean | {"viscous": mean["viscous"] + dry / SPEED, "coulomb": dry, "stribeck": dry}
+    units = np.where(np.isin(names, ("stribeck_speed", "stribeck_exponent")), values, np.nan)
+    for name, unit in of.items():
+        width = float((coordinates.upper - coordinates.lower)[names == name].max())
+        units[names == name] = max(unit, _LEAST_UNIT * width)
     slopes = coordinates.slopes(coordinates.scaled(values))
-    return np.where(
-        coordinates.free, units_of(coordinates, values) / np.where(slopes > 0.0, slopes, 1.0), np.nan
-    )
+    return np.where(coordinates.free, units / np.where(slopes > 0.0, slopes, 1.0), np.nan)
 
 
 def widened(
@@ -115,11 +104,9 @@ def widened(
 
     `within` is the uncertainty of the estimate from all logs under their conditions.
     """
-    values = coordinates.physical(within.point)
     shares = np.array([priors.sizes.get(name, 0.0) for name in coordinates.names])
-    sizes = np.nan_to_num(shares * scaled_units(coordinates, values))
-    places = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal()))
-    logs = len(by_log.points)
+    sizes = np.nan_to_num(shares * scaled_units(coordinates, coordinates.physical(within.point)))
+    places, logs = np.flatnonzero(np.isfinite(by_log.covariances[0].diagonal())), len(by_log.points)
     found = spread(
         by_log.points[:, places],
         by_log.covariances[:, places[:, None], places],
@@ -131,13 +118,15 @@ def widened(
     added = np.diag(between_logs / logs)
     added[np.ix_(places, places)] = found.added
     ahead = by_log.covariances.diagonal(axis1=1, axis2=2).mean(axis=0)
+    deviations = (np.sqrt(between_logs) * coordinates.slopes(within.point))[coordinates.first]
+    known = zip(coordinates.labels, deviations.tolist(), sizes[coordinates.first], strict=True)
     return within.with_variation(added), Variation(
         logs=logs,
+        prior_robots=priors.robots,
         differ=found.p_value < _UNLIKELY,
         factor=found.factor,
-        deviations=np.where(sizes > 0.0, np.sqrt(between_logs) * coordinates.slopes(within.point), np.nan),
+        deviations={label: deviation for label, deviation, size in known if size > 0.0},
         predictions=within.widened(added.diagonal() + between_logs + np.nan_to_num(ahead)),
-        prior_robots=priors.robots,
     )
 
 

@@ -40,35 +40,30 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     InputError if there is no log, one is not a log or is named twice, or a file cannot be read.
     """
     if isinstance(sources, Mapping):
-        found: dict[str, Log] = {}
-        for name, one in sources.items():
-            if not isinstance(name, str):
-                raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
-            found[name] = as_log(one)
-    elif isinstance(sources, Log | str | Path):
-        found = _listed([sources])
-    elif not isinstance(sources, Iterable) or hasattr(
-        sources, "__array__"
-    ):  # tables iterate over their columns
-        found = {"": as_log(sources)}  # pyright: ignore[reportArgumentType] - refuses it
+        named = list(sources.items())
     else:
-        found = _listed(list(sources))
-    if not found:
-        raise InputError("No log is given; give one or more.")
-    return found
-
-
-def _listed(sources: Sequence[LogLike]) -> dict[str, Log]:
-    files = [Path(one) for one in sources if isinstance(one, str | Path)]
-    names = iter(named_files(files) if files else ())
-    found: dict[str, Log] = {}
-    for number, one in enumerate(sources, start=1):
-        in_memory = f"log {number}" if len(sources) > 1 else ""
-        name = next(names) if isinstance(one, str | Path) else in_memory
-        if name in found:
+        # tables iterate over their columns, and are refused as logs
+        several = isinstance(sources, Iterable) and not (
+            isinstance(sources, Log | str) or hasattr(sources, "__array__")
+        )
+        listed = list(sources) if several else [sources]
+        files = [Path(source) for source in listed if isinstance(source, str | Path)]
+        names = iter(named_files(files) if files else ())
+        numbers = [f"log {k}" if len(listed) > 1 else "" for k in range(1, len(listed) + 1)]
+        named = [
+            (next(names) if isinstance(source, str | Path) else number, source)
+            for number, source in zip(numbers, listed, strict=True)
+        ]
+    logs: dict[str, Log] = {}
+    for name, source in named:
+        if not isinstance(name, str):
+            raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
+        if name in logs:
             raise InputError(f"Two logs are called {name!r}; name them in a dict.")
-        found[name] = as_log(one)
-    return found
+        logs[name] = as_log(source)
+    if not logs:
+        raise InputError("No log is given; give one or more.")
+    return logs
 
 
 #: what a command without a log answers
@@ -83,11 +78,12 @@ def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """
     if not paths:
         raise InputError(NO_LOG)
-    for place, path in enumerate(paths):
-        if path.resolve() in (one.resolve() for one in paths[:place]):
+    whole = [path.resolve() for path in paths]
+    for number, path in enumerate(paths):
+        if whole[number] in whole[:number]:
             raise InputError(f"The log {path} is given twice. Name each file once.")
-    by_stem = [path.resolve().parent.name or path.stem if path.stem == "log" else path.stem for path in paths]
+    by_stem = [path.parent.name or path.stem if path.stem == "log" else path.stem for path in whole]
     by_path = [str(path.with_suffix("")) for path in paths]
-    whole = [str(path) for path in paths]
-    names = next(names for names in (by_stem, by_path, whole) if len(set(names)) == len(names))
+    by_file = [str(path) for path in paths]
+    names = next(names for names in (by_stem, by_path, by_file) if len(set(names)) == len(names))
     return dict(zip(names, paths, strict=True))

@@ -29,40 +29,26 @@ def frame_of(columns: Mapping[str, Floats]) -> DataFrame:
 
 
 def columns_of(frame: DataFrame) -> Columns:
-    """Return the columns of a log; see `Log.from_pandas`."""
-    columns = foreign_columns_of(frame)
-    if "t" not in columns:
-        raise InputError(
-            "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. Its "
-            f"columns are: {', '.join(columns) or 'none'}."
-        )
-    return columns
-
-
-def foreign_columns_of(frame: DataFrame) -> Columns:
     """Return a frame's columns as float64, its index among them if it is named or counts time."""
     import pandas
 
     if not isinstance(frame, pandas.DataFrame):
-        raise InputError(
-            f"A log is made of a pandas DataFrame; an object of type {type(frame).__name__} is given."
-        )
-    names = frame.columns.tolist()
+        kind = type(frame).__name__
+        raise InputError(f"A log is made of a pandas DataFrame; an object of type {kind} is given.")
+    index, names = frame.index, frame.columns.tolist()
     if len(set(names)) < len(names) or not all(isinstance(name, str) for name in names):
         raise InputError("The frame's columns must have a name each, a text that no other has.")
-    found = {str(name): _numbers(str(name), column) for name, column in frame.items()}
-    key = "t" if frame.index.dtype.kind in "mM" and "t" not in found else frame.index.name
-    if isinstance(key, str) and key not in found:
-        found = {key: _numbers(key, frame.index), **found}
-    return found
+    key = "t" if index.dtype.kind in "mM" and "t" not in names else index.name
+    before = [(key, index)] if isinstance(key, str) and key not in names else []
+    return {str(name): _numbers(str(name), values) for name, values in [*before, *frame.items()]}
 
 
 def _numbers(name: str, values: Series | Index) -> Floats:
     """Return values as numbers, dates and durations as seconds; dates count from the first row."""
+    import pandas
+
     kind = values.dtype.kind
     if kind in "mM":
-        import pandas
-
         moments = pandas.Index(values)
         durations = pandas.TimedeltaIndex(moments if kind == "m" else moments - moments[0])
         return durations.total_seconds().to_numpy(dtype=np.float64)

@@ -11,12 +11,13 @@ roll.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from ballbot.log.columns import Columns, Floats
+from ballbot.log.columns import ATTITUDE_NAMES, Columns, Floats
 from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion
@@ -64,23 +65,34 @@ def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0) -> Floats:
     return turned
 
 
-def yaw_ahead(angles: Floats, turn: float) -> Floats:
-    """Return the yaw (N,) [rad] of an IMU, by its roll and pitch, with which the robot's x axis points ahead."""
-    roll, pitch = angles[:, 0], angles[:, 1]
-    c, s = np.cos(turn), np.sin(turn)
-    return np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
-
-
 def integral_of(rows: Floats, rate: Floats) -> Floats:
     """Return the integral (N,) of a rate over times (N,) from zero; a missing value counts as zero."""
     return np.asarray(cumulative_trapezoid(np.nan_to_num(rate), rows, initial=0.0), np.float64)
 
 
-def about_body_axes(rates: Floats, turn: float) -> Floats:
-    """Return angular velocities (N, 3) about the robot's axes from those about the IMU's."""
+def body_motion(t: Floats, imu: Sequence[Floats], gyro: Floats | None, turn: float) -> Columns:
+    """Return theta, phi and psi (N,) [rad], and with a gyro (N, 3) their rates and those about the robot's axes.
+
+    Of the `imu` are roll, pitch and yaw (N,) at times t (N,) [s], and angular velocities. Without a yaw, psi is the
+    integral of the gyro's rate, or, without a gyro, such that the robot's x axis points ahead.
+    """
     c, s = math.cos(turn), math.sin(turn)
-    x, y, z = rates.T
-    return np.column_stack([c * x - s * y, s * x + c * y, z])
+    roll, pitch = imu[:2]
+    if len(imu) > 2:
+        yaw = imu[2]
+    elif gyro is not None:
+        yaw = integral_of(t, gyro[:, 2])
+    else:
+        yaw = np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
+    angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, yaw]), turn=turn)
+    columns: Columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
+    if gyro is None:
+        return columns
+    x, y, z = gyro.T
+    body = np.column_stack([c * x - s * y, s * x + c * y, z])
+    columns |= dict(zip(("gyro_x", "gyro_y", "gyro_z"), body.T, strict=True))
+    rates = angle_rates_of(angles, body)
+    return columns | {f"{name}_dot": rate for name, rate in zip(ATTITUDE_NAMES, rates.T, strict=True)}
 
 
 def angle_rates_of(angles: Floats, body: Floats) -> Floats:

@@ -11,7 +11,7 @@ which refuse NaN with a message, so that it cannot spread unnoticed.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -25,13 +25,14 @@ from ballbot.findings import Finding, note
 from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
+    Bools,
     mark_missing,
     numbered_names,
     similar_column,
     unit_of,
 )
 from ballbot.log.formats import read_columns, write_columns
-from ballbot.log.frames import columns_of, foreign_columns_of, frame_of
+from ballbot.log.frames import columns_of, frame_of
 from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
@@ -41,7 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_REFERENCE_NAMES = ("ref_x", "ref_y", "ref_psi")
+#: states that a reference states
+_TRACKED = ("x", "y", "psi")
 
 
 @summarized
@@ -127,10 +129,14 @@ class Log:
         What is missing becomes NaN. InputError if there is no time or it does not increase, or
         a column does not contain numbers.
         """
-        if mapping is None:
-            return Log(columns_of(frame))
-        changes = list[Finding]()
-        columns = apply_mapping(read_mapping(mapping), foreign_columns_of(frame), changes=changes)
+        columns, changes = columns_of(frame), list[Finding]()
+        if mapping is not None:
+            columns = apply_mapping(read_mapping(mapping), columns, changes=changes)
+        elif "t" not in columns:
+            raise InputError(
+                "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. "
+                f"Its columns are: {', '.join(columns) or 'none'}."
+            )
         return Log(columns, changes=tuple(changes))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
@@ -196,8 +202,9 @@ class Log:
     def reference(self) -> NDArray[np.float64]:
         """The reference (N, 10): ref_x, ref_y and ref_psi in their places in the state, zero elsewhere."""
         reference = np.zeros((len(self), len(STATE_NAMES)))
-        places = [STATE_NAMES.index(name.removeprefix("ref_")) for name in _REFERENCE_NAMES]
-        reference[:, places] = self._table(_REFERENCE_NAMES)
+        reference[:, [STATE_NAMES.index(name) for name in _TRACKED]] = self._table(
+            [f"ref_{name}" for name in _TRACKED]
+        )
         return reference
 
     def require(self, *names: str) -> None:
@@ -221,12 +228,12 @@ class Log:
         InputError if one is no column, or no row is left.
         """
         self._need(names)
-        known = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(axis=1)
+        known: Bools = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(
+            axis=1
+        )
         if not known.any():
             raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
-        if known.all():
-            return self
-        return Log({name: values[known] for name, values in self.columns.items()}, self.ended, self.changes)
+        return self if known.all() else self._of_rows(known, self.ended)
 
     def between(self, start: float, end: float) -> Log:
         """Return the rows with start <= t < end [s]; InputError if there is no such row."""
@@ -234,7 +241,7 @@ class Log:
         if not kept.any():
             asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
             raise InputError(f"The log has no row {asked}; it runs from {self.t[0]:g} to {self.t[-1]:g} s.")
-        return Log({name: values[kept] for name, values in self.columns.items()}, changes=self.changes)
+        return self._of_rows(kept)
 
     def select(self, rows: slice) -> Log:
         """Return the rows of a slice with a positive step; InputError if it selects none."""
@@ -243,7 +250,10 @@ class Log:
                 "select takes rows, such as log.select(slice(0, 100)); one column is log['x'], and a part in time is "
                 "log.between(0, 2)."
             )
-        return Log({name: values[rows] for name, values in self.columns.items()}, changes=self.changes)
+        return self._of_rows(rows)
+
+    def _of_rows(self, rows: slice | Bools, ended: str | None = None) -> Log:
+        return Log({name: values[rows] for name, values in self.columns.items()}, ended, self.changes)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
         """Return a copy with `columns` added, or in place of those of the same name."""
@@ -255,15 +265,13 @@ class Log:
 
         The columns true_x .. true_psi_dot become x .. psi_dot; all else stays. InputError if the log has none.
         """
-        true_names = [TRUE_PREFIX + name for name in STATE_NAMES]
-        missing = [name for name in true_names if name not in self.columns]
-        if missing:
-            raise InputError(
-                f"The log has no true states (no column {missing[0]}): only logs of simulated runs have them."
-            )
-        kept = dict(self.without_truth().columns)
-        kept |= {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}
-        return Log.of_checked(kept, self.ended, self.changes)
+        for name in STATE_NAMES:
+            if TRUE_PREFIX + name not in self.columns:
+                raise InputError(
+                    f"The log has no true states (no column true_{name}): only logs of simulated runs have them."
+                )
+        true = {name: self.columns[TRUE_PREFIX + name] for name in STATE_NAMES}
+        return Log.of_checked({**self.without_truth().columns, **true}, self.ended, self.changes)
 
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot."""
@@ -288,7 +296,7 @@ class Log:
         duration = float(self.t[-1] - self.t[0])
         rate = f" at {(len(self) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
         rows = [("time", f"{self.t[0]:.6g} to {self.t[-1]:.6g} s"), *_range_rows(self)]
-        missing = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in self.columns.items()}
+        missing = {name: np.count_nonzero(~np.isfinite(values)) for name, values in self.columns.items()}
         lacking = ", ".join(f"{count} of {name}" for name, count in missing.items() if count)
         rows.append(("missing values", lacking or "none"))
         if self.ended:
@@ -311,7 +319,7 @@ class Log:
                 f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
             )
 
-    def _table(self, names: tuple[str, ...]) -> NDArray[np.float64]:
+    def _table(self, names: Sequence[str]) -> NDArray[np.float64]:
         self._need(names)
         table = np.column_stack([self.columns[name] for name in names])
         if not np.isfinite(table).all():
@@ -352,9 +360,7 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     if "t" not in columns:
         runs = [name.removesuffix(".t") for name in columns if name.endswith(".t")]
         if len(runs) > 1:  # structures of a MATLAB file
-            raise InputError(
-                f"The file holds several runs: {', '.join(runs)}. Save each in a file of its own."
-            )
+            raise InputError(f"The file holds several runs: {', '.join(runs)}. Save each in its own file.")
         raise InputError(
             "A log needs the column t, the time in seconds. For a foreign "
             "file, `ballbot check-log FILE --robot ROBOT --out checked` proposes a mapping."

@@ -79,20 +79,14 @@ that are near in time (`without_holes`) are filled; rows in longer holes stay wi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from pydantic import (
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    FiniteFloat,
-    PositiveFloat,
-)
+from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError, suggest
@@ -116,13 +110,10 @@ from ballbot.log.columns import (
 from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
     QUATERNION_ANGLES,
-    about_body_axes,
-    angle_rates_of,
-    from_roll_pitch_yaw,
+    body_motion,
     integral_of,
     less_half_a_turn,
     quaternion_angles,
-    yaw_ahead,
 )
 from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
@@ -158,18 +149,25 @@ class ColumnTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RatesTable:
-    """`rates` of [attitude]: the gyro of the IMU."""
+class SeriesTable:
+    """Columns of the file that are of one kind: of an IMU's axes, of wheels, of motors."""
 
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
-    unit: str | None = None
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     scale: FiniteFloat = 1.0
-    sign: Sign | tuple[Sign, ...] = 1
     delay: FiniteFloat = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttitudeTable:
+class RatesTable(SeriesTable):
+    """`rates` of [attitude]: the gyro of the IMU."""
+
+    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=3, max_length=3)]
+    unit: str | None = None
+    sign: Sign | tuple[Sign, ...] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class AttitudeTable(SeriesTable):
     """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z.
 
     Without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts.
@@ -181,7 +179,6 @@ class AttitudeTable:
     sign: Sign | tuple[Sign, ...] = 1
     turn: FiniteFloat = 0.0
     upside_down: bool = False
-    delay: FiniteFloat = 0.0
     rates: RatesTable | None = None
 
     @property
@@ -196,7 +193,7 @@ class AttitudeTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WheelTable:
+class WheelTable(SeriesTable):
     """`angle` or `speed` of [wheels]: a column of the file for each wheel; without these it is made of the other."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
@@ -204,8 +201,6 @@ class WheelTable:
     integral_of: Literal["speed"] | None = None
     unit: str | None = None
     counts_per_turn: PositiveFloat | None = None
-    scale: FiniteFloat = 1.0
-    delay: FiniteFloat = 0.0
     wrap: PositiveFloat | None = None
     largest_speed: PositiveFloat | None = None
 
@@ -221,15 +216,12 @@ class WheelsTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MotorsTable:
+class MotorsTable(SeriesTable):
     """The keys of every kind of [input]; each kind has `torque`, u [N m] of the file's scaled numbers."""
 
-    sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     sign: Sign | tuple[Sign, ...] = 1
-    scale: FiniteFloat = 1.0
     zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
     direction: tuple[str, ...] = ()
-    delay: FiniteFloat = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,13 +323,28 @@ class LogMapping:
     @cached_property
     def sources(self) -> dict[str, Source]:
         """The file's columns by Ballbot's names, t, `IMU_NAMES`, and u1, u2, .. of the commands among them."""
-        angle, speed = self.wheels.angle, self.wheels.speed
-        found = {name: _source(name, one) for name, one in self.columns.items() if not one.derivative_of}
-        for suffix, entry in (("", angle), ("_dot", speed)):
-            found |= _wheel_sources(suffix, entry, self.wheels) if entry.sources else {}
-        if self.attitude is not None:
-            found |= _imu_sources(self.attitude)
-        return found if self.input is None else found | _motor_sources(self.input, self.wheels)
+        imu, wheels, drive = self.attitude, self.wheels, self.input
+        sources = {name: _source(name, one) for name, one in self.columns.items() if one.source is not None}
+        for key, one, suffix, kind in (
+            ("angle", wheels.angle, "", "rad"),
+            ("speed", wheels.speed, "_dot", "rad/s"),
+        ):
+            names = [f"{name}{suffix}" for name in wheel_angle_names(len(one.sources))]
+            unit = (kind, one.unit, one.counts_per_turn)
+            sources |= _series(f"[wheels] {key}", names, one, wheels.sign, unit, order=wheels.order)
+        if imu is not None:
+            angles = replace(imu, sources=QUATERNION_ANGLES) if imu.quaternion else imu
+            sources |= _series("[attitude]", IMU_NAMES, angles, imu.sign, ("rad", imu.unit, None))
+        if imu is not None and (gyro := imu.rates) is not None:
+            unit = ("rad/s", gyro.unit, None)
+            sources |= _series("[attitude] rates", IMU_NAMES[3:], gyro, gyro.sign, unit)
+        if drive is not None:
+            unit = ("N m", drive.unit if isinstance(drive, TorqueTable) else None, None)
+            if isinstance(drive, DutyTable) and drive.kind == "voltage":
+                drive = replace(drive, scale=drive.scale / drive.supply_voltage)
+            more = (drive.zero, drive.direction or None)
+            sources |= _series("[input]", self.commands, drive, drive.sign, unit, *more, order=wheels.order)
+        return sources
 
     @cached_property
     def derivatives(self) -> dict[str, str]:
@@ -390,7 +397,9 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
     tree = parse_toml(text, source=source)
     try:
         mapping = validate_table(LogMapping, take_format(tree, "mapping"), of="a mapping file")
-        _check(mapping)
+        check_column_names(mapping.file.names or (), source="[file] names")
+        for sentence in _contradictions(mapping):
+            raise InputError(sentence)
     except InputError as error:
         raise InputError(f"{source}: {error}{'' if str(error).endswith(('.', '?')) else '.'}") from None
     return mapping
@@ -412,146 +421,119 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
     return tuple(found)
 
 
-def _check(mapping: LogMapping) -> None:
-    """Raise InputError if a mapping is not complete, or entries contradict each other."""
-    file, angle, speed = mapping.file, mapping.wheels.angle, mapping.wheels.speed
+def _contradictions(mapping: LogMapping) -> Iterator[str]:
+    """Yield what a mapping lacks, and which of its entries contradict each other."""
+    file, angle, speed, imu = mapping.file, mapping.wheels.angle, mapping.wheels.speed, mapping.attitude
     if not mapping.complete:
-        raise InputError(
-            'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
-        )
+        yield 'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'
     if file.header_lines == 0 and file.names is None:
-        raise InputError("[file] has header_lines = 0 and therefore needs names = [..] of the columns")
+        yield "[file] has header_lines = 0 and therefore needs names = [..] of the columns"
     if file.names is not None and len(set(file.names)) < len(file.names):
-        raise InputError("[file] names contains a name twice")
-    check_column_names(file.names or (), source="[file] names")
+        yield "[file] names contains a name twice"
     for start, end in mapping.time.keep or ():
         if not end > start:
-            raise InputError(f"[time] keep has [{start:g}, {end:g}]; write the earlier time first")
-    for name, entry, other in (("angle", angle, speed), ("speed", speed, angle)):
+            yield f"[time] keep has [{start:g}, {end:g}]; write the earlier time first"
+    for key, entry, other in (("angle", angle, speed), ("speed", speed, angle)):
         made = WheelTable(derivative_of=entry.derivative_of, integral_of=entry.integral_of)
         if not entry.sources and entry != (made if other.sources else WheelTable()):
-            raise InputError(f"[wheels] {name} needs from = [..], the columns of the file")
+            yield f"[wheels] {key} needs from = [..], the columns of the file"
     if speed.wrap or speed.largest_speed:
-        raise InputError("[wheels] speed cannot have wrap or largest_speed, which are of angles")
+        yield "[wheels] speed cannot have wrap or largest_speed, which are of angles"
     for name, entry in mapping.columns.items():
         if name not in KNOWN_NAMES:
             hint = suggest(name, KNOWN_NAMES, otherwise="the names are")
-            raise InputError(f"[columns] has {name}, which is not a column of a log; {hint}")
+            yield f"[columns] has {name}, which is not a column of a log; {hint}"
         if entry.derivative_of and entry != ColumnTable(derivative_of=entry.derivative_of):
-            raise InputError(f"[columns] {name} has derivative_of, which allows no other key")
+            yield f"[columns] {name} has derivative_of, which allows no other key"
+        if name[0] == "u":
+            yield f"[columns] has {name}; map torques in [input], which names their kind"
+        if not entry.derivative_of and entry.source is None:
+            yield f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."'
+        if name == "t" and entry.delay:
+            yield "[columns] t cannot have a delay; give the delay to the columns that are delayed"
+    if imu is not None and imu.quaternion and (imu.unit is not None or imu.scale != 1.0):
+        yield "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit and no scale; remove it"
     if "t" not in mapping.sources:
-        raise InputError('[columns] lacks t, the time: t = { from = "..", unit = "s" }')
+        yield '[columns] lacks t, the time: t = { from = "..", unit = "s" }'
     made = {*mapping.sources, *mapping.integrals}
-    if mapping.attitude is not None:
-        both = [name for name in ATTITUDE_NAMES if name in made]
-        if both:
-            raise InputError(f"[columns] has {both[0]}, which [attitude] provides; remove one of them")
-        made |= {*ATTITUDE_NAMES}
+    for name in ATTITUDE_NAMES if imu is not None else ():
+        if name in made:
+            yield f"[columns] has {name}, which [attitude] provides; remove one of them"
+        made.add(name)
     for name, origin in mapping.derivatives.items():
         if origin not in made:
-            raise InputError(f"{name} is the derivative of {origin!r}, which the mapping does not provide")
+            yield f"{name} is the derivative of {origin!r}, which the mapping does not provide"
+
+
+#: Ballbot's unit, the file's, which may be one for each column, and an encoder's counts in one turn
+_Unit = tuple[str | None, str | tuple[str, ...] | None, float | None]
 
 
 def _source(name: str, entry: ColumnTable) -> Source:
-    if name[0] == "u":
-        raise InputError(f"[columns] has {name}; map torques in [input], which names their kind")
-    if entry.source is None:
-        raise InputError(f'[columns] {name} needs from = "..", a column of the file, or derivative_of = ".."')
-    if name == "t" and entry.delay:
-        raise InputError("[columns] t cannot have a delay; give the delay to the columns that are delayed")
-    unit = _unit_factor(f"[columns] {name}", name, entry.unit, entry.counts_per_turn)
-    return Source(
-        column=entry.source,
-        factor=entry.sign * entry.scale * unit,
-        offset=entry.offset,
-        delay=entry.delay,
+    factor = (
+        entry.sign
+        * entry.scale
+        * _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
     )
+    return Source(column=entry.source or "", factor=factor, offset=entry.offset, delay=entry.delay)
 
 
-def _unit_factor(where: str, name: str, given: str | None, counts_per_turn: float | None = None) -> float:
-    unit = unit_of(name)
-    if given is None or unit is None:
-        return 1.0
+def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: float | None) -> float:
+    """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
     try:
-        return factor_to(unit, given, counts_per_turn=counts_per_turn)
+        return (
+            1.0 if given is None or unit is None else factor_to(unit, given, counts_per_turn=counts_per_turn)
+        )
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
 
 def _series(
-    names: Sequence[str], columns: Sequence[str], factors: Sequence[float], delay: float
+    where: str,
+    names: Sequence[str],
+    table: SeriesTable,
+    sign: Sign | tuple[Sign, ...],
+    unit: _Unit,
+    zero: float | tuple[float, ...] = 0.0,
+    direction: tuple[str, ...] | None = None,
+    *,
+    order: tuple[int, ...] | None = None,
 ) -> dict[str, Source]:
-    triples = zip(names, columns, factors, strict=False)
-    return {name: Source(column=column, factor=factor, delay=delay) for name, column, factor in triples}
+    """Return a table's columns by Ballbot's names, whose `order` counts the file's from 1."""
+    count = len(table.sources)
+    order = (order if count else None) or tuple(range(1, count + 1))
+    if sorted(order) != list(range(1, count + 1)):
+        raise InputError(f"[wheels] order is {list(order)}; it must have each number from 1 to {count} once")
 
+    def each(key: str, given: T | tuple[T, ...]) -> tuple[T, ...]:
+        values = given if isinstance(given, tuple) else (given,) * count
+        if count and len(values) != count:
+            raise InputError(
+                f"{where} {key} has {len(values)} values; it needs one for each of {count} columns"
+            )
+        return values
 
-def _imu_sources(table: AttitudeTable) -> dict[str, Source]:
-    if table.quaternion and table.unit is not None:
-        raise InputError(
-            "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit; remove it"
-        )
-    angles, rates, where = table.sources, table.rates, "[attitude] rates"
-    angles = QUATERNION_ANGLES if table.quaternion else angles
-    units = [_unit_factor("[attitude]", "theta", one) for one in _each("[attitude] unit", table.unit, angles)]
-    signs = _each("[attitude] sign", table.sign, angles)
-    found = _series(IMU_NAMES, angles, [a * b for a, b in zip(signs, units, strict=True)], table.delay)
-    if rates is None:
-        return found
-    factor = rates.scale * _unit_factor(where, "gyro_x", rates.unit)
-    factors = [sign * factor for sign in _each(f"{where} sign", rates.sign, rates.sources)]
-    return found | _series(IMU_NAMES[3:], rates.sources, factors, rates.delay)
-
-
-def _wheel_sources(suffix: str, entry: WheelTable, wheels: WheelsTable) -> dict[str, Source]:
-    where = "[wheels] speed" if suffix else "[wheels] angle"
-    factor = entry.scale * _unit_factor(where, f"wheel1{suffix}", entry.unit, entry.counts_per_turn)
-    signs, order = _each("[wheels] sign", wheels.sign, entry.sources), _order(wheels, len(entry.sources))
-    names = [f"wheel{i}{suffix}" for i in range(1, len(order) + 1)]
-    return _series(names, [entry.sources[k] for k in order], [signs[k] * factor for k in order], entry.delay)
-
-
-def _motor_sources(table: InputTable, wheels: WheelsTable) -> dict[str, Source]:
-    columns, scale = table.sources, table.scale
-    if isinstance(table, TorqueTable):
-        scale *= _unit_factor("[input]", "u1", table.unit)
-    elif isinstance(table, DutyTable) and table.kind == "voltage":
-        scale /= table.supply_voltage
-    factors = [sign * scale for sign in _each("[input] sign", table.sign, columns)]
-    zeros = _each("[input] zero", table.zero, columns)
-    directions = _each("[input] direction", table.direction or None, columns)
-    return {
-        f"u{i}": Source(
-            column=columns[k],
-            factor=factors[k],
-            offset=-zeros[k] * factors[k] if zeros[k] else 0.0,
+    units, signs, zeros = each("unit", unit[1]), each("sign", sign), each("zero", zero)
+    directions = each("direction", direction)
+    sources = {}
+    for name, number in zip(names, order, strict=False):
+        k = number - 1
+        factor = signs[k] * table.scale * _factor(where, unit[0], units[k], unit[2])
+        sources[name] = Source(
+            column=table.sources[k],
+            factor=factor,
+            offset=-zeros[k] * factor,
             delay=table.delay,
             direction=directions[k],
         )
-        for i, k in enumerate(_order(wheels, len(columns)), start=1)
-    }
+    return sources
 
 
-def _order(wheels: WheelsTable, count: int) -> list[int]:
-    """Return, for Ballbot's wheels in turn, the place (from 0) in the file's lists."""
-    order = wheels.order or tuple(range(1, count + 1))
-    if sorted(order) != list(range(1, count + 1)):
-        raise InputError(f"[wheels] order is {list(order)}; it must have each number from 1 to {count} once")
-    return [place - 1 for place in order]
-
-
-def _each(where: str, given: T | tuple[T, ...], columns: Sequence[str]) -> tuple[T, ...]:
-    """Return a value for each of these columns, where one may be given for all."""
-    values = given if isinstance(given, tuple) else (given,) * len(columns)
-    if len(values) != len(columns):
-        raise InputError(f"{where} has {len(values)} values; it needs one for each of {len(columns)} columns")
-    return values
-
-
-_GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 #: [s] by which rounding may move a delayed row past the one it belongs to
 _ROUNDING = 1e-9
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a scale may turn a cell into an infinity
 def apply_mapping(
     mapping: LogMapping,
     table: Table,
@@ -565,43 +547,57 @@ def apply_mapping(
     finding for each row or column that is omitted or continued. InputError if the file lacks a
     column that the mapping names, its time does not increase, or no row is left.
     """
-    with np.errstate(over="ignore", invalid="ignore"):  # a scale may turn a cell into an infinity
-        columns = _applied(mapping, table, even_from, [] if changes is None else changes)
-    return {name: values if name == "t" else mark_missing(values) for name, values in columns.items()}
-
-
-def _applied(mapping: LogMapping, table: Table, even_from: float | None, changes: list[Finding]) -> Columns:
-    notes = list[str]()
-    table = taken_rows(mapping, table, notes)
-    t = row_times(mapping, table)
+    changes, notes = [] if changes is None else changes, list[str]()
+    table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
     raw = _raw_columns(mapping, table, t, changes)
-    sampled = _sampled(mapping, t, raw)
-    even = mapping.time.sample_time
-    count = len(raw) + len(mapping.derivatives) + 10
-    rows = t if even is None else _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
-    # even rows get values between the file's, and for its missing cells
-    shift = even is not None or mapping.time.repair
-    columns: Columns = {"t": rows}
-    for name, values in raw.items():
-        delay = mapping.sources[mapping.integrals.get(name, name)].delay
-        if name not in mapping.commands:
-            columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
-        elif even is not None:
-            columns[name] = _mean_acting(t, rows, values, delay)
-        else:  # the last one logged at t - delay or before
-            latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
-            columns[name] = values[np.maximum(latest, 0)] if delay else values
-    if mapping.attitude is not None:
-        columns = _body_angles(mapping.attitude, columns)
+    columns = _resampled(mapping, t, raw, even_from)
+    imu, drive = mapping.attitude, mapping.input
+    if imu is not None:
+        motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
+        angles, gyro = (motion[:-3], np.column_stack(motion[-3:])) if imu.rates else (motion, None)
+        columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn))
+        if not imu.has_heading:
+            del columns["psi"]
     columns = _cut(mapping, columns, t)
     for name, origin in mapping.derivatives.items():
-        if origin == "psi" and mapping.attitude is not None and not mapping.attitude.has_heading:
-            continue
-        if len(columns["t"]) < 2:
-            raise InputError(f"The derivative of {origin} needs at least two rows.")
-        columns[name] = np.gradient(columns[origin], columns["t"])
-    return _kept(_with_torques(mapping, columns), mapping.time.keep)
+        if origin in columns:
+            if len(columns["t"]) < 2:
+                raise InputError(f"The derivative of {origin} needs at least two rows.")
+            columns[name] = np.gradient(columns[origin], columns["t"])
+    for i, name in enumerate(mapping.commands, start=1):
+        speed = columns.get(f"wheel{i}_dot")
+        if speed is None and isinstance(drive, DutyTable):
+            raise InputError("Torque from a duty needs the speed of the wheel: map [wheels] angle or speed.")
+        if drive is not None:
+            columns[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
+    t, spans = columns["t"], mapping.time.keep or ((-np.inf, np.inf),)
+    kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
+    if not kept.any():
+        raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
+    return {
+        name: values[kept] if name == "t" else mark_missing(values[kept]) for name, values in columns.items()
+    }
+
+
+def timed_rows(mapping: LogMapping, table: Table, notes: list[str]) -> tuple[Columns, Floats]:
+    """Return the rows of a file's table that a mapping takes, see `rows_with_times`, and their times (N,) [s].
+
+    InputError if the times do not increase, or it would mix the rows of two runs.
+    """
+    source, layout = mapping.sources["t"], mapping.file
+    if source.column in table:  # `_scaled` reports a time that is missing
+        table = rows_with_times(table, source.column, notes)
+    t = _scaled("t", source, table)
+    if layout.unordered_rows == "drop":
+        runs = later_runs(t)
+        again = runs[t[runs] < t[runs - 1]]
+        if again.size and layout.rows is None:
+            raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
+        kept = increasing_rows(t)
+        table, t = {name: values[kept] for name, values in table.items()}, t[kept]
+    check_time(t)
+    return {**table}, t
 
 
 def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Finding]) -> Columns:
@@ -623,9 +619,8 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     continued, wraps = continuous_headings({name: raw[name] - offsets[name] for name in offsets}, t)
     raw |= {name: heading + offsets[name] for name, heading in continued.items()}
     changes += wraps
-    if angle.largest_speed is not None and wheels:
-        carried = without_resets(t, np.column_stack([raw[name] for name in wheels]), angle.largest_speed)
-        raw |= dict(zip(wheels, carried.T, strict=True))
+    if angle.largest_speed is not None:
+        raw |= {name: without_resets(t, raw[name], angle.largest_speed) for name in wheels}
     for name, origin in mapping.integrals.items():
         speed = without_holes(t, raw[origin])
         raw[name] = integral_of(t, speed) + 0.0 * speed  # missing where the speed is
@@ -638,30 +633,26 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     return raw
 
 
-def row_times(mapping: LogMapping, table: Table) -> Floats:
-    """Return the times of the file's rows (N,) by the file's own clock [s]; InputError if they do not increase."""
-    t = _scaled("t", mapping.sources["t"], table)
-    check_time(t)
-    return t
-
-
-def taken_rows(mapping: LogMapping, table: Table, notes: list[str]) -> Columns:
-    """Return a file's table with the rows that a mapping takes, see `rows_with_times`.
-
-    InputError if it would mix the rows of two runs.
-    """
-    source, layout = mapping.sources["t"], mapping.file
-    if source.column in table:  # `row_times` reports a time that is missing
-        table = rows_with_times(table, source.column, notes)
-    if layout.unordered_rows == "refuse":
-        return {**table}
-    t = _scaled("t", source, table)
-    runs = later_runs(t)
-    again = runs[t[runs] < t[runs - 1]]
-    if again.size and layout.rows is None:
-        raise InputError(f"Time starts again at row {again[0] + 1}; split the log, or give [file] rows.")
-    kept = increasing_rows(t)
-    return {name: values[kept] for name, values in table.items()}
+def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | None) -> Columns:
+    """Return the columns at the log's rows, those of the file or even ones, without their delays."""
+    even = mapping.time.sample_time
+    rows, sampled = t, _sampled(mapping, t, raw)
+    if even is not None:
+        count = len(raw) + len(mapping.derivatives) + 10
+        rows = _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
+    # even rows get values between the file's, and for its missing cells
+    shift = even is not None or mapping.time.repair
+    columns: Columns = {"t": rows}
+    for name, values in raw.items():
+        delay = mapping.sources[mapping.integrals.get(name, name)].delay
+        if name not in mapping.commands:
+            columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
+        elif even is not None:
+            columns[name] = _mean_acting(t, rows, values, delay)
+        else:  # the last one logged at t - delay or before
+            latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
+            columns[name] = values[np.maximum(latest, 0)] if delay else values
+    return columns
 
 
 def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int) -> Floats:
@@ -702,30 +693,6 @@ def _sampled(mapping: LogMapping, t: Floats, raw: Columns) -> Floats:
     return sampling_times(t, angles)
 
 
-def _body_angles(attitude: AttitudeTable, columns: Columns) -> Columns:
-    """Return the columns with the robot's angles and rates in place of its IMU's."""
-    imu = [columns[name] for name in IMU_NAMES if name in columns]
-    columns = {name: values for name, values in columns.items() if name not in IMU_NAMES}
-    gyro = imu[-3:] if attitude.rates is not None else []
-    angles = np.column_stack([*imu[:2], np.zeros_like(imu[0])])
-    if len(imu) - len(gyro) > 2:
-        angles[:, 2] = imu[2]
-    elif gyro:
-        angles[:, 2] = integral_of(columns["t"], gyro[2])
-    else:
-        angles[:, 2] = yaw_ahead(angles, math.radians(attitude.turn))
-    turned = from_roll_pitch_yaw(angles, turn=math.radians(attitude.turn))
-    columns |= dict(zip(ATTITUDE_NAMES, turned.T, strict=True))
-    if not attitude.has_heading:
-        del columns["psi"]
-    if not gyro:
-        return columns
-    body = about_body_axes(np.column_stack(gyro), math.radians(attitude.turn))
-    columns |= dict(zip(_GYRO_NAMES, body.T, strict=True))
-    rates = angle_rates_of(turned, body)
-    return columns | {f"{name}_dot": rate for name, rate in zip(ATTITUDE_NAMES, rates.T, strict=True)}
-
-
 def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
     rows, ahead = columns["t"], [0.0]
@@ -733,27 +700,6 @@ def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
-    return {name: values[kept] for name, values in columns.items()}
-
-
-def _with_torques(mapping: LogMapping, columns: Columns) -> Columns:
-    found, drive = {**columns}, mapping.input
-    for i, name in enumerate(mapping.commands, start=1):
-        speed = columns.get(f"wheel{i}_dot")
-        if speed is None and isinstance(drive, DutyTable):
-            raise InputError("Torque from a duty needs the speed of the wheel: map [wheels] angle or speed.")
-        if drive is not None:
-            found[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
-    return found
-
-
-def _kept(columns: Columns, spans: tuple[tuple[float, float], ...] | None) -> Columns:
-    if spans is None:
-        return columns
-    t = columns["t"]
-    kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
-    if not kept.any():
-        raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     return {name: values[kept] for name, values in columns.items()}
 
 

@@ -37,7 +37,7 @@ from ballbot.log.columns import (
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, row_times, taken_rows
+from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, timed_rows
 from ballbot.robot import Robot
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
@@ -123,8 +123,7 @@ def causal_states(
     only its rates have a meaning.
     """
     mapping = read_mapping(mapping)
-    table = taken_rows(mapping, read_columns(path, mapping.file), [])
-    t, late = row_times(mapping, table), mapping.sensor_delay
+    (table, t), late = timed_rows(mapping, read_columns(path, mapping.file), []), mapping.sensor_delay
     everything = replace(mapping, time=replace(mapping.time, keep=None))
     states = np.full((len(moments), len(STATE_NAMES)), np.nan)
     for number, moment in enumerate(moments):

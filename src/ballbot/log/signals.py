@@ -101,12 +101,12 @@ def new_messages(times: Floats) -> Bools:
     return kept
 
 
-def speed_noise(t: Floats, angles: Floats, times: Floats | None = None) -> float | None:
-    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast; by repaired `times`.
+def speed_noise(t: Floats, angles: Floats) -> float | None:
+    """Return the noise [rad/s] of speeds from one row to the next, while the wheels turn fast.
 
     It is the root mean square, over rows and wheels, of speeds minus smooth speeds; None if too few rows are fast.
     """
-    noise = _noise_of_speeds(t if times is None else times, angles, rows=_course_rows(t))
+    noise = _noise_of_speeds(t, angles, rows=_course_rows(t))
     return None if noise is None else float(np.sqrt((noise**2).mean()))
 
 
@@ -183,8 +183,8 @@ def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
     Missing values of the angles (N,) or (N, n) [rad] stay missing; the wheels cannot reach `largest_speed` [rad/s].
     """
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    found = np.array(angles, dtype=np.float64).reshape(len(t), -1)
-    for column in found.T:
+    continued = np.array(angles, dtype=np.float64)
+    for column in continued.reshape(len(t), -1).T:
         known = np.isfinite(column)
         if known.sum() > 1:
             steps = np.diff(column[known])
@@ -192,7 +192,7 @@ def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
             impossible = np.abs(steps) > largest_speed * np.maximum(np.diff(t[known]), 3.0 * usual)
             lost = np.cumsum(np.where(impossible, steps, 0.0))
             column[known] -= np.concatenate(([0.0], lost))
-    return found.reshape(np.shape(angles))
+    return continued
 
 
 def encoder_step(angles: Floats) -> float | None:

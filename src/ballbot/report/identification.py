@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from ballbot.findings import Finding, texts
 from ballbot.fitting.intervals import Interval
-from ballbot.fitting.model_selection import Candidate, Gain, ModelSelection
+from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import FrictionAtHorizon
-from ballbot.identification.laws import law_named, law_results
+from ballbot.identification.laws import Candidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.log import Log
@@ -43,7 +43,7 @@ def identification_report(
     logs: Mapping[str, Log],
     *,
     findings: Sequence[Finding],
-    selection: ModelSelection[Identification] | None,
+    selection: LawSelection | None,
     holdouts: Sequence[HoldoutResult],
 ) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
@@ -67,7 +67,7 @@ def identification_report(
         findings=findings,
         data={
             **found.to_dict(),
-            **({"ladder": law_results(selection)} if selection else {}),
+            **({"ladder": selection.to_dict()} if selection else {}),
             **({"judged_on": {one.name: one.to_dict() for one in holdouts}} if holdouts else {}),
         },
     )
@@ -97,10 +97,7 @@ def _parameter_sheet(found: Identification) -> Sheet:
     """Return each parameter of the law with its standard error, both 95 % intervals, and the robot file's value."""
     layout, other = found.layout, found.other
     names = [name for name in layout.names for _ in BY_NAME[name].labels(layout.wheel_count)]
-    values, errors = (
-        np.concatenate([np.atleast_1d(one) for one in numbers.values()])
-        for numbers in (found.parameters, found.standard_errors)
-    )
+    values, errors = np.where(found.unknown, np.nan, found.values), found.errors
     before = layout.nominal(found.predictor.robot)
     rows = [
         (
@@ -148,7 +145,7 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
     return Sheet(
         ("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
         rows,
-        f"Open-loop RMSE on {ours.windows} held-out windows{others}",
+        f"Open-loop RMSE on {len(ours.spans)} held-out windows{others}",
     )
 
 
@@ -169,18 +166,18 @@ def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     return sheet_of(holdout.horizons, columns, caption=caption)
 
 
-def _selection_sheet(selection: ModelSelection[Identification]) -> Sheet:
+def _selection_sheet(selection: LawSelection) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
     decisions = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
     def gain(one: Gain | None) -> str:
         return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} to {100 * one.upper:.1f})" if one else ""
 
-    columns: list[Column[Candidate[Identification]]] = [
-        Column("law", lambda one: one.name),
-        Column("friction", lambda one: law_named(one.name).formula),
+    columns: list[Column[Candidate]] = [
+        Column("law", lambda one: one.law.name),
+        Column("friction", lambda one: one.law.formula),
         Column("error", lambda one: f"{one.error:.3f}"),
-        Column("compared with", lambda one: one.within or "no friction"),
+        Column("compared with", lambda one: one.law.within or "no friction"),
         Column("gain, 95 % interval", lambda one: one.gain, gain),
         Column("", lambda one: "best" if one is selection.best else decisions[one.decision]),
     ]

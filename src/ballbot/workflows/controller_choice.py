@@ -32,7 +32,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.errors import InputError
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
 from ballbot.progress import ignore_progress
@@ -41,7 +41,7 @@ from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.grid import Condition, Grid, GridRun, InThreads, LoopRobot, Name, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, Grid, GridRun, LoopRobot, Name, TwinRobot, run_grid
 from ballbot.workflows.metrics import Performance, Score
 from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
 
@@ -249,7 +249,7 @@ def run_trials(
         kept = log if logged and one.condition is conditions[0] else None
         return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
 
-    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=InThreads(), run=run)
+    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=Threads(), run=run)
     trials = {}
     for name, controller in controllers.items():
         scores, performances, logs = zip(*table.of(name), strict=True)

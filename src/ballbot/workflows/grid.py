@@ -11,9 +11,7 @@ Questions that need no logs, of thousands of short runs (robust design, limits),
 from __future__ import annotations
 
 import copy
-import os
-from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,8 +26,7 @@ from ballbot.control.references import Reference
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import ALL_CORES, Piece, Result, Workers
+from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run, Threads
 from ballbot.log import Log
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
@@ -170,7 +167,7 @@ def run_grid(
     grid: Grid[Name] | Sequence[GridRun],
     ask: Callable[[GridRun, Log], Answer] = GridRun.score,
     *,
-    workers: Workers = ALL_CORES,
+    workers: Executor = ALL_CORES,
     threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> GridTable[Answer]:
@@ -182,7 +179,7 @@ def run_grid(
         Runs of one course, by its name and duration, follow one reference.
     ask : callable, optional
         From a run and its log to what is kept of it; its score by default. Pickled if there is more than one process.
-    workers : Workers, optional
+    workers : Executor, optional
         Who make the runs that are not on the compiled loop. The answers do not depend on it.
     threads : int, optional
         Of the compiled loop; all cores by default.
@@ -206,32 +203,13 @@ def run_grid(
         run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
 
     together = [[runs[place] for place in block] for block in blocks]
-    with closing(InThreads(count=threads).each(partial(_ask_block, ask), together)) as made:
+    with closing(Threads(count=threads).each(partial(_ask_block, ask), together)) as made:
         for place, answers in made:
             keep(blocks[place], answers)
     with closing(workers.each(partial(_ask_alone, ask), [runs[place] for place in alone])) as made:
         for place, answer in made:
             keep([alone[place]], [answer])
     return GridTable(runs=tuple(runs), answers=tuple(found[place] for place in range(len(runs))))
-
-
-@dataclass(frozen=True, kw_only=True)
-class InThreads:
-    """Make runs in threads of this process: MuJoCo's steps run side by side, and processes take seconds to begin."""
-
-    count: int | None = None  #: one for each core where None
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished."""
-        pool = ThreadPoolExecutor(self.count or os.cpu_count())
-        try:
-            places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
-            for one in as_completed(places):
-                yield places[one], one.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:

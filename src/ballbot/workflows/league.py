@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
-from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import ALL_CORES, Workers
+from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.log import Log
 from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
@@ -80,7 +79,7 @@ def run_league(
     courses: Sequence[Course],
     *,
     seeds: Sequence[int],
-    workers: Workers = ALL_CORES,
+    workers: Executor = ALL_CORES,
     threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:

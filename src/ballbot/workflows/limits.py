@@ -33,8 +33,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.references import hold
-from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.sweep import Processes
+from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model

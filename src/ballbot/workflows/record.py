@@ -24,7 +24,8 @@ from ballbot.control.references import as_reference, is_reference_file, referenc
 from ballbot.estimation import named_estimator
 from ballbot.file_formats import read_results, results_text, without_format
 from ballbot.files import write_bytes
-from ballbot.fitting.sweep import ALL_CORES, RunFolder, Workers, identity
+from ballbot.fitting.run import ALL_CORES, Executor
+from ballbot.fitting.sweep import RunFolder, identity
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.progress import ProgressCallback, ignore_progress
 from ballbot.result_folder import MANIFEST, result_folder
@@ -119,7 +120,7 @@ def record_runs(
     seeds: Sequence[int],
     folder: Path,
     *,
-    workers: Workers = ALL_CORES,
+    workers: Executor = ALL_CORES,
     progress: ProgressCallback = ignore_progress,
 ) -> dict[str, Mapping[str, object]]:
     """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
@@ -138,7 +139,7 @@ def record_runs(
         read=_finished,
     )
     named = {f"seed_{seed:04d}": replace(job, seed=seed) for seed in seeds}
-    return runs.complete(_made, named, workers=workers, stage="recording", progress=progress)[0]
+    return runs.complete(_made, named, workers=workers, stage="recording", progress=progress)
 
 
 def _made(job: RecordJob) -> dict[str, bytes]:

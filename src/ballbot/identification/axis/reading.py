@@ -23,7 +23,7 @@ from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
 from ballbot.identification.axis.record import AxisRecord, record_of_rows
 from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
-from ballbot.log.formats import read_units, read_variables
+from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 
 #: by the unit of positions, what each quantity may be in, with the factor to its unit
@@ -145,7 +145,8 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
     """
     path = Path(path)
-    file = _File(name=path.name, variables=read_variables(path), units=read_units(path), unit=columns.unit)
+    variables, units = read_variables(path)
+    file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
     field = "velocity" if columns.position is None and columns.velocity else "position"
     name = (columns.velocity if field == "velocity" else columns.position) or "position"
     _check_names(file, {"time": columns.time, field: name, "force": columns.force})

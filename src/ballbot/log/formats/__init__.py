@@ -1,6 +1,6 @@
 """File formats of logs: each is one file here and one line in `FORMATS`, and every command reads and writes through it.
 
-A table of text is read by its `TextLayout` (`text`), which a mapping states or its lines show (`inference`).
+A table of text is read by its `TextLayout`, which a mapping states or its lines show (`text`).
 """
 
 from __future__ import annotations
@@ -22,20 +22,17 @@ from ballbot.log.columns import (
     mark_missing,
     native_columns,
 )
-from ballbot.log.formats.inference import (
-    ForeignTable,
-    infer_text_table,
-    read_head,
-    read_inferred,
-)
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap
 from ballbot.log.formats.parquet import read_parquet_table, write_parquet_table
 from ballbot.log.formats.ros import read_bag
 from ballbot.log.formats.text import (
-    OWN_LAYOUT,
+    ForeignTable,
     TextLayout,
+    infer_text_table,
+    read_head,
+    read_inferred,
     read_text_table,
     write_text_table,
 )
@@ -75,10 +72,10 @@ FORMATS: tuple[LogFormat, ...] = (
     LogFormat("MCAP", (".mcap",), read_mcap, write_mcap),
     _BAG,
 )
-_SUFFIXES = tuple(suffix for one in FORMATS for suffix in one.suffixes)
+_OF_SUFFIX = {suffix: form for form in FORMATS for suffix in form.suffixes}
 _COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: suffixes of the files that are written, the default first
-WRITTEN_SUFFIXES = tuple(one.suffixes[0] for one in FORMATS if one.write)
+WRITTEN_SUFFIXES = tuple(form.suffixes[0] for form in FORMATS if form.write)
 #: what `--format` may be: these suffixes without their dots
 WRITTEN_FORMATS = tuple(suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES)
 
@@ -90,7 +87,7 @@ def is_bag_folder(path: str | Path) -> bool:
 
 def is_log_file(path: str | Path) -> bool:
     """Return whether a file's name has the suffix of a log, or it is the folder of a ROS 2 bag."""
-    return Path(path).suffix.lower() in _SUFFIXES or is_bag_folder(path)
+    return Path(path).suffix.lower() in _OF_SUFFIX or is_bag_folder(path)
 
 
 def is_foreign(path: str | Path) -> bool:
@@ -98,11 +95,10 @@ def is_foreign(path: str | Path) -> bool:
 
     A file that Ballbot's own reader refuses, but whose header has these names, is a damaged log and not foreign.
     """
-    path = Path(path)
-    if not path.exists():
+    if not Path(path).exists():
         return False
-    one = _format_of(path, otherwise=_TEXT)
-    return not has_native_names(read_head(path).names if one is _TEXT else _read(one, path))
+    form = _format_of(path, otherwise=_TEXT)
+    return not has_native_names(read_head(path).names if form is _TEXT else _read(form, path))
 
 
 def read_columns(
@@ -125,61 +121,57 @@ def read_columns(
     notes : list of str, optional
         Sentences on what is left out are added to it.
     """
-    one, notes = _format_of(path), [] if notes is None else notes
-    if one is _TEXT and layout is not None:
+    form, notes = _format_of(path), [] if notes is None else notes
+    if form is _TEXT and layout is not None:
         return read_text_table(path, layout, used=used, notes=notes)
-    columns = read_inferred(path, of_a_log=True, notes=notes) if one is _TEXT else _table(one, Path(path))
+    columns = read_inferred(path, of_a_log=True, notes=notes) if form is _TEXT else _table(form, path)
     if layout is not None:
         return columns
-    read: Columns = {}
     own = native_columns(columns)
-    for name, values in columns.items():
-        bare, factor, unit = own.get(name, (name, 1.0, ""))
-        if name in own:
-            converted = f", and converted from {unit}" if factor != 1.0 else ""
-            notes.append(f"{name} is read as {bare}{converted}.")
-        read[bare] = values if factor == 1.0 else values * factor
-    return rows_with_times(read, "t", notes) if "t" in read else read
+    for name, (bare, factor, unit) in own.items():
+        notes.append(f"{name} is read as {bare}{f', and converted from {unit}' if factor != 1.0 else ''}.")
+        columns[name] = columns[name] * factor
+    columns = {own[name][0] if name in own else name: values for name, values in columns.items()}
+    return rows_with_times(columns, "t", notes) if "t" in columns else columns
 
 
-def read_variables(path: str | Path) -> Columns:
-    """Read all variables of a file by name, of any length; InputError as for `read_columns`."""
-    return _read(_format_of(path), Path(path))
+def read_variables(path: str | Path) -> tuple[Columns, Mapping[str, str]]:
+    """Read all variables of a file by name, of any length, and their units, as a row below a text's header has them.
 
-
-def read_units(path: str | Path) -> dict[str, str]:
-    """Return the units of a file's variables by name, as a table of text has them in a row below its header."""
-    return dict(read_head(path).units) if _format_of(path) is _TEXT else {}
+    InputError as for `read_columns`.
+    """
+    form = _format_of(path)
+    return _read(form, path), read_head(path).units if form is _TEXT else {}
 
 
 def read_foreign_table(path: str | Path, *, names: Sequence[str] | None = None) -> ForeignTable:
     """Read a table of any format, and of text in any layout, whatever its suffix; InputError if it has no numbers."""
-    one = _format_of(path, otherwise=_TEXT)
-    if one is _TEXT:
+    form = _format_of(path, otherwise=_TEXT)
+    if form is _TEXT:
         return infer_text_table(path, given_names=names)
-    columns = _table(one, Path(path))
+    columns = _table(form, path)
     if names is not None:
         raise InputError(f"{path} has names of its own; --columns is for tables of text.")
-    return ForeignTable(layout=OWN_LAYOUT, columns=columns, named=True, notes=())
+    return ForeignTable(columns=columns)
 
 
 def write_columns(path: str | Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,) in the format of the suffix of `path`; InputError if none is written so."""
-    one = written_format(path)
+    form = written_format(path)
     check_column_names(columns, source=str(path))
-    with _needing(one):
-        if one.write:
-            one.write(Path(path), columns)
+    with _needing(form):
+        if form.write:
+            form.write(Path(path), columns)
 
 
 def written_format(path: str | Path) -> LogFormat:
     """Return the format in which a log is written to `path`, by its suffix; InputError if there is none."""
-    for one in FORMATS:
-        if one.write and Path(path).suffix.lower() == one.suffixes[0]:
-            return one
-    raise InputError(
-        f"{path} cannot be written: the name of a log file must end in {either(WRITTEN_SUFFIXES)}."
-    )
+    suffix = Path(path).suffix.lower()
+    if suffix not in WRITTEN_SUFFIXES:
+        raise InputError(
+            f"{path} cannot be written: a log's file name must end in {either(WRITTEN_SUFFIXES)}."
+        )
+    return _OF_SUFFIX[suffix]
 
 
 def check_format(word: str) -> str:
@@ -192,44 +184,41 @@ def check_format(word: str) -> str:
 
 def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFormat:
     """Return the format of a file by its suffix, or `otherwise`; InputError if it is compressed, or of no format."""
-    path = Path(path)
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        return _BAG
-    found = next((one for one in FORMATS if suffix in one.suffixes), otherwise)
-    if suffix in _COMPRESSED:
+    suffix = Path(path).suffix.lower()
+    form = _BAG if Path(path).is_dir() else _OF_SUFFIX.get(suffix, otherwise)
+    packed = suffix in _COMPRESSED and form is not _BAG
+    if packed or form is None:
         check_regular(path)
+    if packed:
         raise InputError(f"{path} is compressed; unpack it first.")
-    if found is None:
-        check_regular(path)
-        near = nearest(suffix, _SUFFIXES)
+    if form is None:
+        near = nearest(suffix, _OF_SUFFIX)
         hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"
-        raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_SUFFIXES)}.")
-    return found
+        raise InputError(f"{path} is not a log that Ballbot reads; {hint} in {either(_OF_SUFFIX)}.")
+    return form
 
 
-def _read(one: LogFormat, path: Path) -> Columns:
+def _read(form: LogFormat, path: str | Path) -> Columns:
     """Return a file's variables, checked as `LogFormat` promises."""
-    size = 0 if one is _BAG and is_bag_folder(path) else check_regular(path)
+    size = 0 if form is _BAG and is_bag_folder(path) else check_regular(path)
     if size > LARGEST_TABLE:
         raise InputError(f"{path} has {format_bytes(size)}; at most {format_bytes(LARGEST_TABLE)} are read.")
-    with _needing(one, reading=path):
-        variables = one.read(path)
-    if not any(len(values) for values in variables.values()):
+    with _needing(form, reading=path):
+        variables = form.read(Path(path))
+    if not any(map(len, variables.values())):
         raise InputError(f"{path} is empty; a log needs columns and rows of numbers.")
     check_column_names(variables, source=str(path))
     return {name: mark_missing(values) for name, values in variables.items()}
 
 
 @contextmanager
-def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
+def _needing(form: LogFormat, *, reading: str | Path | None = None) -> Iterator[None]:
     """Raise InputError if a package is missing that the format needs, or on what a library raises while reading."""
     try:
         yield
     except ModuleNotFoundError as error:
-        raise InputError(
-            f"{one.name} files need {error.name}: pip install 'ballbot[formats]'. Or use CSV."
-        ) from None
+        words = f"{form.name} files need {error.name}: pip install 'ballbot[formats]'. Or use CSV."
+        raise InputError(words) from None
     except InputError:
         raise
     except Exception as error:  # of a damaged file
@@ -237,14 +226,14 @@ def _needing(one: LogFormat, *, reading: Path | None = None) -> Iterator[None]:
             raise
         reason = printable_line(f"{type(error).__name__}: {error}")
         raise InputError(
-            f"{reading} cannot be read: it is not a complete {one.name} file ({reason})."
+            f"{reading} cannot be read: it is not a complete {form.name} file ({reason})."
         ) from None
 
 
-def _table(one: LogFormat, path: Path) -> Columns:
+def _table(form: LogFormat, path: str | Path) -> Columns:
     """Return the variables of the log's table, which are equally long; the file may also have constants."""
-    variables = _read(one, path)
-    counts = Counter(len(values) for values in variables.values())
+    variables = _read(form, path)
+    counts = Counter(map(len, variables.values()))
     length = len(variables["t"]) if "t" in variables else max(counts, key=lambda n: (counts[n], n))
     columns = {name: values for name, values in variables.items() if len(values) == length}
     check_table(length, len(columns), source=str(path))

@@ -1,7 +1,9 @@
 """Tables of numbers as text: CSV, and the separated files that other people's robots write.
 
-pandas reads the rows that have the table's width; cells that it takes for words are then dates with times, missing
-values, numbers with a blank behind, or words. `inference` finds the layout of a file that no mapping describes.
+A `TextLayout` says how a table is laid out. A mapping states it, or the first lines of the file show it (`read_head`):
+a log without a mapping, and the record of an axis, are then read with every row whole; of a stranger's table damaged
+rows are skipped and counted. pandas reads the rows that have the table's width; cells that it takes for words are then
+dates with times, missing values, numbers with a blank behind, or words.
 """
 
 from __future__ import annotations
@@ -10,8 +12,9 @@ import csv
 import io
 import math
 import re
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -22,7 +25,7 @@ from pydantic import NonNegativeInt, PositiveInt
 from ballbot.arrays import check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
-from ballbot.log.columns import Columns, Floats, mark_missing
+from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, Floats, mark_missing, native_columns
 from ballbot.summary import counted
 
 if TYPE_CHECKING:
@@ -48,12 +51,46 @@ class TextLayout:
     rows: tuple[PositiveInt, PositiveInt] | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    """What the first lines of a table show."""
+
+    layout: TextLayout
+    rows: int = 0  #: that consist of numbers
+    named: bool = False  #: whether a line is above them
+    #: lines down to the one with the names, or units; None if no line has a name for each column
+    above: int | None = None
+    problems: tuple[str, ...] = ()  #: sentences on what the names lack
+    units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the names gives them
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The columns' names."""
+        return self.layout.names or ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForeignTable:
+    """The columns of a foreign file, and the layout that was inferred."""
+
+    columns: Columns
+    layout: TextLayout = TextLayout()
+    named: bool = True  #: whether the file has a header
+    notes: tuple[str, ...] = ()  #: sentences on anomalies of the file
+    units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the header has them
+
+
 #: cells without a value, in small letters
 MISSING = frozenset({"", "na", "n/a", "none", "null", "-", "--"})
 _TOO_LONG = f"a cell has more than {csv.field_size_limit()} characters."
 OWN_LAYOUT = TextLayout()
 #: the beginning of a number that is no number
 _BEGUN = re.compile(r"[+-]?(\d+\.?\d*)?([eE][+-]?)?", re.ASCII)
+#: lines examined to find the separator, and characters of a file in which its layout must show
+_EXAMINED, _HEAD = 200, 100_000
+#: units, of which a row below the header consists: alone, in products, quotients and powers, or in brackets
+_OTHER_UNITS = "n mn kn knm cm um µm km kg g w mw hz khz k c °c pa bar min h u inc"
+_UNITS = {*UNIT_OF, *_OTHER_UNITS.split()}
 
 
 def read_text_table(
@@ -70,40 +107,34 @@ def read_text_table(
     file is not such a table.
     """
     notes = [] if notes is None else notes
-    text = read_text(path, largest=LARGEST_TABLE)
-    if not text.strip():
-        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
-    lines = text.split("\n")
+    lines = _text_of(path).split("\n")
     names = list(layout.names) if layout.names is not None else _header_names(path, lines, layout)
     check_table(len(lines), len(names), source=str(path))
     rows, cut, damaged = _whole_rows(path, lines, layout, len(names))
     frame = _frame(path, list(rows.values()), layout, len(names))
     table, words = np.empty(frame.shape), np.zeros(frame.shape, dtype=np.bool_)
     for i in range(len(names)):
-        column = frame[i]
-        if column.dtype.kind in "iuf":
-            table[:, i] = column
-        else:
-            values = [_value(str(cell), layout) for cell in column]
-            table[:, i] = [math.nan if value is None else value for value in values]
-            words[:, i] = [value is None for value in values]
+        cells = frame[i]
+        if cells.dtype.kind not in "iuf":
+            cells = [_value(str(cell), layout) for cell in cells]
+            words[:, i] = [cell is None for cell in cells]
+        table[:, i] = np.array(cells, dtype=np.float64)  # None becomes NaN
     # of words, by what the table is used for, or by most cells with something in them
     most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
-    unused = most if used is None else np.array([name not in used for name in names], dtype=np.bool_)
-    omitted = words.any(axis=0) & unused
+    omitted = words.any(axis=0) & (most if used is None else ~np.isin(names, list(used)))
     for i in np.flatnonzero(omitted):
         example = str(frame.iloc[int(np.argmax(words[:, i])), i])
         notes.append(f"The column {names[i]} is left out: it has words, such as {example[:40]!r}.")
-    places = np.argwhere(words & ~omitted)
-    spoilt = np.isin(np.arange(len(rows)), places[:, 0])
-    if len(places):
-        numbers, (row, column) = list(rows), places[0]
-        cell = str(frame.iloc[row, column])
-        if len(places) == 1 and (row, column) == (len(rows) - 1, len(names) - 1) and _BEGUN.fullmatch(cell):
-            cut = numbers[-1]
+    words[:, omitted] = False
+    spoilt = words.any(axis=1)
+    if spoilt.any():
+        row, column = np.argwhere(words)[0]
+        number, cell = list(rows)[row], str(frame.iloc[row, column])
+        if words.sum() == 1 and words[-1, -1] and _BEGUN.fullmatch(cell):
+            cut = number
         elif layout.damaged_rows == "refuse":
             raise InputError(
-                f"{path}, line {numbers[row]}: {cell[:40]!r} in column {names[column]} is not a number; correct it, or "
+                f"{path}, line {number}: {cell[:40]!r} in column {names[column]} is not a number; correct it, or "
                 "leave the cell empty if the value is missing."
             )
         else:
@@ -114,16 +145,136 @@ def read_text_table(
         notes.append(
             f"Skipped: {counted(damaged, 'row')} without {len(names)} cells, or with words among the numbers."
         )
-    table = mark_missing(
-        table[~spoilt][slice(None) if layout.rows is None else slice(layout.rows[0] - 1, layout.rows[1])]
-    )
+    first, last = layout.rows or (1, None)
+    table = mark_missing(table[~spoilt][first - 1 : last])
     if not len(table):
         raise InputError(f"{path} has a header and no rows{' of those to take' if layout.rows else ''}.")
-    return {
-        name: np.ascontiguousarray(table[:, i])
-        for i, (name, out) in enumerate(zip(names, omitted, strict=True))
-        if not out
-    }
+    return {names[i]: np.ascontiguousarray(table[:, i]) for i in np.flatnonzero(~omitted)}
+
+
+def _text_of(path: str | Path) -> str:
+    text = read_text(path, largest=LARGEST_TABLE)
+    if not text.strip():
+        raise InputError(f"{path} is empty; a log needs a line of column names and rows of numbers.")
+    return text
+
+
+def read_inferred(path: str | Path, *, of_a_log: bool = False, notes: list[str] | None = None) -> Columns:
+    """Read a table of numbers whose separator, decimal sign and header are inferred; every row must be whole.
+
+    Columns of words are omitted; in a log, only those without one of Ballbot's names. `notes` gets a sentence for each
+    omission. Raises InputError as `read_text_table` does.
+    """
+    head = read_head(path)
+    if head.above is None:
+        layout = replace(head.layout, names=None, header_lines=1)
+    else:  # a row with a word is one, and no part of the header
+        layout = replace(head.layout, header_lines=head.above)
+        for problem in head.problems:
+            if problem.endswith("appears twice."):
+                raise InputError(f"{path}: {problem[0].lower()}{problem[1:]}")
+    used = {*KNOWN_NAMES, *native_columns(head.names)} if of_a_log else None
+    return read_text_table(path, layout, used=used, notes=notes)
+
+
+def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = None) -> ForeignTable:
+    """Read a table of text, whatever its layout; InputError if the file cannot be read or has no table of numbers."""
+    head = read_head(path)
+    if not head.rows:
+        raise InputError(f"{path} contains no table: none of its lines consists only of numbers.")
+    if head.rows == 1:
+        line = head.layout.header_lines + 1
+        raise InputError(f"{path} has one row of numbers (line {line}); a log needs at least two.")
+    names, width = tuple(given_names or head.names), len(head.names)
+    if len(names) != width:
+        raise InputError(
+            f"{path} has {width} columns, but {len(names)} names were given: {', '.join(names)}."
+        )
+    notes = [] if given_names else list(head.problems)
+    layout = replace(head.layout, names=names, damaged_rows="drop")
+    columns = read_text_table(path, layout, notes=notes)
+    if not any(one.startswith("Skipped") for one in notes):
+        layout = replace(layout, damaged_rows="refuse")
+    named = bool(given_names) or head.named
+    return ForeignTable(layout=layout, columns=columns, named=named, notes=tuple(notes), units=head.units)
+
+
+def read_head(path: str | Path) -> Head:
+    """Return what the first lines of a table show; InputError if the file cannot be read or is empty."""
+    text = _text_of(path)
+    lines = text[:_HEAD].split("\n")
+    lines = lines[:-1] if len(text) > _HEAD and len(lines) > 1 else lines  # the last is cut
+    layout = _likely_layout(lines)
+    mark = SEPARATORS[layout.separator]
+    cells = [split_cells(line, mark) if line.strip() else [] for line in lines]
+    rows = [row for row in cells if _is_row(row, layout)]
+    if not rows:
+        return Head(layout=replace(layout, names=tuple(cells[0])))
+    width = max(map(len, rows))
+    if mark and width > 1 and not any(row[-1] for row in rows if len(row) == width):
+        # a separator at the end of lines
+        cells = [row[:-1] if len(row) == width and row[-1] == "" else row for row in cells]
+        rows = [row for row in cells if _is_row(row, layout)]
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    wide = [len(row) == width and _is_row(row, layout) for row in cells]
+    # the first of two rows, as a line of numbers may be a title's
+    first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
+    # the last line with a name for each column, but for units; if there is none, the last with words
+    head = cells[:first]
+    fitting = [
+        k
+        for k, row in enumerate(head)
+        if any(row)
+        and width in (len(row), len(filled_cells(row)))
+        and not any(is_number(cell.replace(",", ".")) for cell in row)
+    ]
+    named = max((k for k in fitting if not _are_units(head[k])), default=fitting[-1] if fitting else None)
+    words = [[], *(row for row in head if any(_value(cell, layout) is None for cell in row))]
+    names, problems = names_of(words[-1] if named is None else head[named], width)
+    below = [] if named is None or named + 1 >= first else head[named + 1]
+    units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
+    return Head(
+        layout=replace(layout, names=tuple(names), header_lines=first),
+        rows=len(rows),
+        above=None if named is None else named + 1 + bool(units),
+        named=any(head),
+        problems=tuple(problems),
+        units=units,
+    )
+
+
+def _likely_layout(lines: list[str]) -> TextLayout:
+    """Return the separator and the decimal sign under which most lines are rows of two or more numbers."""
+    examined = [line for line in lines if line.strip()][: 2 * _EXAMINED][-_EXAMINED:]
+    point = [TextLayout(), *(TextLayout(separator=mark) for mark in ("semicolon", "tab", "blanks"))]
+
+    def fit(layout: TextLayout) -> tuple[int, int, int]:
+        rows = [split_cells(line, SEPARATORS[layout.separator]) for line in examined]
+        numbers = [sum(_value(cell, layout) is not None for cell in row) for row in rows]
+        whole = sum(len(row) == count > 1 for row, count in zip(rows, numbers, strict=True))
+        # the others decide where a column of words spoils every row
+        return whole, sum(len(row) > 1 and _is_row(row, layout) for row in rows), sum(numbers)
+
+    return max([*point, *(replace(layout, decimal="comma") for layout in point)], key=fit)
+
+
+def _is_row(cells: list[str], layout: TextLayout) -> bool:
+    """Return whether cells are a row of a table of numbers: more of them are numbers than words."""
+    known = [_value(cell, layout) for cell in cells if cell.lower() not in MISSING]
+    return 2 * known.count(None) < len(known)
+
+
+def _are_units(row: list[str]) -> bool:
+    """Return whether the cells of a row are units, with marks of none among them."""
+    units = [cell for cell in row if cell not in ("", "-", "1")]
+    return bool(units) and all(map(_is_unit, units))
+
+
+def _is_unit(cell: str) -> bool:
+    if re.fullmatch(r"\[.*\]|\(.*\)|<.*>", cell):
+        return True
+    parts = [part for part in re.split(r"[\s·*/^²³⁻¹0-9-]+", cell.lower()) if part]
+    return bool(parts) and _UNITS.issuperset(parts)
 
 
 def write_text_table(path: str | Path, columns: Mapping[str, Floats]) -> None:

@@ -26,7 +26,7 @@ import numpy as np
 
 from ballbot.errors import InputError
 from ballbot.log.columns import UNIT_OF, Floats
-from ballbot.log.formats.inference import ForeignTable
+from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 
 InputKind = Literal["torque", "current", "voltage", "duty"]

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from ballbot.control.controller import Compensation
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, square
-from ballbot.fitting.sweep import ALL_CORES
+from ballbot.fitting.run import ALL_CORES
 from ballbot.log import Log
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.robot import Robot
