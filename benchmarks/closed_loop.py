@@ -65,7 +65,7 @@ def periods_a_second(lanes: int, *, duration: float, threads: int = 1) -> float:
 def costs_of_imperfections() -> dict[str, tuple[float, float]]:
     """Return each imperfection's share of a period: where every robot has it, and of the others if one of 512 has it.
 
-    The second is what an imperfection costs that is off.
+    The second is the cost of an imperfection that is switched off.
     """
     robot = nominal_robot()
     rollers = imperfections_of(Scenario.nominal(robot)).contacts

@@ -6,7 +6,7 @@ One scenario drives both. Controllers know the robot and the friction of the nom
 ones. Where a median differs, the twin runs the cheapest course again with one effect after another switched off.
 
 The runs on the twin are some hours of work. They are kept in build/agreement, and a campaign that was stopped goes on;
-AGREEMENT_RUNS=600 makes the page of the first 600 alone. The loop runs anew each time.
+AGREEMENT_RUNS=600 uses the first 600 of them only. The loop runs anew each time.
 """
 
 from __future__ import annotations

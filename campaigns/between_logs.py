@@ -134,7 +134,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL) -> Log:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """What one log gives."""
+    """The fit of one log."""
 
     coordinates: Coordinates
     values: NDArray[np.float64]  #: (p,), SI units; NaN if a parameter has no influence
@@ -214,17 +214,17 @@ KINDS = ("stated", "another log")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Judged:
-    """One parameter in one pair: what the first and the second log gave, and the first one's intervals."""
+    """One parameter in one pair: the estimates from the first and the second log, and the first one's intervals."""
 
     label: str
-    own: float
-    other: float
+    first: float
+    second: float
     ends: NDArray[np.float64]  #: (2, 2), of `KINDS`, within the bounds of the search
 
     @property
     def held(self) -> NDArray[np.bool_]:
-        """Which intervals hold what the second log gave (2,)."""
-        return (self.ends[:, 0] <= self.other) & (self.other <= self.ends[:, 1])
+        """Which intervals hold the second log's estimate (2,)."""
+        return (self.ends[:, 0] <= self.second) & (self.second <= self.ends[:, 1])
 
 
 def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
@@ -238,7 +238,7 @@ def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
         if label in first.within.intervals and np.isfinite(numbers).all():
             ends = np.array([(kind[label].lower, kind[label].upper) for kind in kinds])
             within = np.clip(ends, coordinates.lower[index], coordinates.upper[index])
-            yield Judged(label=label, own=numbers[0], other=numbers[1], ends=within)
+            yield Judged(label=label, first=numbers[0], second=numbers[1], ends=within)
 
 
 def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
@@ -250,7 +250,7 @@ def coverage_row(name: str, judged: Sequence[Judged]) -> list[str]:
     relative = []
     for label in dict.fromkeys(case.label for case in judged):
         mine = [case for case in judged if case.label == label]
-        spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (case.own - case.other) ** 2 for case in mine]))
+        spread = 2.0 * HALF_WIDTH * np.sqrt(np.mean([0.5 * (case.first - case.second) ** 2 for case in mine]))
         relative += [
             np.diff(case.ends, axis=1)[:, 0] / spread if spread > 0.0 else [np.inf] * 2 for case in mine
         ]

@@ -53,14 +53,14 @@ class Outcome:
 
 
 def prediction_of(study: Studied) -> Prediction:
-    """Return what the study predicts of the precise controller."""
+    """Return the study's prediction of the precise controller."""
     made = predict(replace(study.choice, chosen="precise"))
     assert made is not None
     return made
 
 
 def outcomes(seeds: Sequence[int], *, of: str) -> list[Outcome]:
-    """Return what becomes of the twins of seeds, whose logs are kept in the folder of that name."""
+    """Return the outcomes of the twins of seeds, whose logs are kept in the folder of that name."""
     study, twins = studied(), [drawn(seed) for seed in seeds]
     prediction = prediction_of(study)
     return [

@@ -84,7 +84,7 @@ def mapped(name: str, folder: Path) -> tuple[Log, float]:
     return read_balancing_log(path, mapping, robot), back_emf_of([mapping])
 
 
-def found_in(name: str, folder: Path) -> Identification:
+def identified_in(name: str, folder: Path) -> Identification:
     """Map a log and identify it by itself."""
     log, back_emf = mapped(name, folder)
     return identify(
@@ -102,7 +102,7 @@ def campaign() -> Section:
     for name in SOURCES:
         log_file(name)
     with tempfile.TemporaryDirectory() as folder:
-        by_source = {name: found_in(name, Path(folder)) for name in SOURCES}
+        by_source = {name: identified_in(name, Path(folder)) for name in SOURCES}
     judged = {both: judge_pair(*(by_source[name] for name in both)) for both in permutations(by_source, 2)}
     hashes = ", ".join(f"{name} ({source.sha256[:12]})" for name, source in SOURCES.items())
     return Section(
@@ -130,5 +130,5 @@ def judge_pair(fit: Identification, other: Identification) -> list[Judged]:
         kinds = (fit.intervals, fit.another_log)
         if label.rstrip("123") in _GROUPS and label in fit.intervals:
             ends = np.clip([(kind[label].lower, kind[label].upper) for kind in kinds], *bounds)
-            judged.append(Judged(label=label, own=value, other=others, ends=ends))
+            judged.append(Judged(label=label, first=value, second=others, ends=ends))
     return judged

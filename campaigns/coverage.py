@@ -113,7 +113,7 @@ def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list
 
 
 def campaign() -> Section:
-    """Run what is not yet done and return the section of docs/generated/evidence.md."""
+    """Run the missing repeats and return the section of docs/generated/evidence.md."""
     runs = {f"{name} {seed}": (name, seed) for name, count in REPEATS.items() for seed in range(count)}
     packages = ("fitting", "identification", "mechanics", "simulation", "control", "robot", "log")
     repeats = finished("coverage", _repeat_of, runs, packages=packages)

@@ -59,8 +59,8 @@ def main() -> None:
     path.write_bytes(runs_file({demo.SOFT: soft, demo.PRECISE: precise}))
     print(f"{path}: {path.stat().st_size} bytes")
     for name, log in ((demo.SOFT, soft), (demo.PRECISE, precise)):
-        found_score = score(log)
-        print(f"{name}: at most {1000.0 * found_score.peak_position_error:.1f} mm off once settled")
+        identified_score = score(log)
+        print(f"{name}: at most {1000.0 * identified_score.peak_position_error:.1f} mm off once settled")
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ class SideBySide:
             listener.states.clear()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
-        """Return what the one that steers makes of the reading."""
+        """Return the state of the estimator that steers."""
         for listener in self._others:
             listener.hear(reading)
         return self._steering.hear(reading)

@@ -36,7 +36,7 @@ _LONGEST = 4096  # [bytes] of an input
 
 @dataclass(frozen=True, kw_only=True)
 class Fuzzed:
-    """What a run of the fuzzer did."""
+    """The result of a run of the fuzzer."""
 
     inputs: int  #: that were run
     branches: int  #: of the code's edges, those that some input reached

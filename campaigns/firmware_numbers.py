@@ -44,7 +44,7 @@ _JUMP = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Update:
-    """One update of every lane, before the laws are asked; numbers of single precision."""
+    """One update of every lane, before the laws are evaluated; numbers of single precision."""
 
     memory: NDArray[np.void]  #: (lanes,) of `MEMORY`
     state: NDArray[np.float32]  #: (lanes, 10)
@@ -126,7 +126,7 @@ def compare(controller: Controller, *, lanes: int, count: int, seed: int) -> Com
 
 
 def controllers() -> dict[str, Callable[[], Controller]]:
-    """Return what designs the presets and every part on and off, for three and four wheels, by name."""
+    """Return functions that design the presets and every part on and off, for three and four wheels, by name."""
     alten = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
     by_name: dict[str, Callable[[], Controller]] = {}
     for robot, wheels in ((alten, "3 wheels"), (four_wheeled(friction=True), "4 wheels")):
@@ -169,12 +169,12 @@ def campaign(states: int = 1_000_000) -> Section:
     """Return the differences of each controller's torques over so many states together."""
     chosen = controllers()
     count = math.ceil(states / (len(chosen) * _LANES))
-    results = {
+    table = {
         name: compare(design(), lanes=_LANES, count=count, seed=number)
         for number, (name, design) in enumerate(chosen.items())
     }
-    total = sum(row.states for row in results.values())
-    beyond = sum(row.beyond for row in results.values())
+    total = sum(row.states for row in table.values())
+    beyond = sum(row.beyond for row in table.values())
     return Section(
         title="The firmware's control law in single precision",
         before=f"Torques of the C law against those of Python's float64 law, single updates from {total:,} equal "
@@ -182,8 +182,6 @@ def campaign(states: int = 1_000_000) -> Section:
         "0.3 rad, rates up to 2 rad/s, references that move and jump. Where the law switches, a torque may be that of "
         f"the other branch: then it differs by more than {TOLERANCE:g}.",
         columns=["controller", "states", "largest difference", "of the other branch"],
-        rows=[
-            [name, f"{row.states:,}", f"{row.worst:.1e}", str(row.beyond)] for name, row in results.items()
-        ],
+        rows=[[name, f"{row.states:,}", f"{row.worst:.1e}", str(row.beyond)] for name, row in table.items()],
         after=f"Of the other branch may be at most 0.1 % of the states; here {100.0 * beyond / total:.4f} %.",
     )

@@ -98,7 +98,7 @@ def _row(case: Case) -> list[str]:
 
 
 def _cost(case: Case) -> str:
-    """Say whether outcomes change by cutting runs short."""
+    """Return whether cutting runs short changes outcomes."""
     plane = case.model.plane
     whole = case.loop.recovers(plane.starts(), cut_short=False)
     differing = int((whole != plane.lower.ravel()).sum())

@@ -1,4 +1,4 @@
-"""Measure `ballbot check-log` on logs of other people's making: logs renamed, permuted, scaled, turned and cut.
+"""Measure `ballbot check-log` on logs as other teams write them: renamed, permuted, scaled, turned and cut.
 
 BALLBOT_VARIANTS=200 .venv/bin/python -m campaigns.evidence mapping_corpus    that many variants, each failure named
 
@@ -53,7 +53,7 @@ Result = Literal["right", "asked", "wrong"]
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of one variant."""
+    """The result of one variant."""
 
     seed: int
     robot: str
@@ -93,7 +93,7 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tup
 
 
 def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
-    """Return in what the mapped log differs from the truth under the best of the transformations; empty if in nothing.
+    """Return how the mapped log differs from the truth under the best of the transformations; empty if it does not.
 
     The transformations leave every measured signal and the robot's dynamics unchanged:
 

@@ -88,10 +88,7 @@ def fitted(task: Task, start: int | None) -> End:
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]
     steps = task.options.gauss_newton_steps
-    fits = [
-        descend(prepared.experiment, start_point, free=free, most_steps=steps, run=_RUN)
-        for start_point in points
-    ]
+    fits = [descend(prepared.experiment, guess, free=free, most_steps=steps, run=_RUN) for guess in points]
     seconds, best = process_time() - begun, min(fits, key=lambda fit: fit.cost)
     return End(cost=best.cost, point=best.point, errors=best.errors, seconds=seconds)
 

@@ -46,14 +46,14 @@ Units are SI. [The twin](../twin.md) has an example.
 def _parameters(parameters: Iterable[Parameter]) -> str:
     rows = [
         (
-            f"`{parameter.name}`",
-            parameter.meaning.replace("|", "\\|"),
-            _unit(parameter),
-            _allowed(parameter),
-            _usual(parameter),
-            _default(parameter.default),
+            f"`{key.name}`",
+            key.meaning.replace("|", "\\|"),
+            _unit(key),
+            _allowed(key),
+            _usual(key),
+            _default(key.default),
         )
-        for parameter in parameters
+        for key in parameters
     ]
     return _table(("key", "meaning", "unit", "allowed", "usual", "default"), rows)
 
@@ -63,9 +63,9 @@ def _table(heads: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
 
-def _unit(parameter: Parameter) -> str:
-    unit = "" if parameter.unit == DIMENSIONLESS else parameter.unit
-    return unit if parameter.written_in == parameter.unit else f"{unit}; written in {parameter.written_in}"
+def _unit(key: Parameter) -> str:
+    unit = "" if key.unit == DIMENSIONLESS else key.unit
+    return unit if key.written_in == key.unit else f"{unit}; written in {key.written_in}"
 
 
 def _default(default: Value | str | None) -> str:
@@ -76,22 +76,18 @@ def _default(default: Value | str | None) -> str:
     return f"`{str(default).lower()}`" if isinstance(default, bool | str) else f"`{default:g}`"
 
 
-def _usual(parameter: Parameter) -> str:
-    return " to ".join(f"{end:g}" for end in parameter.usual) if math.isfinite(parameter.usual[0]) else ""
+def _usual(key: Parameter) -> str:
+    return " to ".join(f"{end:g}" for end in key.usual) if math.isfinite(key.usual[0]) else ""
 
 
-def _allowed(parameter: Parameter) -> str:
-    if parameter.shape in ("text", "truth value"):
-        return parameter.shape
-    if parameter.least < 0.0:
-        return "any" if math.isinf(parameter.most) else f"-{parameter.most:.4g} to {parameter.most:.4g}"
-    if math.isinf(parameter.most):
-        return f"{parameter.least:g} or more" if parameter.least_is_allowed else "above 0"
-    return (
-        f"{parameter.least:g} to {parameter.most:g}"
-        if parameter.least_is_allowed
-        else f"above 0, at most {parameter.most:.4g}"
-    )
+def _allowed(key: Parameter) -> str:
+    if key.shape in ("text", "truth value"):
+        return key.shape
+    if key.least < 0.0:
+        return "any" if math.isinf(key.most) else f"-{key.most:.4g} to {key.most:.4g}"
+    if math.isinf(key.most):
+        return f"{key.least:g} or more" if key.least_is_allowed else "above 0"
+    return f"{key.least:g} to {key.most:g}" if key.least_is_allowed else f"above 0, at most {key.most:.4g}"
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def of_ball(seed: int) -> tuple[dict[str, list[Counted]], bool]:
 
 
 def drivelines() -> Section:
-    """Sweep what is not yet done and return the section of docs/generated/evidence.md."""
+    """Make the missing sweeps and return the section of docs/generated/evidence.md."""
     runs = {str(seed): seed for seed in SWEEP_SEEDS}
     sweeps = finished("driveline_coverage", of_sweep, runs, packages=_PACKAGES).values()
     rows = []
@@ -143,7 +143,7 @@ def drivelines() -> Section:
 
 
 def upside_down() -> Section:
-    """Record what is not yet done and return the section of docs/generated/evidence.md."""
+    """Make the missing recordings and return the section of docs/generated/evidence.md."""
     runs = {str(seed): seed for seed in ROBOT_SEEDS}
     balls = list(finished("upside_down", of_ball, runs, packages=_PACKAGES).values())
     rows = []

@@ -196,9 +196,7 @@ def campaign() -> Section:
         for name, pair in RESONANCE.items()
     }
     off, on = ({name: pair[k] for name, pair in spectra.items()} for k in (0, 1))
-    write_picture(
-        "twin_rollers", lambda: rollers_figure({name: repeats[0] for name, repeats in ripples.items()})
-    )
+    write_picture("twin_rollers", lambda: rollers_figure({name: runs[0] for name, runs in ripples.items()}))
     write_picture("twin_resonance", lambda: resonance_figure(on, off))
     return Section(
         title="What the thesis observed, on the twin",

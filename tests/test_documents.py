@@ -183,21 +183,13 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
     assert found.attempted >= 20
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "estimation",
-        "mechanics.model",
-        "robot.friction_law",
-        "robot.robot",
-        "simulation.batch",
-        "simulation.run",
-        "twin.scenario",
-        "twin.scenario_file",
-        "twin.twin",
-        "viewer.page",
-    ],
+_WITH_EXAMPLES = (
+    "estimation mechanics.model robot.friction_law robot.robot simulation.batch simulation.run twin.scenario "
+    "twin.scenario_file twin.twin viewer.page"
 )
+
+
+@pytest.mark.parametrize("name", _WITH_EXAMPLES.split())
 def test_the_examples_of_docstrings_run(name):
     if name == "twin.twin":
         pytest.importorskip("mujoco")

@@ -27,7 +27,7 @@ from ballbot.robot.robot import Robot, with_values
 Range = tuple[float, float]
 
 
-class _UsualNumber(NamedTuple):
+class _Usual(NamedTuple):
     """What a number that follows from a robot's parameters is on robots."""
 
     code: str  #: of its findings
@@ -43,7 +43,7 @@ _ANY = (-math.inf, math.inf)
 _FAR = 10.0
 
 
-def _of_body(robot: Robot) -> Iterator[_UsualNumber]:
+def _of_body(robot: Robot) -> Iterator[_Usual]:
     ball, body = robot.ball, robot.body
     r_b, height = ball.radius, body.center_of_mass
     moments = np.diag(body.inertia_about_center_of_mass())
@@ -51,51 +51,47 @@ def _of_body(robot: Robot) -> Iterator[_UsualNumber]:
     # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
     density = ball.mass / (4.0 / 3.0 * math.pi * r_b**3)
     words = "a mean density of {} kg/m^3"
-    yield _UsualNumber("robot-ball", "ball.radius ball.mass", density, (30.0, 2500.0), (5.0, 9000.0), words)
+    yield _Usual("robot-ball", "ball.radius ball.mass", density, (30.0, 2500.0), (5.0, 9000.0), words)
     words = "the body weighs {} times the ball"
-    yield _UsualNumber(
+    yield _Usual(
         "robot-ball", "ball.mass body.mass", body.mass / ball.mass, (0.7, 100.0), (0.1, 1000.0), words
     )
     words = "{} ball radii above its centre"
-    yield _UsualNumber(
+    yield _Usual(
         "robot-body", "body.center_of_mass ball.radius", height / r_b, (1.2, 10.0), (1.0, 25.0), words
     )
     # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
     words = "the radius of gyration about the centre of mass is {} times that height"
     for axis, arm in (("xx", xx), ("yy", yy)):
         names = f"body.mass body.center_of_mass body.inertia.{axis}"
-        yield _UsualNumber("robot-body", names, arm / height, (0.15, 1.2), (0.04, 2.5), words)
+        yield _Usual("robot-body", names, arm / height, (0.15, 1.2), (0.04, 2.5), words)
     words = "the body's mass lies {} ball radii from its vertical axis"
-    yield _UsualNumber(
+    yield _Usual(
         "robot-body", "body.inertia.zz body.mass ball.radius", zz / r_b, (0.2, 4.0), (0.05, 12.0), words
     )
     ratio = float(moments[:2].max() / moments[:2].min())
     words = "about the centre of mass they differ {} times; check that xx, yy and zz are in their order"
-    yield _UsualNumber("robot-body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0), words)
+    yield _Usual("robot-body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0), words)
 
 
-def _of_wheels(robot: Robot) -> Iterator[_UsualNumber]:
+def _of_wheels(robot: Robot) -> Iterator[_Usual]:
     wheels, r_b, r_w = robot.wheels, robot.ball.radius, robot.wheels.radius
     words = "a wheel has {} times the ball's radius"
-    yield _UsualNumber(
-        "robot-wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5), words
-    )
+    yield _Usual("robot-wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5), words)
     words = "{} deg from the ball's zenith"
-    yield _UsualNumber(
-        "robot-wheels", "wheels.tilt", math.degrees(wheels.tilt), (25.0, 65.0), (10.0, 80.0), words
-    )
+    yield _Usual("robot-wheels", "wheels.tilt", math.degrees(wheels.tilt), (25.0, 65.0), (10.0, 80.0), words)
     azimuths = np.sort(np.mod(wheels.azimuths, 2.0 * math.pi))
     gap = float(np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi)).min())
     room = (r_b + r_w) * math.sin(wheels.tilt) * math.tan(0.5 * min(gap, 3.0))
     names = "wheels.radius wheels.tilt wheels.azimuths ball.radius"
     words = "neighbouring wheels cut into each other, with {} times the radius at which they touch"
-    yield _UsualNumber("robot-wheels", names, r_w / room, (0.0, 1.0), (0.0, 1.0), words)
+    yield _Usual("robot-wheels", names, r_w / room, (0.0, 1.0), (0.0, 1.0), words)
     words = "{} of the wheel's radius"
     for name, size, most in (
         ("radius", wheels.rollers.radius, 0.35),
         ("row_spacing", wheels.rollers.row_spacing, 1.0),
     ):
-        yield _UsualNumber(
+        yield _Usual(
             "robot-wheels",
             f"wheels.rollers.{name} wheels.radius",
             size / r_w,
@@ -107,12 +103,12 @@ def _of_wheels(robot: Robot) -> Iterator[_UsualNumber]:
         robot.wheel_count * wheels.inertia / r_w**2 / robot.body.mass or math.nan
     )  # without inertia, wheels are light
     words = "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels"
-    yield _UsualNumber(
+    yield _Usual(
         "robot-wheels", "wheels.inertia wheels.radius body.mass", rims, (1e-4, 1.0), (0.0, 2.0), words
     )
 
 
-def _of_drive(robot: Robot) -> Iterator[_UsualNumber]:
+def _of_drive(robot: Robot) -> Iterator[_Usual]:
     body, wheels, drive, friction = robot.body, robot.wheels, robot.drive, robot.friction
     r_b, r_w = robot.ball.radius, robot.wheels.radius
     about_ball = np.diag(body.inertia_about_ball_center())[:2]
@@ -120,14 +116,14 @@ def _of_drive(robot: Robot) -> Iterator[_UsualNumber]:
     rotor = (drive.reflected_inertia + wheels.inertia) * (r_b / r_w) ** 2 / float(about_ball.min())
     names = "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia"
     words = "on the ball, a rotor and its wheel have {} times the body's inertia"
-    yield _UsualNumber("robot-drive", names, rotor, (0.0, 0.5), (0.0, 3.0), words)
+    yield _Usual("robot-drive", names, rotor, (0.0, 0.5), (0.0, 3.0), words)
     names = "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius"
     words = "the wheels reach {} m/s at their rim"
-    yield _UsualNumber("robot-drive", names, drive.top_speed * r_w, (0.2, 25.0), (0.05, 100.0), words)
+    yield _Usual("robot-drive", names, drive.top_speed * r_w, (0.2, 25.0), (0.05, 100.0), words)
     current = drive.torque_limit / (drive.gear_ratio * drive.torque_constant)
     names = "drive.torque_limit drive.torque_constant drive.gear_ratio"
-    yield _UsualNumber("robot-drive", names, current, (0.2, 120.0), (0.02, 600.0), "takes {} A")
-    yield _UsualNumber(
+    yield _Usual("robot-drive", names, current, (0.2, 120.0), (0.02, 600.0), "takes {} A")
+    yield _Usual(
         "robot-drive", "drive.backlash", math.degrees(drive.backlash), (0.0, 5.0), _ANY, "{} deg at the wheel"
     )
 
@@ -137,23 +133,23 @@ def _of_drive(robot: Robot) -> Iterator[_UsualNumber]:
     held = float(strongest) * r_b / r_w * math.cos(wheels.tilt) * drive.torque_limit
     lean = math.degrees(math.asin(min(1.0, held / weight)))
     names = "drive.torque_limit body.mass body.center_of_mass"
-    yield _UsualNumber("robot-balance", names, lean, (2.0, 90.0), (0.5, 90.0), "holds a lean of {} deg")
+    yield _Usual("robot-balance", names, lean, (2.0, 90.0), (0.5, 90.0), "holds a lean of {} deg")
     fall = robot.sensors.sample_time * math.sqrt(weight / float(about_ball.max()))
     words = "{} of the time in which the body falls e-fold"
-    yield _UsualNumber("robot-balance", "sensors.sample_time", fall, (0.0, 0.15), (0.0, 0.5), words)
+    yield _Usual("robot-balance", "sensors.sample_time", fall, (0.0, 0.15), (0.0, 0.5), words)
 
     dry = max(friction.breakaway) / drive.torque_limit
     names = "friction.coulomb friction.stribeck drive.torque_limit"
     words = "a wheel's dry friction c + s takes {} of the motor's largest torque"
-    yield _UsualNumber("robot-friction", names, dry, (0.0, 0.5), (0.0, 0.999), words)
+    yield _Usual("robot-friction", names, dry, (0.0, 0.5), (0.0, 0.999), words)
     rim = drive.torque_limit / max(max(friction.viscous), 1e-300) * r_w
     words = "against viscous friction alone a wheel's rim reaches {} m/s"
-    yield _UsualNumber(
+    yield _Usual(
         "robot-friction", "friction.viscous drive.torque_limit", rim, (0.3, math.inf), (0.03, math.inf), words
     )
 
 
-def _single(robot: Robot) -> Iterator[_UsualNumber]:
+def _single(robot: Robot) -> Iterator[_Usual]:
     """Yield each number that has usual values."""
     for one in PARAMETERS:
         value, (low, high), table = value_of(robot, one), one.usual, one.table.partition(".")[0]
@@ -166,9 +162,9 @@ def _single(robot: Robot) -> Iterator[_UsualNumber]:
         rest = one.name, value, one.usual, possible, slip
         if table:
             code = f"robot-{table}"
-            yield _UsualNumber("robot-sensors", *rest) if table == "sensors" else _UsualNumber(code, *rest)
+            yield _Usual("robot-sensors", *rest) if table == "sensors" else _Usual(code, *rest)
         else:
-            yield _UsualNumber("robot-gravity", *rest)
+            yield _Usual("robot-gravity", *rest)
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:

@@ -27,10 +27,8 @@ def draws_of(
 ) -> Draws:
     """Return the random numbers of a block's runs, each drawn from its seed as `SensedPlant` draws them."""
     by_lane = {id(lane): lane for lane, _ in runs}.values()
-    noisy, faulty = (
-        any(lane.random for lane in by_lane),
-        any(lane.sensor_faults is not None for lane in by_lane),
-    )
+    noisy = any(lane.random for lane in by_lane)
+    faulty = any(lane.sensor_faults is not None for lane in by_lane)
     jitters, plays = any(lane.jitter > 0.0 for lane in by_lane), any(lane.backlash > 0.0 for lane in by_lane)
     noise = np.empty((width, (6 + n) * samples if noisy else 0))
     faults = np.empty((width, 5 * (samples + 1) if faulty else 0))

@@ -178,7 +178,7 @@ def _ball(model) -> tuple[int, float]:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _HingedWheel:
+class _Hinge:
     joint: int
     axis: NDArray[np.float64]  #: (3,)
     position: NDArray[np.float64]  #: (3,) of its middle from the ball's centre [m]
@@ -192,16 +192,16 @@ class _HingedWheel:
         return math.acos(float(self.position[2]) / self.distance)
 
 
-def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_HingedWheel]:
+def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_Hinge]:
     """Return three or four wheels, in the document's order."""
     hinges = np.flatnonzero(model.jnt_type == _HINGE).tolist()
     turning = set(model.jnt_bodyid[hinges].tolist())
-    hubs: dict[int, _HingedWheel] = {}  # by the body; a second hinge of a wheel is its gear's play
+    hubs: dict[int, _Hinge] = {}  # by the body; a second hinge of a wheel is its gear's play
     for joint in hinges:
         body = int(model.jnt_bodyid[joint])
         if not _ancestors(model, body) & turning:
             axis, arm = data.xaxis[joint], data.xanchor[joint] - center
-            hubs.setdefault(body, _HingedWheel(joint=joint, axis=axis, position=arm - (arm @ axis) * axis))
+            hubs.setdefault(body, _Hinge(joint=joint, axis=axis, position=arm - (arm @ axis) * axis))
     wheels = [wheel for wheel in hubs.values() if wheel.distance > ball_radius and _is_along_meridian(wheel)]
     spread = [np.ptp([getattr(wheel, name) for wheel in wheels] or [0.0]) for name in ("distance", "tilt")]
     if len(wheels) not in (3, 4) or spread[0] > _UNEQUAL or spread[1] > _UNEQUAL_TILT:
@@ -222,15 +222,13 @@ def _ancestors(model, body: int) -> set[int]:
     return ancestors
 
 
-def _is_along_meridian(wheel: _HingedWheel) -> bool:
+def _is_along_meridian(wheel: _Hinge) -> bool:
     across = np.array([-wheel.position[1], wheel.position[0], 0.0]) / wheel.distance
     size = float(np.linalg.norm(across))
     return size > _ASLANT and abs(float(wheel.axis @ across)) < _ASLANT * size
 
 
-def _size(
-    model, data, wheel: _HingedWheel, center: NDArray[np.float64], ball_radius: float
-) -> dict[str, Value]:
+def _size(model, data, wheel: _Hinge, center: NDArray[np.float64], ball_radius: float) -> dict[str, Value]:
     """Return the radius of a wheel, and its rollers if it has any."""
     body, gap = int(model.jnt_bodyid[wheel.joint]), wheel.distance - ball_radius
     rollers = [

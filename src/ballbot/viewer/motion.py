@@ -323,8 +323,7 @@ def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray
     # below the speed of a millimetre a second the differences of a measured position are mostly noise
     force = rolling_friction(velocity, robot.rolling_force, slowest=1e-3)
     return columns | {
-        f"floor_{axis}": _between(times, log.t, component)
-        for axis, component in zip("xy", force.T, strict=True)
+        f"floor_{axis}": _between(times, log.t, part) for axis, part in zip("xy", force.T, strict=True)
     }
 
 

@@ -18,17 +18,17 @@ union bits {
 /* Return the bits of a float. */
 static uint32_t bits_of(float value)
 {
-    union bits one;
-    one.value = value;
-    return one.bits;
+    union bits number;
+    number.value = value;
+    return number.bits;
 }
 
 /* Return the float that has these bits. */
 static float float_of(uint32_t bits)
 {
-    union bits one;
-    one.bits = bits;
-    return one.value;
+    union bits number;
+    number.bits = bits;
+    return number.value;
 }
 
 #define MAGNITUDE_BITS 0x7FFFFFFFu

@@ -34,7 +34,7 @@ static void judge(struct ballbot_self_test_state *test, const struct ballbot_par
 {
     int32_t most = 0;
     int32_t fastest = 0;
-    int32_t own = 0;
+    int32_t direction = 0;
 
     for (int32_t i = 0; i < parameters->wheel_count; ++i) {
         const uint32_t gone = (uint32_t)counts[i] - (uint32_t)test->counts[i];
@@ -47,14 +47,14 @@ static void judge(struct ballbot_self_test_state *test, const struct ballbot_par
             fastest = i;
         }
         if (i == wheel) {
-            own = backward ? -1 : 1;
+            direction = backward ? -1 : 1;
         }
     }
     if (most < LEAST_COUNTS) {
         end(test, BALLBOT_TEST_DEAD_MOTOR, wheel + 1);
     } else if (fastest != wheel) {
         end(test, BALLBOT_TEST_TORQUE_ORDER, wheel + 1);
-    } else if (own < 0) {
+    } else if (direction < 0) {
         end(test, BALLBOT_TEST_TORQUE_SIGN, wheel + 1);
     } else {
         /* as it should be */

@@ -69,7 +69,7 @@ class Camera {
 /** Return 1, 2 or 5 times a power of ten, the next one at or above a number. */
 function niceStep(least) {
   const power = 10 ** Math.floor(Math.log10(least));
-  return power * [1, 2, 5, 10].find((one) => one * power >= least * 0.999);
+  return power * [1, 2, 5, 10].find((digit) => digit * power >= least * 0.999);
 }
 
 /** Let a camera follow the pointer on an element; `changed` is called after each move. Within a longer page, vertical

@@ -52,7 +52,7 @@ function attitude(theta, phi, psi, origin) {
 /** Return the matrix of a quaternion, with an origin; the quaternion need not have the norm 1. */
 function ofQuaternion(q, origin) {
   const length = Math.hypot(...q) || 1;
-  const [w, x, y, z] = q.map((one) => one / length);
+  const [w, x, y, z] = q.map((part) => part / length);
   return frame(
     [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
     [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],

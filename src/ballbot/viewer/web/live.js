@@ -20,11 +20,11 @@ const PACES = [["1", "Real time"], ["0.5", "½ speed"], ["0.25", "¼ speed"], ["
 /** One robot: its newest values, its path, and the last seconds of its signals. */
 class LiveRun extends Run {
   constructor(given) {
-    super({ ...given, columns: {}, rows: HISTORY, signals: LIVE_SIGNALS.map((one) => ({ ...one, columns: [one.column] })) });
+    super({ ...given, columns: {}, rows: HISTORY, signals: LIVE_SIGNALS.map((signal) => ({ ...signal, columns: [signal.column] })) });
     const rest = { ball_w: 1, x: given.home[0], y: given.home[1], ref_x: given.home[0], ref_y: given.home[1] };
     this.now = { ...Object.fromEntries(given.names.map((name) => [name, 0])), ...rest };
     this.ring = 1.9 * this.robot.ball_radius;
-    this.columns = Object.fromEntries(LIVE_SIGNALS.map((one) => [one.column, new Float32Array(HISTORY).fill(NaN)]));
+    this.columns = Object.fromEntries(LIVE_SIGNALS.map((signal) => [signal.column, new Float32Array(HISTORY).fill(NaN)]));
     this.trail = [];
     this.derive();
   }
@@ -202,7 +202,7 @@ class Live extends View {
   }
 
   makePanels() {
-    const names = LIVE_SIGNALS.map((one) => one.name);
+    const names = LIVE_SIGNALS.map((signal) => signal.name);
     const box = element("div", { class: "panels" }, this.root);
     this.panels = names.slice(0, 3).map((name) => new Panel(box, this.runs, names, name, () => {}));
   }
@@ -255,7 +255,7 @@ class Live extends View {
   /** Push every robot for a tenth of a second. */
   kick(way) {
     const duration = 0.1;
-    const force = this.direction(way).map((one) => (one * Number(this.size.value)) / duration);
+    const force = this.direction(way).map((part) => (part * Number(this.size.value)) / duration);
     this.send({ push: { force, height: this.runs[0].center, duration } });
   }
 
@@ -289,8 +289,8 @@ class Live extends View {
     if (x === undefined) return;
     const near = (value) => Math.min(Math.max(value, -20), 20);
     const [from, begun] = [this.held.floor, this.held.begun];
-    const place = { x: near(begun[0] + x - from[0]), y: near(begun[1] + y - from[1]) };
-    this.often("reference", () => this.change(place));
+    const target = { x: near(begun[0] + x - from[0]), y: near(begun[1] + y - from[1]) };
+    this.often("reference", () => this.change(target));
   }
 
   release() {
@@ -312,7 +312,7 @@ class Live extends View {
     const away = subtract(add(origin, scale(direction, depth)), point);
     const way = this.direction([dot(away, right), dot(away, up)]);
     const speed = this.speedOf(point);
-    const force = way.map((one, axis) => run.mass * (SPRING ** 2 * one - 2 * SPRING * speed[axis]));
+    const force = way.map((offset, axis) => run.mass * (SPRING ** 2 * offset - 2 * SPRING * speed[axis]));
     this.often("pull", () => this.send({ push: { force, height, duration: 0.3, robot: index } }));
   }
 
@@ -337,7 +337,7 @@ class Live extends View {
 
   /** Return the robot that a ray meets first, and the height on its axis; null if it meets none. */
   robotAt([origin, direction]) {
-    let found = null;
+    let nearest = null;
     this.runs.forEach((run, index) => {
       const { body, ball_radius: ball } = run.robot;
       const matrix = run.pose(0).body;
@@ -346,10 +346,10 @@ class Live extends View {
         const from = subtract(transform(matrix, [0, 0, height]), origin);
         const depth = dot(from, direction);
         const reach = 1.1 * (height > body.bottom ? body.radius : ball);
-        if (norm(cross(from, direction)) < reach && (!found || depth < found.depth)) found = { index, height, depth };
+        if (norm(cross(from, direction)) < reach && (!nearest || depth < nearest.depth)) nearest = { index, height, depth };
       }
     });
-    return found;
+    return nearest;
   }
 
   floorAt([origin, direction]) {
@@ -481,7 +481,7 @@ class Live extends View {
     const reason = this.reasons[this.runs.indexOf(run)];
     if (reason) return reason;
     const [distance, lean] = LIVE_SIGNALS;
-    return [distance, lean].map((one) => `${one.short} ${withUnit(run.reading(one), one.unit)}`).join(" · ");
+    return [distance, lean].map((signal) => `${signal.short} ${withUnit(run.reading(signal), signal.unit)}`).join(" · ");
   }
 }
 

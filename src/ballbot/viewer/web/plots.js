@@ -26,7 +26,7 @@ function withUnit(value, unit) {
 
 /** Return a signal's name and unit, as axes of reports have them: lean [deg]. */
 function headingOf(name, runs) {
-  const { unit } = runs.flatMap((run) => run.signals).find((one) => one.name === name);
+  const { unit } = runs.flatMap((run) => run.signals).find((signal) => signal.name === name);
   return unit ? `${name} [${unit === "°" ? "deg" : unit}]` : name;
 }
 
@@ -60,7 +60,7 @@ class Panel {
 
   /** Return the signal of a log that the panel shows; undefined if the log lacks it. */
   signal(run) {
-    return run.signals.find((one) => one.name === this.select.value);
+    return run.signals.find((signal) => signal.name === this.select.value);
   }
 
   /** Return the columns of a log that the panel shows: one, or the least and the greatest value in each interval. */

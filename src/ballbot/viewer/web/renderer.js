@@ -96,13 +96,13 @@ class Renderer {
     }
     gl.linkProgram(handle);
     if (!gl.getProgramParameter(handle, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(handle) || "shader");
-    const places = {};
+    const locations = {};
     const count = gl.getProgramParameter(handle, gl.ACTIVE_UNIFORMS);
     for (let i = 0; i < count; i++) {
       const { name } = gl.getActiveUniform(handle, i);
-      places[name] = gl.getUniformLocation(handle, name);
+      locations[name] = gl.getUniformLocation(handle, name);
     }
-    return { handle, places };
+    return { handle, locations };
   }
 
   /** Take a program, and give its uniforms by name: numbers, vectors or matrices. */
@@ -110,11 +110,11 @@ class Renderer {
     const gl = this.gl;
     gl.useProgram(program.handle);
     for (const [name, value] of Object.entries(uniforms)) {
-      const place = program.places[name];
-      if (typeof value === "number") gl.uniform1f(place, value);
-      else if (value.length === 3) gl.uniform3fv(place, value);
-      else if (value.length === 4) gl.uniform4fv(place, value);
-      else gl.uniformMatrix4fv(place, false, value);
+      const location = program.locations[name];
+      if (typeof value === "number") gl.uniform1f(location, value);
+      else if (value.length === 3) gl.uniform3fv(location, value);
+      else if (value.length === 4) gl.uniform4fv(location, value);
+      else gl.uniformMatrix4fv(location, false, value);
     }
   }
 

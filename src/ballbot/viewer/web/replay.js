@@ -31,7 +31,7 @@ class Replay extends View {
     this.slider = element("input", { ...range, "aria-label": "Time" }, bar);
     this.slider.addEventListener("input", () => this.seek(Number(this.slider.value)));
     this.clock = element("output", { class: "clock" }, bar);
-    const speeds = SPEEDS.map((one) => [String(one), one === 1 ? "1× speed" : `${one}×`]);
+    const speeds = SPEEDS.map((speed) => [String(speed), speed === 1 ? "1× speed" : `${speed}×`]);
     this.choice(bar, "Speed", speeds, "1", (value) => (this.speed = Number(value)));
     const options = element("div", { class: "options" }, this.root);
     if (this.runs.length > 1) {
@@ -43,7 +43,7 @@ class Replay extends View {
     }
     this.toggle(options, "Follow robot", "follow", () => (this.fitted = false));
     if (this.data.arrow && this.scene) this.toggle(options, "Forces", "arrows", () => this.makeKey());
-    const spans = SPANS.map((one) => [String(one), one ? `Plots: ${one} s` : "Plots: whole log"]);
+    const spans = SPANS.map((span) => [String(span), span ? `Plots: ${span} s` : "Plots: whole log"]);
     this.choice(options, "Time span of the plots", spans, "0", (value) => (this.window = Number(value)));
     this.root.addEventListener("keydown", (event) => this.press(event));
     if (this.data.autoplay) document.addEventListener("keydown", (event) => event.target === document.body && this.press(event));
@@ -51,8 +51,8 @@ class Replay extends View {
   }
 
   makePanels() {
-    const names = [...new Set(this.runs.flatMap((run) => run.signals.map((one) => one.name)))];
-    const chosen = [...DEFAULT_PANELS.filter((one) => names.includes(one)), ...names].slice(0, 3);
+    const names = [...new Set(this.runs.flatMap((run) => run.signals.map((signal) => signal.name)))];
+    const chosen = [...DEFAULT_PANELS.filter((name) => names.includes(name)), ...names].slice(0, 3);
     const box = element("div", { class: "panels" }, this.root);
     const seek = (time) => this.seek(time);
     this.panels = [...new Set(chosen)].map((name) => new Panel(box, this.runs, names, name, seek));
@@ -129,8 +129,8 @@ class Replay extends View {
     if (run.ended(this.time)) return `log ends at ${run.duration.toFixed(1)} s`;
     const names = ["distance from the reference", "lean"];
     return run.signals
-      .filter((one) => names.includes(one.name))
-      .map((one) => `${one.short} ${withUnit(run.reading(one, this.time), one.unit)}`)
+      .filter((signal) => names.includes(signal.name))
+      .map((signal) => `${signal.short} ${withUnit(run.reading(signal, this.time), signal.unit)}`)
       .join(" · ");
   }
 

@@ -3,7 +3,7 @@
 class Run {
   constructor(given) {
     Object.assign(this, given);
-    this.columns = Object.fromEntries(Object.entries(given.columns).map(([name, one]) => [name, unpacked(one)]));
+    this.columns = Object.fromEntries(Object.entries(given.columns).map(([name, column]) => [name, unpacked(column)]));
     this.duration = this.interval * (this.rows - 1);
     this.start = 0;  // time of the first row
   }

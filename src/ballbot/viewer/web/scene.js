@@ -69,7 +69,7 @@ class Scene {
       for (const k of shown) this.drawPaths(this.runs[k], this.kept[k], this.colors.runs[k], time);
       const parts = shown.map((k) => this.parts(this.runs[k], this.kept[k], this.colors.runs[k], time, ghosts && k > 0));
       this.renderer.drawShadow(parts.flat(), this.colors.shadow);
-      parts.forEach((one, rank) => this.renderer.drawMeshes(one, ghosts && rank > 0 ? 0.4 : 1));
+      parts.forEach((part, rank) => this.renderer.drawMeshes(part, ghosts && rank > 0 ? 0.4 : 1));
       if (arrows && this.arrow) {
         this.renderer.overlay();
         for (const k of shown) this.renderer.drawMeshes(this.arrows(this.runs[k], time), 0.92);

@@ -166,7 +166,7 @@ class View {
       this.fit(views[0][2] / views[0][3]);
       this.fitted = true;
     }
-    this.scene.draw(this.time, { ...this.show, views: views.map((view) => view.map((one) => one * ratio)) });
+    this.scene.draw(this.time, { ...this.show, views: views.map((view) => view.map((length) => length * ratio)) });
     this.grid.textContent = `grid ${Number((100 * this.scene.camera.gridSpacing()).toPrecision(1))} cm`;
   }
 
