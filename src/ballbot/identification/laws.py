@@ -113,7 +113,7 @@ def bounds_of(law: Law, bounds: Bounds) -> Bounds:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Candidate:
+class LawCandidate:
     """A fitted law, and what the held-out windows say of it."""
 
     law: Law
@@ -155,10 +155,10 @@ class Candidate:
 class LawSelection:
     """All laws, fitted, and the best one."""
 
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[LawCandidate, ...]
 
     @property
-    def best(self) -> Candidate:
+    def best(self) -> LawCandidate:
         """Of those accepted, the one with the least error; viscous if there is none."""
         accepted = [candidate for candidate in self.candidates if candidate.accepted]
         return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
@@ -177,13 +177,13 @@ def select_law(fit: Callable[[str, Identification | None], Identification]) -> L
     `fit` calls `ballbot.identification.identify` with its law and, as `warm_start`, the identification by the law
     within it; all else is the same each time.
     """
-    known: dict[str | None, Candidate] = {}
+    known: dict[str | None, LawCandidate] = {}
     for law in LAWS:
         inner = over = known.get(law.within)
         found = fit(law.name, inner and inner.found)
         while over and not over.accepted:
             over = known.get(over.law.within)
-        known[law.name] = Candidate(
+        known[law.name] = LawCandidate(
             law=law,
             found=found,
             gain=_gain(found, inner),
@@ -194,7 +194,7 @@ def select_law(fit: Callable[[str, Identification | None], Identification]) -> L
     return LawSelection(candidates=tuple(known.values()))
 
 
-def _gain(found: Identification, other: Candidate | None) -> Gain:
+def _gain(found: Identification, other: LawCandidate | None) -> Gain:
     """Return the gain over another law, or over no friction."""
     theirs = found.held_out.squares_without if other is None else other.found.held_out.squares_with
     ours, counted = found.held_out.squares_with, found.counted

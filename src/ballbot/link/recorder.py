@@ -52,7 +52,7 @@ class Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Write what is left and close the file. A disk that does not answer is not waited for without end."""
+        """Write the remaining rows and close the file; give up on a disk that does not answer in time."""
         self._end.set()
         self._thread.join(_PATIENCE)
         if self._thread.is_alive():

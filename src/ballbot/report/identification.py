@@ -23,7 +23,7 @@ from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import FrictionAtHorizon
-from ballbot.identification.laws import Candidate, LawSelection
+from ballbot.identification.laws import LawCandidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.log import Log
@@ -173,7 +173,7 @@ def _selection_sheet(selection: LawSelection) -> Sheet:
     def gain(one: Gain | None) -> str:
         return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} to {100 * one.upper:.1f})" if one else ""
 
-    columns: list[Column[Candidate]] = [
+    columns: list[Column[LawCandidate]] = [
         Column("law", lambda one: one.law.name),
         Column("friction", lambda one: one.law.formula),
         Column("error", lambda one: f"{one.error:.3f}"),

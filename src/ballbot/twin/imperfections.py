@@ -33,8 +33,8 @@ _BEYOND = {
     "compliance": "the drivelines' resonance",
     "roughness": "the floor's bumps",
 }
-#: MuJoCo's contacts give way by so much for each newton, times the square of their time constant [1/kg], and creep by
-#: so much under a force along them, over it [kg]: of the BBR by the masses of ball and roller, measured on its twin
+#: compliance of MuJoCo's contacts over the square of their time constant [1/kg], and their tangential force over creep
+#: speed, times it [kg]: of the BBR by the masses of ball and roller, measured on its twin
 _GIVE, _CREEP = 0.0855, 280.0
 #: over that time constant, damping by stiffness of a contact that is critically damped
 _DAMPED = 2.0

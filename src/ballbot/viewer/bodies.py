@@ -90,7 +90,7 @@ class ModelBody:
 
 
 class TwinBody:
-    """The twin, built anew with the state that it has when friction or floor change."""
+    """The twin, rebuilt in its present state when friction or floor change."""
 
     def __init__(self, robot: Robot, scenario: Scenario, controller: Feedback) -> None:
         # pushes come from the view

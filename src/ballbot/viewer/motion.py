@@ -52,7 +52,7 @@ class Signal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReplayMotion:
-    """A log as it is shown: rows at even times from the log's start."""
+    """A log for the replay: rows at even times from the log's start."""
 
     interval: float  #: [s]
     columns: Columns  #: (K,) by name, SI units except where a signal says otherwise

@@ -291,7 +291,7 @@ def robot_shape(robot: Robot) -> dict[str, object]:
 
 
 def shown_body(robot: Robot) -> BodyShape:
-    """Return the body as it is drawn: its lower disc may lie within ball and wheels, and the picture begins above."""
+    """Return the body as it is drawn: if its lower disc lies within ball and wheels, the picture begins above them."""
     body, wheels, radius = body_shape(robot.body), robot.wheels, robot.wheels.radius
     half = (wheels.rollers.rows - 1) * wheels.rollers.row_spacing / 2.0 + wheels.rollers.radius
     above = radius * abs(np.cos(wheels.tilt)) + half * abs(np.sin(wheels.tilt))

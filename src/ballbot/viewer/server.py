@@ -54,7 +54,7 @@ _SECURITY_HEADERS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Access:
-    """Who may come in."""
+    """Which requests are allowed."""
 
     host: str = LOOPBACK  #: the address or name that the server listens on
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
@@ -118,7 +118,7 @@ async def serve_live(
     InputError if the port cannot be listened on.
     """
     pages = _Pages(world)
-    # mistakes in this program alone: a visitor that hangs up or speaks no HTTP is no news
+    # log errors of this program only, not visitors that hang up or speak no HTTP
     logger = logging.getLogger("ballbot.viewer.server")
     logger.setLevel(logging.ERROR)
     logger.addFilter(_is_own_mistake)

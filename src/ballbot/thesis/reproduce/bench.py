@@ -1,7 +1,7 @@
 """What several figures share, each made once when it is first needed.
 
 The recordings are of the nominal twin; the friction is identified from two of them, as a user would; models, gains and
-compensation know that friction and nothing else of the twin. A model has no chance in it, but the loop around it is
+compensation know that friction and nothing else of the twin. A model has no randomness, but the loop around it is
 chaotic: a model with friction is evaluated over several initial states.
 """
 
@@ -38,9 +38,9 @@ from ballbot.thesis.reproduce.recordings import CHANGE, CHANGE_RUN, Logs, ModelO
 from ballbot.thesis.reproduce.runs import Validated, validated
 from ballbot.validation.alignment import Alignment, align
 
-#: a run that stands about the origin lasts so long [s], from a lean of so much [rad]
+#: duration [s] of a run about the origin, and the lean that it starts from [rad]
 STANDING, FIRST_LEAN = 60.0, 0.02
-#: runs through the change start from leans of about so much, each run of its own [rad]
+#: standard deviation of the lean from which a run through the change of reference starts [rad]
 _START_LEAN = 1e-2
 #: speed below which the compensated friction's sign becomes a ramp [rad/s]: so small that it is the bare sign
 SIGN = 1e-6

@@ -5,7 +5,7 @@ are the thesis's change of reference, from [0 0 0] to [1 -1 pi] at t = 3 s in a 
 prints no gain. What is compensated is the friction identified from the twin's logs, with the controller's ramp where
 the thesis has a sign: in a simulation that really sticks, a bare sign compensates nothing at rest, and the robot stays
 where it stopped. The words give both. Models with friction are run from several starts, the twin with several seeds,
-and what is judged is the median with its interval; after arrival means from `ARRIVED` on, when the approach itself is
+and the verdict is on the median with its interval; after arrival means from `ARRIVED` on, when the approach itself is
 over. The drawings are the toolkit's own.
 """
 

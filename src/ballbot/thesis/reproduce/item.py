@@ -58,7 +58,7 @@ class ClaimCheck:
     unit: str
     lowest: float
     highest: float
-    interval: tuple[float, float] | None = None  #: of the median, 95 %; None for a number without chance
+    interval: tuple[float, float] | None = None  #: of the median, 95 %; None for a number without randomness
     runs: int = 1
 
     @reported

@@ -1,4 +1,4 @@
-"""The thesis's misprints and mistakes, each with the number that would be another if the thesis were right."""
+"""The thesis's misprints and mistakes, each with a number that would differ if the thesis were right."""
 
 from __future__ import annotations
 

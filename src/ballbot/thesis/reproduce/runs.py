@@ -110,7 +110,7 @@ class Validated:
 
 
 def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
-    """Hold the models against a run of the twin through the change of reference.
+    """Compare the models with a run of the twin through the change of reference.
 
     Parameters
     ----------
