@@ -19,9 +19,10 @@ from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 
 from ballbot.files import write_text
-from ballbot.fitting.between_logs import LogEstimates, RobotLogs, fit_prior
+from ballbot.fitting.between_logs import LogEstimates, log_evidence
 from ballbot.fitting.fit import FitOptions, fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
@@ -180,6 +181,43 @@ def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
         print(f"pair {seed}", file=sys.stderr, flush=True)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotLogs:
+    """Estimates of p parameters from the logs of one robot, k of 2 or more, in the units that sizes are shares of."""
+
+    estimates: NDArray[np.float64]  #: (k, p)
+    covariances: NDArray[np.float64]  #: (k, p, p), within each log
+    groups: NDArray[np.int64]  #: (p,), parameters of one number have the same size
+
+
+#: least degrees of a prior: two or fewer have no finite mean; no more than robots that it is fitted to
+_LEAST_DEGREES = 3.0
+#: of the prior of the sizes that is fitted with: they are within a factor of ten about this share
+_SIZE, _SIZE_FACTOR = 0.1, 10.0
+
+
+def fit_prior(robots: Sequence[RobotLogs], *, groups: int) -> tuple[NDArray[np.float64], float]:
+    """Return the sizes of D by group (g,) and the degrees of tau^2 under which the robots' logs are likeliest."""
+    limits = np.log((_LEAST_DEGREES, max(len(robots), _LEAST_DEGREES)))
+
+    def prior_of(numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        return np.exp(numbers[:groups]), float(np.exp(np.clip(numbers[groups], *limits)))
+
+    def loss(numbers: NDArray[np.float64]) -> float:
+        sizes, degrees = prior_of(numbers)
+        known = 0.5 * np.sum((np.log(sizes / _SIZE) / (np.log(_SIZE_FACTOR) / HALF_WIDTH)) ** 2)
+        return float(known) - sum(
+            log_evidence(
+                robot.estimates, robot.covariances, np.diag(sizes[robot.groups] ** 2), degrees=degrees
+            )
+            for robot in robots
+        )
+
+    start = np.array([*np.full(groups, np.log(_SIZE)), np.log(6.0)])
+    near = minimize(loss, start, method="Powell", options={"xtol": 1e-2, "ftol": 1e-4})
+    return prior_of(minimize(loss, near.x, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
+
+
 def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
     """Return the priors by quantity, from the parameters that both logs of a robot gave a standard error."""
     robots = []
@@ -192,15 +230,16 @@ def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
         units = scaled_units(coordinates, np.mean([_known(fit) for fit in both], axis=0))
         robots.append(
             RobotLogs(
-                estimates=points[:, columns],
-                covariances=covariances[:, columns[:, None], columns],
-                units=units[columns],
+                estimates=points[:, columns] / units[columns],
+                covariances=covariances[:, columns[:, None], columns]
+                / np.outer(units[columns], units[columns]),
                 groups=np.array([FRICTION.index(coordinates.names[i]) for i in columns]),
             )
         )
-    prior = fit_prior(robots, groups=len(FRICTION))
-    sizes = dict(zip(FRICTION, prior.sizes.tolist(), strict=True))
-    return Priors(sizes=sizes, degrees=prior.degrees, robots=len(training))
+    sizes, degrees = fit_prior(robots, groups=len(FRICTION))
+    return Priors(
+        sizes=dict(zip(FRICTION, sizes.tolist(), strict=True)), degrees=degrees, robots=len(training)
+    )
 
 
 def _known(fit: Fit) -> NDArray[np.float64]:

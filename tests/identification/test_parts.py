@@ -8,7 +8,7 @@ from ballbot.errors import InputError
 from ballbot.identification.excitation import chatter_findings, check_excitation
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Layout, read_bounds, scale_between
-from ballbot.identification.windows import cut_windows, split
+from ballbot.identification.windows import cut_windows
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log
 from tests.support.log_examples import smooth_log
@@ -58,13 +58,6 @@ def test_a_wheel_that_hardly_turns_is_named():
     assert found.findings[0].text.startswith("Wheel 1 turns in only 0 of")
     refused = [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row]
     assert refused == ["b1", "c1", "s1", "gain1"]
-
-
-def test_split_is_a_partition():
-    fitted, held_out = split(101, held_out=0.25, seed=7)
-    assert sorted([*fitted, *held_out]) == list(range(101))
-    assert len(held_out) == 25
-    assert not np.array_equal(split(101, held_out=0.25, seed=8)[1], held_out)
 
 
 # --- bounds ---

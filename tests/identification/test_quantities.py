@@ -13,7 +13,6 @@ from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
 from ballbot.identification.quantities import (
-    OF_WHEELS,
     QUANTITIES,
     TERMS,
     Bounds,
@@ -27,7 +26,6 @@ from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Friction
-from ballbot.robot.components import BY_NAME
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -84,16 +82,6 @@ def moving_log() -> Log:
 
 
 # --- the table ---
-
-
-def test_every_experiment_and_check_has_the_range_that_stands_beside_the_robots_parameter():
-    stated = [BY_NAME[f"friction.{name}"] for name in OF_WHEELS]
-    balancing = scale_between(alten(FRICTION), free=OF_WHEELS)
-    for name, one in zip(OF_WHEELS, stated, strict=True):
-        mine = [at for at in balancing.parameters if at.name == name]
-        assert {at.bounds for at in mine} == {one.usual}
-        assert {at.unit for at in mine} == {one.unit.removeprefix("1")}
-        assert {at.symbol.rstrip("123") for at in mine} == {one.symbol}
 
 
 def test_every_quantity_can_be_given_bounds():

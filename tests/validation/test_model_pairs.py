@@ -12,7 +12,6 @@ from ballbot.findings import texts
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair, NamedModel, findings, validate, validate_pair
-from ballbot.validation.result import better_in
 from tests.support.foreign_log_examples import small_robot, swaying_log
 from tests.support.validation_examples import noisy_log, true_robot
 
@@ -49,7 +48,7 @@ def test_swapping_the_models_inverts_every_ratio_and_verdict():
     assert (
         "the model of true.toml is better than the one of viscous.toml in every one" in findings(one)[0].text
     )
-    assert "worse in x, y" in better_in(other.open_loop.errors, other.models)
+    assert "worse in x, y" in other.open_loop.verdict()
 
 
 @pytest.mark.slow

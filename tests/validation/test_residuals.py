@@ -14,12 +14,11 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair
-from ballbot.validation.models import stretches
-from ballbot.validation.prediction import Prediction, predict
+from ballbot.validation.models import Case, stretches
 from ballbot.validation.residuals import (
+    Prediction,
     ResidualAnalysis,
-    analyse_residuals,
-    residual_findings,
+    predict,
     wheel_torque_residuals,
 )
 from ballbot.validation.statistics import (
@@ -47,11 +46,11 @@ def _filtered(b: list[float], a: list[float], values: np.ndarray) -> np.ndarray:
 
 
 def _predicted(robot: Robot, log: Log) -> Prediction:
-    return predict(ModelPair.by_friction(Model(robot)), log, stretches(log))
+    return predict(Case(models=ModelPair.by_friction(Model(robot)), log=log, parts=stretches(log)))
 
 
 def _analysed(robot: Robot, log: Log) -> ResidualAnalysis:
-    return analyse_residuals(_predicted(robot, log), Model(robot))
+    return _predicted(robot, log).analysis
 
 
 # --- series in segments ---
@@ -163,7 +162,7 @@ def test_a_resonance_is_named_within_the_resolution(frequency):
     (peak,) = found.spectrum.peaks
     assert abs(peak.frequency - frequency) < found.spectrum.resolution < 0.6
     assert peak.state == STATE_NAMES.index("theta_dot")
-    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in texts(residual_findings(found)))
+    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in texts(found.findings))
     bare = _analysed(true_robot(), log).spectrum
     assert bare is not None
     assert bare.peaks == ()
@@ -177,14 +176,14 @@ def test_residual_torques_are_those_that_were_missing():
     log = noisy_log()
     wrong = 0.2 * np.sin(np.outer(log.t, [1.0, 1.7, 2.3]))
     biased = log.with_columns({f"u{i + 1}": log[f"u{i + 1}"] - wrong[:, i] for i in range(3)})
-    residual = wheel_torque_residuals(_predicted(true_robot(), biased), Model(true_robot()))
+    residual = wheel_torque_residuals(_predicted(true_robot(), biased))
     slopes = [np.polyfit(w, r, 1)[0] for w, r in zip(wrong[:-1].T, residual.T, strict=True)]
     # while a wheel sticks, friction takes up what is missing; the log rolls nearly always
     np.testing.assert_allclose(slopes, 1.0, atol=0.15)
 
 
 def test_fault_free_robot_gets_no_residual_finding():
-    said = " ".join(texts(residual_findings(_analysed(true_robot(), wheel_log()))))
+    said = " ".join(texts(_analysed(true_robot(), wheel_log()).findings))
     for nothing in ("does not depend on the wheel speeds", "no distinct peak"):
         assert nothing in said
 
@@ -200,7 +199,7 @@ def test_wrong_friction_shows_as_a_speed_effect():
         # the model brakes 0.03 N m too little, whichever way the wheel turns
         missing = -0.03 * np.sign(effect.speeds[rolling])
         assert np.all(np.abs(effect.torques[rolling] - missing) < 1.5 * effect.half_widths[rolling])
-    assert "depends on the speed" in " ".join(texts(residual_findings(found)))
+    assert "depends on the speed" in " ".join(texts(found.findings))
 
 
 # --- refusals ---
@@ -211,13 +210,13 @@ def test_log_without_encoders_is_reported():
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
     found = _analysed(true_robot(), bare)
     assert found.by_speed is None
-    assert any("lacks the encoder speeds" in sentence for sentence in texts(residual_findings(found)))
+    assert any("lacks the encoder speeds" in sentence for sentence in texts(found.findings))
 
 
 @pytest.mark.parametrize("rows", [12, 450, 1500])
 def test_short_logs_give_the_reason_instead_of_an_effect(rows):
     found = _analysed(true_robot(), wheel_log().select(slice(0, rows)))
-    said = " ".join(texts(residual_findings(found)))
+    said = " ".join(texts(found.findings))
     assert "too short" in said
     assert "nan" not in said
     assert found.by_speed is None

@@ -7,7 +7,6 @@ import numpy as np
 from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
-from ballbot.report.validation import validation_results
 from ballbot.validation import ErrorPair, ModelPair, findings, join_validations, validate, validate_pair
 from tests.support.validation_examples import noisy_validation, perfect_log, true_robot
 
@@ -27,7 +26,7 @@ def test_a_log_that_a_model_simulated_shows_nothing():
     # one sentence everywhere
     assert validation.summary().sentences == (validation.no_evidence,)
     assert texts(findings(validation)) == [validation.no_evidence]
-    results = validation_results(validation)
+    results = validation.results()
     assert results["no_open_loop"] == results["no_closed_loop"] == validation.no_evidence
 
 
@@ -40,7 +39,7 @@ def test_a_log_at_rest_shows_nothing():
     validation = validate_pair(models, _still())
     assert validation.no_evidence is not None
     assert validation.no_evidence.startswith("The log does not move")
-    assert validation.recovered is None
+    assert validation.closed_loop is None
 
 
 def test_logs_that_show_nothing_are_left_out_of_those_joined():

@@ -14,8 +14,7 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import initial_state_of
 from ballbot.validation.closed_loop import recover_gain
-from ballbot.validation.models import ModelPair, stretches
-from ballbot.validation.prediction import predict
+from ballbot.validation.models import Case, ModelPair, stretches
 from ballbot.validation.whole_log import WholeLog, _numbers, compare_whole_log
 from tests.support.validation_examples import gain, true_robot
 
@@ -41,12 +40,9 @@ def _beside_own_model(*, logs: int, duration: float) -> list[WholeLog]:
         recovered = recover_gain(log)
         found.append(
             compare_whole_log(
-                models,
-                log,
+                Case(models=models, log=log, parts=stretches(log), seed=seed),
                 Controller(robot, recovered.gain, sample_time=log.sample_time),
                 delay=recovered.delay,
-                covariance=predict(models, log, stretches(log)).start_covariance,
-                seed=seed,
             )
         )
     return found

@@ -8,7 +8,7 @@ where a_k is what changes from log to log and the model lacks: the way driven, w
 drift of a sensor. D is diagonal, and small beside C_k in the directions in which parameters make up for one another: so
 each of them keeps its large error, and what they give together gets one of the size of D. Little is known of tau from
 few logs, and nothing from one. Other robots, with two logs each, give D its sizes and tau a prior, tau^2 ~ scaled
-inverse chi-squared of nu degrees and scale 1 (`fit_prior`). With
+inverse chi-squared of nu degrees and scale 1 (`campaigns.between_logs`). With
 
     W_k = (C_k + tau^2 D)^-1,   V = (sum W_k)^-1,   m = V sum W_k y_k
 
@@ -25,25 +25,19 @@ the prior, which is exact, are the tests' oracles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import chdtrc, logsumexp
 
-from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
+from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations, leverage_corrected
 
 #: values of tau, in even steps of its logarithm
 _TAU = np.geomspace(0.05, 50.0, 121)
 #: of a covariance's diagonal
 _RIDGE = 1e-10
-#: least degrees of a prior that is fitted: two or fewer have no finite mean; no more than robots that it is fitted to
-_LEAST_DEGREES = 3.0
-#: of the prior of the sizes that is fitted with: they are within a factor of ten about this share
-_SIZE, _SIZE_FACTOR = 0.1, 10.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,76 +60,31 @@ def spread(
 ) -> LogSpread:
     """Return how a robot's parameters vary between its logs.
 
-    Parameters
-    ----------
-    estimates : ndarray (k, p)
-        One of each log, k of 1 or more.
-    covariances : ndarray (k, p, p)
-        Within each log.
-    sizes : ndarray (p,)
-        Roots of the diagonal of D.
-    degrees : float
-        nu.
+    There is an estimate (k, p) of each log, k of 1 or more, with the covariances (k, p, p) within each. The sizes (p,)
+    are roots of the diagonal of D, and the degrees are nu.
     """
     unit = np.where(sizes > 0.0, sizes, 1.0)  # in units of D's sizes all matrices are well scaled
     y, C = estimates / unit, covariances / np.outer(unit, unit)
     D = np.diag((sizes > 0.0).astype(float))
-    alike, given = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
-    weights = _prior(degrees) + given.log_likelihoods
+    (alike, differing, _), (V_at, _, likelihood) = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
+    weights = _prior(degrees) + likelihood
     weights = np.exp(weights - np.asarray(logsumexp(weights)))
-    V = np.einsum("g,gij->ij", weights, given.covariances)
+    V = np.einsum("g,gij->ij", weights, V_at)
     back = np.outer(unit, unit)
     apart = (len(y) - 1) * y.shape[1]
     return LogSpread(
         factor=float(np.sqrt(weights @ _TAU**2)),
         covariance=V * back,
-        added=(V - alike.covariances[0]) * back,
-        p_value=float(chdtrc(apart, alike.squares[0])) if apart else 1.0,
+        added=(V - alike[0]) * back,
+        p_value=float(chdtrc(apart, differing[0])) if apart else 1.0,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class RobotLogs:
-    """Estimates of p parameters from the logs of one robot, k of 2 or more."""
-
-    estimates: NDArray[np.float64]  #: (k, p)
-    covariances: NDArray[np.float64]  #: (k, p, p), within each log
-    units: NDArray[np.float64]  #: (p,), what the sizes are shares of
-    groups: NDArray[np.int64]  #: (p,), parameters of one number have the same size
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SpreadPrior:
-    """Sizes of D by group (g,), as shares of the parameters' units, and the degrees of tau^2."""
-
-    sizes: NDArray[np.float64]
-    degrees: float
-
-
-def fit_prior(robots: Sequence[RobotLogs], *, groups: int) -> SpreadPrior:
-    """Return the prior under which the robots' logs are likeliest."""
-    limits = np.log((_LEAST_DEGREES, max(len(robots), _LEAST_DEGREES)))
-
-    def prior_of(numbers: NDArray[np.float64]) -> SpreadPrior:
-        degrees = float(np.exp(np.clip(numbers[groups], *limits)))
-        return SpreadPrior(sizes=np.exp(numbers[:groups]), degrees=degrees)
-
-    def loss(numbers: NDArray[np.float64]) -> float:
-        prior = prior_of(numbers)
-        known = 0.5 * np.sum((np.log(prior.sizes / _SIZE) / (np.log(_SIZE_FACTOR) / HALF_WIDTH)) ** 2)
-        return float(known) - sum(_evidence(one, prior) for one in robots)
-
-    start = np.array([*np.full(groups, np.log(_SIZE)), np.log(6.0)])
-    near = minimize(loss, start, method="Powell", options={"xtol": 1e-2, "ftol": 1e-4})
-    return prior_of(minimize(loss, near.x, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
-
-
-def _evidence(robot: RobotLogs, prior: SpreadPrior) -> float:
-    """Return the logarithm of the likelihood of a robot's logs under a prior, up to a constant."""
-    unit = robot.units
-    y, C = robot.estimates / unit, robot.covariances / np.outer(unit, unit)
-    D = np.diag(prior.sizes[robot.groups] ** 2)
-    return float(np.asarray(logsumexp(_prior(prior.degrees) + _given(_TAU, y, C, D).log_likelihoods)))
+def log_evidence(
+    y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], *, degrees: float
+) -> float:
+    """Return the logarithm of the likelihood of a robot's logs, estimates (k, p) with (k, p, p), up to a constant."""
+    return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D)[2])))
 
 
 def _prior(degrees: float) -> NDArray[np.float64]:
@@ -144,18 +93,10 @@ def _prior(degrees: float) -> NDArray[np.float64]:
     return density - np.asarray(logsumexp(density))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Given:
-    """What holds at each of g values of tau."""
-
-    covariances: NDArray[np.float64]  #: V (g, p, p)
-    squares: NDArray[np.float64]  #: (g,), sum of (y_k - m)^T W_k (y_k - m)
-    log_likelihoods: NDArray[np.float64]  #: (g,)
-
-
 def _given(
     tau: NDArray[np.float64], y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
-) -> _Given:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return V (g, p, p), the sum of (y_k - m)^T W_k (y_k - m) and the log likelihood (g,) at each value of tau."""
     # fewer windows than parameters leave a C_k without full rank: a small ridge keeps it invertible
     ridge = _RIDGE * np.eye(y.shape[1]) * np.diagonal(C, axis1=1, axis2=2)[:, None]
     total = C + ridge + tau[:, None, None, None] ** 2 * D
@@ -165,7 +106,7 @@ def _given(
     apart = y - m[:, None]
     squares = np.einsum("gki,gkij,gkj->g", apart, W, apart)
     determinants = np.linalg.slogdet(V)[1] - np.linalg.slogdet(total)[1].sum(axis=1)
-    return _Given(covariances=V, squares=squares, log_likelihoods=0.5 * (determinants - squares))
+    return V, squares, 0.5 * (determinants - squares)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -181,18 +122,9 @@ def log_estimates(
 ) -> LogEstimates:
     """Return what each log by itself leads to, to first order about the estimate from all of them.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log.
-
-    Parameters
-    ----------
-    within : Uncertainty
-        Of the estimate from all logs.
-    equations : WindowEquations
-        There.
-    block_log : ndarray (w,)
-        The log of each window.
-    widen : float
-        What errors within a log are multiplied by, as those of `within` are.
+    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log. `within` is
+    of the estimate from all logs, and `equations` are there; `block_log` (w,) is the log of each window; errors within
+    a log are multiplied by `widen`, as those of `within` are.
     """
     estimated = np.isfinite(within.scaled_errors)
     logs, places = np.unique(block_log), np.flatnonzero(estimated)

@@ -41,29 +41,15 @@ CHUNK = 256
 
 @dataclass(frozen=True, kw_only=True)
 class Predictor:
-    """A robot whose parameters vary.
+    """A robot whose parameters vary."""
 
-    Parameters
-    ----------
-    robot : Robot
-        Its friction is not used, nor any other parameter of the layout.
-    formulation : {"exact", "thesis"}
-    step : float
-        Longest inner step [s].
-    layout : Layout, optional
-        Which parameters vary; friction's by default. The ball pivots where "pivoting" is one of them.
-    back_emf : float
-        b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`.
-    threads : int, optional
-        All cores by default; the results do not depend on it.
-    """
-
-    robot: Robot
+    robot: Robot  #: its friction is not used, nor any other parameter of the layout
     formulation: Formulation
-    step: float
+    step: float  #: longest inner one [s]
+    #: which parameters vary; the ball pivots where "pivoting" is one of them
     layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
-    back_emf: float = 0.0
-    threads: int | None = None
+    back_emf: float = 0.0  #: b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`
+    threads: int | None = None  #: all cores where None; the results do not depend on it
 
     def residuals(
         self,
@@ -75,22 +61,15 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """Return predicted minus measured states (sets, w, m // every, 10), after every so many samples.
 
-        Parameters
-        ----------
-        values : ndarray (sets, p)
-            In SI units, in the order of the layout.
-        starts : ndarray (sets, w, 10), optional
-            States at the windows' starts, in place of those measured, as sensors without noise would see them.
+        `values` (sets, p) are in SI units, in the order of the layout; `starts` (sets, w, 10) take the place of the
+        states measured at the windows' starts, as sensors without noise would see them.
         """
         sets, count = len(values), len(windows)
-        torques = acting_torques(self.layout, values, windows)
-        initial = self._initial(values, windows, starts)
-        window_of = np.tile(np.arange(count), sets)
+        torques, window_of = acting_torques(self.layout, values, windows), np.tile(np.arange(count), sets)
         lanes = Lanes(
             parameters=self._packed(values),
             parameter_of=np.repeat(np.arange(sets), count),
-            initial=windows.initial if initial is None else initial.reshape(sets * count, -1),
-            initial_of=window_of if initial is None else None,
+            initial=self._initial(values, windows, starts).reshape(sets * count, -1),
             torques=windows.torques if torques is None else torques.reshape(-1, *torques.shape[2:]),
             torque_of=window_of if torques is None else None,
         )
@@ -102,10 +81,9 @@ class Predictor:
             states = self._seen_late(lanes, late, sample_time=windows.sample_time)
             states = states[:, :, every - 1 :: every]
         measured = windows.measured[:, every - 1 :: every]
-        residuals = states - measured
         times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
         offsets = sensor_offsets(self.layout, values, measured, times)
-        return residuals if offsets is None else residuals + offsets
+        return states - measured if offsets is None else states - measured + offsets
 
     def in_chunks(
         self,
@@ -132,17 +110,14 @@ class Predictor:
 
     def _initial(
         self, values: NDArray[np.float64], windows: Windows, starts: NDArray[np.float64] | None
-    ) -> NDArray[np.float64] | None:
-        """Return the true states at the starts (sets, w, 10 or 11); None if they are those measured."""
-        offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
-        pivots = "pivoting" in self.layout.extra
-        if offsets is None and starts is None and not pivots:
-            return None
+    ) -> NDArray[np.float64]:
+        """Return the true states at the starts (sets, w, 10 or 11)."""
         shape = (len(values), *windows.initial.shape)
         initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
+        offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
         if offsets is not None:
             initial = initial - offsets[:, :, 0]
-        if pivots:
+        if self._pivots:
             spin = np.broadcast_to(windows.spin[:, None], (*shape[:2], 1))
             initial = np.concatenate([initial, spin], axis=2)
         return initial
@@ -152,23 +127,19 @@ class Predictor:
     ) -> NDArray[np.float64]:
         """Return the states (sets, w, m, 10) as sensors late by (sets, 10) [s] show them, the starts in `lanes` too."""
         names = len(STATE_NAMES)
-        set_of, start_of, _ = lanes.row_of.T
-        start = lanes.initial[start_of]
+        set_of, start = lanes.row_of[:, 0], lanes.initial.copy()
         first = replace(lanes, torques=lanes.torques[:, :1])
         ahead = self._simulate(first, sample_time=sample_time, every=1)[:, 0]
         start[:, :names] += late[set_of] * (ahead - start)[:, :names] / sample_time
-        true = replace(lanes, initial=start, initial_of=None)
-        states = self._simulate(true, sample_time=sample_time, every=1)
-        whole = np.concatenate([start[:, None], states], axis=1)[..., :names]
-        return seen_late(whole.reshape(len(late), -1, *whole.shape[1:]), late, sample_time)
+        states = self._simulate(replace(lanes, initial=start), sample_time=sample_time, every=1)
+        seen = np.concatenate([start[:, None], states], axis=1)[..., :names]
+        return seen_late(seen.reshape(len(late), -1, *seen.shape[1:]), late, sample_time)
 
     def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> NDArray[np.float64]:
         """Return the states (lanes, m // every, 10 or 11)."""
-        pivots = "pivoting" in self.layout.extra
+        law, wheels = self.robot.friction.own_law, self.robot.wheel_count
         return simulate_lanes(
-            selector(
-                self.formulation, self.robot.wheel_count, pivoting=pivots, law=self.robot.friction.own_law
-            ),
+            selector(self.formulation, wheels, pivoting=self._pivots, law=law),
             lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
@@ -206,6 +177,10 @@ class Predictor:
             rows[:, COLUMNS["pivoting"]] = pivoting[:, 0]
         return rows
 
+    @property
+    def _pivots(self) -> bool:
+        return "pivoting" in self.layout.extra
+
     @cached_property
     def _own(self) -> NDArray[np.float64]:
         """The robot's own row of numbers."""
@@ -216,8 +191,7 @@ def windows_for(
     predictor: Predictor, upper: NDArray[np.float64], logs: Sequence[Log], *, duration: float
 ) -> Windows:
     """Cut logs into windows with what the predictor's parameters, up to `upper` (p,), need besides the states."""
-    layout = predictor.layout
-    pivots = "pivoting" in layout.extra
+    layout, pivots = predictor.layout, "pivoting" in predictor.layout.extra
     return cut_windows(
         logs,
         wheel_count=layout.wheel_count,

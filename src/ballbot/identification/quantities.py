@@ -310,8 +310,6 @@ BY_NAME = _ByName()
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
 #: further terms of the friction, beside the asymmetry that a torque offset stands for
 TERMS = ("stribeck_asymmetry", "load")
-#: of the wheels, in the same order: without the floor's
-OF_WHEELS = tuple(name for name in FRICTION if name != "rolling")
 #: names that stand for several
 GROUPS = MappingProxyType(
     {

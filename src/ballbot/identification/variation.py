@@ -2,12 +2,10 @@
 
 The errors of `ballbot.fitting.uncertainty` hold under the conditions of the logs at hand. Another log of the same robot
 leads elsewhere: another way over the floor, other places of the rollers, another drift of the sensors act on what the
-model lacks. `ballbot.fitting.between_logs` has the statistics. This module gives it
-
-- the estimate from each log by itself (`log_estimates` there);
-- sizes and prior of the variation, fitted to simulated robots with all faults of the twin, each with two logs
-  (`between_logs.toml`, written by `python -m campaigns.between_logs prior`). With one log nothing else is known of
-  the variation, and a finding says so; with every further log it counts less.
+model lacks. To the statistics of `ballbot.fitting.between_logs` this module gives sizes and prior of the variation,
+fitted to simulated robots with all faults of the twin, each with two logs (`between_logs.toml`, written by
+`python -m campaigns.between_logs prior`). With one log nothing else is known of the variation, and a finding says so;
+with every further log it counts less.
 
 The covariance that comes of it (`widened`) is the one that an identification states: its standard errors, intervals and
 correlations, the deviations in the robot's file, and what is certain enough to be compensated follow from it.

@@ -31,7 +31,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, ClassVar, Generic, TypeVar
+from typing import IO, TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from markupsafe import Markup
@@ -80,7 +80,6 @@ class Sheet:
     On a page it scrolls within its box if the page is narrower, and the caption does not.
     """
 
-    kind: ClassVar[str] = "sheet"
     headings: Sequence[str]
     rows: Sequence[Sequence[Cell | str | float]]  #: a number is shown with three digits
     caption: str = ""
@@ -159,7 +158,6 @@ def entries_of(row: T, columns: Sequence[Column[T]]) -> dict[str, object]:
 class Paragraph:
     """Sentences."""
 
-    kind: ClassVar[str] = "paragraph"
     text: str | Markup
 
 
@@ -167,7 +165,6 @@ class Paragraph:
 class Bullets:
     """Sentences that belong together, each by itself."""
 
-    kind: ClassVar[str] = "bullets"
     items: Sequence[str]
 
 
@@ -175,7 +172,6 @@ class Bullets:
 class Verbatim:
     """Lines that keep their spaces, as a matrix or a file."""
 
-    kind: ClassVar[str] = "verbatim"
     text: str
     caption: str = ""
 
@@ -184,7 +180,6 @@ class Verbatim:
 class Picture:
     """A figure that does not change, drawn when a page is made of it."""
 
-    kind: ClassVar[str] = "picture"
     #: returns an SVG element, as `ballbot.report.style.drawn` does, or an `img` element
     markup: Callable[[], str]
     caption: str
@@ -194,7 +189,6 @@ class Picture:
 class Film:
     """A replay in three dimensions, from `ballbot.viewer.replay_part`; one on a page."""
 
-    kind: ClassVar[str] = "film"
     part: ReplayPart
     caption: str
 

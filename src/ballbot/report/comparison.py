@@ -64,26 +64,27 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     return figure
 
 
+def _distances(
+    runs: Sequence[tuple[str, Look, Log]],
+) -> tuple[NDArray[np.float64], Panel]:
+    """Return the time from the start of runs (name, look, log), and their distances from the reference over it."""
+    t, lines = together(
+        [(name, look, log.t - log.t[0], 1e3 * position_error(log)) for name, look, log in runs]
+    )
+    return t, Panel("distance from the reference [mm]", lines, from_zero=True)
+
+
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
-    t, lines = together(
-        [
-            (CANDIDATE_NAMES[name], RUN_LOOKS[name], log.t, 1e3 * position_error(log))
-            for name, log in runs.items()
-        ]
-    )
+    t, distances = _distances([(CANDIDATE_NAMES[name], RUN_LOOKS[name], log) for name, log in runs.items()])
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
         Line("reference y", longest["ref_y"], "sixth"),
     )
-    return TimeSeries(
-        t,
-        (Panel("distance from the reference [mm]", lines, from_zero=True), Panel("reference [m]", reference)),
-        caption,
-        shaded=true_spans(longest.t, settled(longest, SETTLE)),
-        shade="errors count",
-    )
+    counted_spans = true_spans(t, settled(longest, SETTLE))
+    panels = (distances, Panel("reference [m]", reference))
+    return TimeSeries(t, panels, caption, shaded=counted_spans, shade="errors count")
 
 
 def _overall_sheet(league: League) -> Sheet:
@@ -315,14 +316,13 @@ def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, She
 
 
 def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
-    t, lines = together(
+    t, distances = _distances(
         [
-            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log.t - log.t[0], 1e3 * position_error(log))
+            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log)
             for k, (name, log) in enumerate(zip(runs, logs, strict=True))
         ]
     )
-    panel = Panel("distance from the reference [mm]", lines, from_zero=True)
-    return TimeSeries(t, (panel,), "The runs one over another, from their starts.")
+    return TimeSeries(t, (distances,), "The runs one over another, from their starts.")
 
 
 def _conclusion(found: Alternation) -> str:

@@ -55,6 +55,7 @@ def page_of(report: Result) -> str:
         lstrip_blocks=True,
     )
     environment.globals |= {
+        "kind": lambda block: type(block).__name__,
         "symbols": with_symbols,
         "themed": lambda svg: Markup(themed(svg)),
         "words": _typeset,

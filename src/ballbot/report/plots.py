@@ -28,7 +28,7 @@ from ballbot.report.run import over_time
 from ballbot.report.series import TimeSeries
 from ballbot.report.study import study_report
 from ballbot.report.style import series_figure
-from ballbot.report.validation import horizon_figure, validation_report
+from ballbot.report.validation import horizon_figure
 from ballbot.robot.figure import robot_figure
 
 #: wheel speeds shown reach this many Stribeck speeds
@@ -82,7 +82,6 @@ RESULTS: Mapping[str, Callable[[Any], Result]] = {
         f"Robust LQR gain, compared on {design.fresh} perturbed robots", robust_verdict(design)
     ),
     "Study": study_report,
-    "Validation": validation_report,
 }
 #: what draws a value, by the name of its class
 FIGURES: Mapping[str, Callable[[Any], Figure]] = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from markupsafe import Markup
@@ -53,7 +53,6 @@ class Panel:
 class TimeSeries:
     """Panels over one time."""
 
-    kind: ClassVar[str] = "series"
     t: NDArray[np.float64]  #: (n,) [s], increasing
     panels: Sequence[Panel]
     caption: str

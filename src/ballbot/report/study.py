@@ -34,14 +34,13 @@ from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_sheet
 from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
-from ballbot.report.validation import undecided_by, validation_results, validation_sections
-from ballbot.report.words import capital, logs_words, millimetres, with_symbols
+from ballbot.report.validation import model_findings, undecided_by, validation_sections
+from ballbot.report.words import capital, logs_words, millimetres
 from ballbot.results import to_results
 from ballbot.robot.file import robot_text
 from ballbot.rounding import digits, interval
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
-from ballbot.validation.result import model_findings
 from ballbot.viewer import replay_part
 from ballbot.workflows.controller_choice import Confirmation, ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
@@ -189,7 +188,7 @@ def study_report(study: Study) -> Result:
     found, choice, stiffness = study.found, study.choice, study.stiffness
     controller = choice.controller or choice.trials["none"].controller
     limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
-    findings = Bullets([with_symbols(text) for text in texts(model_findings(study.validation))])
+    findings = Bullets(model_findings(study.validation))
     first, *others = validation_sections(study.validation)
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
@@ -339,9 +338,10 @@ def _gain(one: Stiffness) -> str:
 def study_results(study: Study) -> dict[str, object]:
     """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
-    by_log = {one.name: part for one, part in zip(study.logs, study.by_log, strict=True)}
-    validation = validation_results(study.validation, by_log)
-    validation["held_out"] = {one.name: one.held_out for one in study.logs}
+    validation = study.validation.results() | {
+        "by_log": {one.name: part.results() for one, part in zip(study.logs, study.by_log, strict=True)},
+        "held_out": {one.name: one.held_out for one in study.logs},
+    }
     choice, chosen = study.choice, study.choice.controller
     return {
         "robot": study.robot.name,
@@ -422,17 +422,15 @@ def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
         for one in stiffness.gains
         for variant, trial in one.trials.items()
     ]
-    verdicts = []
-    for observer in (False, True):
-        stiffest = stiffness.stiffest(Variant(compensation=False, observer=observer))
-        pays = [one.position_gain for one in stiffness.pays_over(observer=observer)]
-        verdicts.append(
-            {
-                "observer": observer,
-                "stiffest": stiffest and stiffest.position_gain,
-                "compensation_pays_over": pays,
-            }
-        )
+    verdicts = [
+        {
+            "observer": observer,
+            "stiffest": stiffest and stiffest.position_gain,
+            "compensation_pays_over": [one.position_gain for one in stiffness.pays_over(observer=observer)],
+        }
+        for observer in (False, True)
+        for stiffest in [stiffness.stiffest(Variant(compensation=False, observer=observer))]
+    ]
     return {"course": stiffness.course, "gains": gains, "verdicts": verdicts}
 
 

@@ -12,7 +12,7 @@ this kind at all.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,10 +24,13 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
+from ballbot.summary import counted
 from ballbot.validation.models import (
+    Case,
+    Comparison,
     ErrorPair,
     ModelPair,
-    check_wheels,
+    Trajectories,
     in_heading_frame,
     rows_after,
     window_starts,
@@ -148,50 +151,78 @@ def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoop:
+class ClosedLoop(Comparison):
     """Errors in closed loop, restarted every few seconds, and the distributions over whole logs."""
 
     restarted: ErrorPair
     restart_every: float  #: [s]
+    recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
     whole: tuple[WholeLog, ...]  #: of each log; none with a user's controller or the thesis's equations
 
+    def verdict(self) -> str:
+        runs = f"restarted every {self.restart_every:.2g} s ({counted(self.restarted.runs, 'run')})"
+        verdict = f"Closed loop, {runs}: {self.restarted.claim(self.models)}."
+        return " ".join([verdict, *(one.verdict() for one in self.whole)])
 
-def closed_loop(
-    models: ModelPair,
-    log: Log,
-    parts: Sequence[range],
-    controller: Feedback,
-    *,
-    covariance: Floats,
-    delay: int = 0,
-    seed: int = 0,
-) -> ClosedLoop:
+    def shown(self) -> Iterator[tuple[str, ErrorPair | Trajectories | None]]:
+        controller, recovered = "the controller that drove the robot", self.recovered
+        if recovered is not None:
+            late = f", {counted(recovered.delay, 'sample')} late" if recovered.delay else ""
+            least = float(recovered.r_squared.min())
+            controller = f"the gain recovered from the log (R² = {least:.4f}{late})"
+        caption = (
+            f"Closed-loop errors over {counted(self.restarted.runs, 'run')} under {controller}, restarted from the "
+            f"measured state every {self.restart_every:.2g} s."
+        )
+        yield caption, self.restarted
+        yield from ((one.verdict(), None) for one in self.whole)
+        yield from (("The first seconds without a restart.", one.example) for one in self.whole[:1])
+
+    def results(self) -> dict[str, object]:
+        return {
+            **self.restarted.results(self.models),
+            "restart_every": self.restart_every,
+            "whole_logs": [one.results() for one in self.whole],
+        }
+
+
+def closed_loop(case: Case) -> ClosedLoop | str:
     """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    The controller is as it ran on the robot, its torques late by `delay` samples; every run has a copy of its own.
-    `covariance` (10, 10) is that of a measured state's noise. InputError if the controller's sample time is not the
-    log's.
+    Without the controller that recorded the log its gain is recovered; the reason is returned if that fails. Every run
+    has a copy of the controller of its own, as it ran on the robot. InputError if a controller that is given did not
+    record the log.
     """
-    check_wheels(models.first.model, log)
+    models, log, controller, recovered = case.models, case.log, case.controller, None
+    if controller is None:
+        try:
+            recovered = recover_gain(log)
+        except InputError as error:
+            return str(error)
+        robot, limit = models.first.model.robot, recovered.torque_limit
+        controller = Controller(robot, recovered.gain, sample_time=log.sample_time, torque_limit=limit)
+    delay = delay_of(controller, log) if recovered is None else recovered.delay
     if not np.isclose(controller.sample_time, log.sample_time, rtol=0.02):
         raise InputError(
             f"The controller's sample time is {controller.sample_time:g} s and the log's "
             f"{log.sample_time:g} s; closed-loop validation needs the controller that recorded the log."
         )
-    longest = max(len(part) for part in parts) - 1
+    longest = max(len(part) for part in case.parts) - 1
     # a whole number of runs to the longest stretch, so that none of it is lost for want of a sample
     samples = longest // max(1, round(longest * log.sample_time / _RESTART))
-    starts = window_starts(parts, samples=samples, every=samples)
+    starts = window_starts(case.parts, samples=samples, every=samples)
     restarted = _run_models(models, log, starts, samples, controller, delay)
     measured = log.states[rows_after(starts, samples)]
-    whole = ()
     # the loop of the thesis's equations takes a minute to compile, for this alone
     exact = all(model.formulation == "exact" for model in models.both)
+    whole = ()
     if exact and isinstance(controller, Controller):
-        whole = (compare_whole_log(models, log, controller, delay=delay, covariance=covariance, seed=seed),)
+        whole = (compare_whole_log(case, controller, delay=delay),)
     return ClosedLoop(
-        restarted=ErrorPair.of_runs(list(measured), list(restarted[0]), list(restarted[1])),
+        models=models,
+        restarted=ErrorPair.of_runs(list(measured), *map(list, restarted)),
         restart_every=samples * log.sample_time,
+        recovered=recovered,
         whole=whole,
     )
 

@@ -16,23 +16,28 @@ No error counts as less than `FINEST` before a ratio is formed. The interval is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.interface import Feedback
 from ballbot.errors import InputError, suggest
+from ballbot.findings import Finding
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction, Robot
+from ballbot.summary import counted
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -129,6 +134,7 @@ class ModelPair:
 FINEST = 1e-9
 
 Interval = tuple[float, float]
+C = TypeVar("C", bound="Comparison")
 Record = TypeVar("Record", bound="DataclassInstance")
 
 #: an interval longer than this many sample times is a gap, across which nothing may be predicted
@@ -184,27 +190,17 @@ def forecast(
     starts, samples, 10); a forecast that passes the largest lean stays where it did. `initial` (starts, 10) are states
     to start from, in place of the measured ones.
     """
-    return np.stack([_forecast_of(model, log, starts, samples, initial) for model in models])
-
-
-def drawn_noise(covariance: Floats, shape: tuple[int, ...], *, seed: int) -> Floats:
-    """Return noise of measured states (*shape, 10) of that covariance (10, 10)."""
-    random = np.random.default_rng(seed)
-    return random.multivariate_normal(np.zeros(len(covariance)), covariance, size=shape, method="eigh")
-
-
-def _forecast_of(
-    model: Model, log: Log, starts: NDArray[np.int64], samples: int, initial: Floats | None
-) -> Floats:
-    """Return one model's states (starts, samples, 10)."""
-    check_wheels(model, log)
-    lanes = Lanes(
-        parameters=model.packed[None],
-        initial=log.states[starts] if initial is None else initial,
-        torques=log.torques[starts[:, None] + np.arange(samples)],
-    )
-    steps = model.steps_in(log.sample_time)
-    return simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states
+    found = []
+    for model in models:
+        check_wheels(model, log)
+        lanes = Lanes(
+            parameters=model.packed[None],
+            initial=log.states[starts] if initial is None else initial,
+            torques=log.torques[starts[:, None] + np.arange(samples)],
+        )
+        steps = model.steps_in(log.sample_time)
+        found.append(simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states)
+    return np.stack(found)
 
 
 def in_heading_frame(states: Floats, psi: Floats) -> Floats:
@@ -256,6 +252,38 @@ def check_wheels(model: Model, log: Log) -> None:
         raise InputError(
             f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
         )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Case:
+    """What a way of validating is given: two models, a log, and which of its rows count."""
+
+    models: ModelPair
+    log: Log
+    parts: Sequence[range]  #: rows without a gap
+    controller: Feedback | None = None  #: the one that recorded the log, if it is known
+    seed: int = 0  #: of the noise that is drawn
+
+    @cached_property
+    def steps(self) -> tuple[NDArray[np.int64], Floats]:
+        """Rows (steps,) from which one step stays within the parts, and both models' next states (2, steps, 10)."""
+        starts = window_starts(self.parts, samples=1, every=1)
+        return starts, forecast(self.models.both, self.log, starts, 1)[:, :, 0]
+
+    @cached_property
+    def noise(self) -> Floats:
+        """Covariance (10, 10) of the noise of one measured state, estimated from the first model's residuals.
+
+        A residual holds the noise of two states, the one started from and the one compared with, so half of the
+        residuals' covariance is what one of them can have at most.
+        """
+        starts, predicted = self.steps
+        return 0.5 * np.cov(self.log.states[starts + 1] - predicted[0], rowvar=False)
+
+    def drawn_noise(self, *shape: int) -> Floats:
+        """Return noise of measured states (*shape, 10)."""
+        random = np.random.default_rng(self.seed)
+        return random.multivariate_normal(np.zeros(len(self.noise)), self.noise, size=shape, method="eigh")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -392,6 +420,83 @@ class ErrorPair:
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdict on the first model from the interval on each state's ratio."""
         return verdicts(self.ratio_interval())
+
+    def claim(self, models: ModelPair) -> str:
+        """Return in how many states the first model is better, by the whole interval, and by which factors."""
+        (first, second), verdicts_of = models.names, self.verdicts()
+        if self.runs < LEAST_RUNS:
+            few = f"{counted(self.runs, 'run')} {'is' if self.runs == 1 else 'are'} too few"
+            return f"{few} to show which model is better"
+        surely = [index for index, verdict in enumerate(verdicts_of) if verdict == "better"]
+        worse = [name for name, verdict in zip(STATE_NAMES, verdicts_of, strict=True) if verdict == "worse"]
+        better = f"the model {first} is better than the one {second} in "
+        if not surely:
+            better += "none of the ten states"
+        else:
+            ratio = self.ratio[surely]
+            least, most = (STATE_NAMES[surely[int(index)]] for index in (ratio.argmin(), ratio.argmax()))
+            sizes = f"{ratio.min():.1f} times ({least}) to {ratio.max():.1f} times ({most}) smaller"
+            if len(surely) == 1:
+                sizes = f"{ratio[0]:.1f} times smaller ({least})"
+            count = "every one" if len(surely) == len(STATE_NAMES) else str(len(surely))
+            better += f"{count} of the ten states, its error {sizes}"
+        return better + (f", and worse in {', '.join(worse)}" if worse else "")
+
+    def results(self, models: ModelPair) -> dict[str, object]:
+        """Return what results.json holds: each model's errors under its name, ratio, interval and verdict."""
+        return {
+            **by_model("", models, (self.first.error, self.second.error)),
+            **by_model("rmse_", models, (self.first.rmse, self.second.rmse)),
+            **by_model("normalised_rmse_", models, self.normalised_rmse),
+            "ratio": by_state(self.ratio),
+            "ratio_interval": by_state(self.ratio_interval()),
+            "verdict": by_state(np.array(self.verdicts())),
+            "runs": self.runs,
+            "samples": int(self.first.samples.sum()),
+        }
+
+
+def by_state(values: NDArray[np.generic]) -> dict[str, object]:
+    """Return values (..., 10) by the states' names."""
+    return {name: values[..., index].tolist() for index, name in enumerate(STATE_NAMES)}
+
+
+def keys_of(models: ModelPair) -> list[str]:
+    """Return the models' names as results.json has them."""
+    return [re.sub(r"\W+", "_", name).strip("_") for name in models.names]
+
+
+def by_model(prefix: str, models: ModelPair, both: Iterable[Floats]) -> dict[str, object]:
+    """Return values (..., 10) of both models by their names and those of the states."""
+    return {prefix + key: by_state(values) for key, values in zip(keys_of(models), both, strict=True)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Comparison:
+    """What a way of validating finds; each way has a class of its own, and `ballbot.validation.ways` lists them."""
+
+    models: ModelPair
+
+    def verdict(self) -> str:
+        """Return in a sentence which model is better; empty if the way shows only why."""
+        return ""
+
+    def remarks(self) -> tuple[Finding, ...]:
+        """Return what else was found, after the verdict."""
+        return ()
+
+    def shown(self) -> Iterator[tuple[str, ErrorPair | Trajectories | None]]:
+        """Yield what a page shows: a table of errors or states over time, each after its caption, or a sentence."""
+        yield from ()
+
+    def results(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        raise NotImplementedError
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return what was found on several logs as one."""
+        return joined(parts)
 
 
 def joined(parts: Sequence[Record]) -> Record:

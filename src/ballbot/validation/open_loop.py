@@ -8,20 +8,23 @@ measured start alone would cause in a perfect model: no model's error can be exp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.log import Log
+from ballbot.findings import Finding, note
+from ballbot.log import STATE_NAMES
 from ballbot.log.columns import Bools, Floats
+from ballbot.summary import counted
 from ballbot.validation.models import (
+    Case,
+    Comparison,
     ErrorPair,
-    ModelPair,
     StateErrors,
     Trajectories,
-    drawn_noise,
+    by_state,
     forecast,
     recoverable_lean,
     rows_after,
@@ -34,14 +37,21 @@ _LONGEST = 2.0
 _SPACING = 1.0
 
 
+#: a state's error is put down to the noise of its start from this share on
+_NOISE_SHARE = 0.7
+#: a model that falls at less than this times another's rate falls more slowly
+_SLOWER = 0.95
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OpenLoop:
+class OpenLoop(Comparison):
     """Errors of open-loop runs from many starts, and one of the runs to look at."""
 
     errors: ErrorPair
     noise: StateErrors  #: what the noise of the measured start alone would cause
     ended: Bools  #: (runs,) by the lean
     recoverable_lean: float  #: [rad]
+    sample_time: float  #: [s]
     example: Trajectories  #: the run whose errors are the median ones
 
     @property
@@ -54,20 +64,79 @@ class OpenLoop:
         """Share of the runs that ended by the lean."""
         return float(self.ended.mean())
 
+    def verdict(self) -> str:
+        length = float(self.errors.first.samples.mean()) * self.sample_time
+        return (
+            f"Open loop, {counted(self.errors.runs, 'run')} of {length:.2g} s on average "
+            f"({100 * self.past_recovery:.0f} % of them ended by a lean past recovery, "
+            f"{np.degrees(self.recoverable_lean):.0f} degrees): {self.errors.claim(self.models)}."
+        )
 
-def open_loop(
-    models: ModelPair,
-    log: Log,
-    parts: Sequence[range],
-    *,
-    start_covariance: Floats,
-    seed: int = 0,
-) -> OpenLoop:
+    def remarks(self) -> tuple[Finding, ...]:
+        """Return a finding for each state that the first model does not surely predict better, and why.
+
+        "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. With too few runs for an
+        interval, single states get no verdict.
+        """
+        lower, upper = self.errors.ratio_interval()
+        first, second = self.models.names
+        claims = {"worse": "worse than", "undecided": "not significantly better than"}
+        return tuple(
+            note(
+                "weak-state",
+                f"{STATE_NAMES[i]}: the model {first} is {claims[verdict]} the one {second} in open loop (ratio "
+                f"{self.errors.ratio[i]:.2f}, 95 % interval {lower[i]:.2f} to {upper[i]:.2f}). "
+                f"{self._reason(i)}",
+            )
+            for i, verdict in enumerate(self.errors.verdicts())
+            if verdict != "better" and np.isfinite(lower[i])
+        )
+
+    def _reason(self, index: int) -> str:
+        """Return the reason that the data show for a state that the first model does not predict better."""
+        if self.errors.unresolved[index]:
+            return "Reason: the errors of both models are below what any sensor of a robot resolves."
+        share = self.noise_floor[index] / self.errors.first.rmse[index]
+        verdict = self.errors.verdicts()[index]
+        own, other = (float(model.linearize().poles()[0].real) for model in self.models.both)
+        caused = f"the noise of the measured start alone causes {100 * share:.0f} % of the error"
+        if share > _NOISE_SHARE and verdict == "worse" and other < _SLOWER * own:
+            return (
+                f"Reason: {caused}, and the other model falls more slowly ({other:.1f} against {own:.1f} rad/s), so it "
+                "amplifies this noise less, whichever model is right."
+            )
+        if share > _NOISE_SHARE:
+            return f"Reason: {caused}, so this state cannot show which model is better."
+        if verdict == "undecided":
+            return f"Reason: the {self.errors.runs} runs vary too much to decide."
+        return (
+            f"No reason was found in the data: {caused}, so the model itself lacks something for this state."
+        )
+
+    def shown(self) -> Iterator[tuple[str, ErrorPair | Trajectories | None]]:
+        caption = (
+            f"Open-loop errors over {counted(self.errors.runs, 'run')}, each from the measured state under the "
+            "measured torques until the first of the two models leans past recovery. A shaded line: the model "
+            f"{self.models.first.name} is not shown to be better."
+        )
+        yield caption, self.errors
+        yield "The open-loop run with the median error.", self.example
+
+    def results(self) -> dict[str, object]:
+        return {
+            **self.errors.results(self.models),
+            "noise_floor_rmse": by_state(self.noise_floor),
+            "past_recovery": self.past_recovery,
+            "recoverable_lean": self.recoverable_lean,
+        }
+
+
+def open_loop(case: Case) -> OpenLoop:
     """Compare both models with the log in open loop, from starts a second apart within the rows that count.
 
-    `start_covariance` (10, 10) is that of a measured state's noise, for `OpenLoop.noise_floor`. InputError if no run of
-    ten samples fits.
+    InputError if no run of ten samples fits.
     """
+    models, log, parts = case.models, case.log, case.parts
     samples = min(round(_LONGEST / log.sample_time), max(len(part) for part in parts) - 1)
     every = max(1, round(_SPACING / log.sample_time))
     starts = window_starts(parts, samples=samples, every=every)
@@ -79,21 +148,22 @@ def open_loop(
         )
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
-    lengths = np.array([_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)])
-    errors = ErrorPair.of_runs(
-        [run[:n] for run, n in zip(measured, lengths, strict=True)],
-        *([run[:n] for run, n in zip(of_model, lengths, strict=True)] for of_model in states),
-        overlap=-(-int(np.median(lengths)) // every),
-    )
-    shifted = log.states[starts] + drawn_noise(start_covariance, (len(starts),), seed=seed)
+    lengths = [_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)]
+
+    def cut(runs: Floats) -> list[Floats]:
+        return [run[:n] for run, n in zip(runs, lengths, strict=True)]
+
+    errors = ErrorPair.of_runs(cut(measured), *map(cut, states), overlap=-(-int(np.median(lengths)) // every))
+    shifted = log.states[starts] + case.drawn_noise(len(starts))
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
-    noise = StateErrors.of_runs([(a - b)[:n] for a, b, n in zip(noisy, states[0], lengths, strict=True)])
     middle = _median_run(errors)
     return OpenLoop(
+        models=models,
         errors=errors,
-        noise=noise,
-        ended=lengths < samples,
+        noise=StateErrors.of_runs(cut(noisy - states[0])),
+        ended=np.array(lengths) < samples,
         recoverable_lean=limit,
+        sample_time=log.sample_time,
         example=Trajectories.beside(log, int(starts[middle]), states[:, middle, : lengths[middle]]),
     )
 

@@ -1,4 +1,8 @@
-"""Analysis of a model's one-step residuals, and the findings: each is stated only where its test is significant.
+"""Prediction one step ahead (thesis 4.1, 4.2), and what the residuals show: only what is significant is stated.
+
+    y_hat(k+1) = g(y(k), u(k))     (4.2)          eps(k) = y(k) - y_hat(k)     (4.3)
+
+A step's row holds eps(k+1) and what was known at k.
 
 Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also taken as wheel
 torques: what the wheels would have had to push more for the model to be right. In the heading frame and upright, a
@@ -14,6 +18,7 @@ its residual with its noise, so the speed is that of some rows earlier.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +26,9 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats
-from ballbot.mechanics.model import Model
-from ballbot.validation.models import in_heading_frame
-from ballbot.validation.prediction import Prediction
+from ballbot.log.columns import Floats, wheel_speed_names
+from ballbot.results import to_results
+from ballbot.validation.models import Case, Comparison, ErrorPair, by_state, in_heading_frame
 from ballbot.validation.statistics import (
     LEAST_STEPS,
     Colour,
@@ -48,6 +52,100 @@ _EARLIER = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction(Comparison):
+    """One-step residuals of both models, and the states that the steps started from."""
+
+    residuals: Floats  #: (steps, 10) of the first model
+    residuals_second: Floats  #: (steps, 10) of the second
+    measured: Floats  #: (steps, 10) the states that were predicted
+    torques: Floats  #: (steps, n)
+    heading: Floats  #: (steps,) psi [rad] that each step started from
+    wheel_speeds: Floats | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
+    segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
+    sample_time: float  #: [s]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """e_x .. e_psi_dot, u1 .. un: the rows and columns of the correlation matrix."""
+        torques = (f"u{i}" for i in range(1, self.torques.shape[1] + 1))
+        return (*(f"e_{name}" for name in STATE_NAMES), *torques)
+
+    @property
+    def errors(self) -> ErrorPair:
+        """All steps as one run."""
+        measured = self.measured
+        return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
+
+    @cached_property
+    def analysis(self) -> ResidualAnalysis:
+        """What the first model's residuals show, as far as the log allows."""
+        residuals, segments = self.residuals, self.segments
+        no_wheels, by_speed = _no_wheels(self), None
+        if no_wheels is None:
+            assert self.wheel_speeds is not None
+            torques = wheel_torque_residuals(self)
+            blocks = blocks_of(segments, length=max(1, round(_BLOCK / self.sample_time)))
+            earlier = lagged(self.wheel_speeds, segments, lag=_EARLIER)
+            by_speed = tuple(
+                speed_effect(torque, speed, blocks)
+                for torque, speed in zip(torques.T, earlier.T, strict=True)
+            )
+        return ResidualAnalysis(
+            correlations=correlations(np.hstack([residuals, self.torques]), self.labels, segments),
+            whiteness=whiteness(residuals, segments),
+            spectrum=spectrum(residuals, segments, sample_time=self.sample_time),
+            by_speed=by_speed,
+            no_wheels=no_wheels,
+        )
+
+    def remarks(self) -> tuple[Finding, ...]:
+        """Return what the residuals show."""
+        return self.analysis.findings
+
+    def results(self) -> dict[str, object]:
+        found = self.analysis
+        white, spectrum = found.whiteness, found.spectrum
+        return {
+            "labels": self.labels,
+            "correlation": found.correlations.matrix,
+            "significant": found.correlations.significant,
+            "effective_samples": found.correlations.counts,
+            **self.errors.results(self.models),
+            "whiteness": white
+            and {
+                "verdict": by_state(np.array(white.colours)),
+                "p_value": by_state(white.p_value),
+                "predicted_share": by_state(white.predicted_share),
+                "autocorrelation": by_state(white.autocorrelation),
+            },
+            "spectrum": spectrum
+            and {
+                "resolution": spectrum.resolution,
+                "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
+            },
+            "wheels": {"refused": found.no_wheels, "by_speed": found.by_speed or ()},
+        }
+
+
+def predict(case: Case) -> Prediction:
+    """Predict every row that counts from the row before it."""
+    log, (starts, predicted) = case.log, case.steps
+    measured, speeds = log.states[starts + 1], wheel_speed_names(log.torques.shape[1])
+    known = all(name in log and np.isfinite(log[name]).all() for name in speeds)
+    return Prediction(
+        models=case.models,
+        residuals=measured - predicted[0],
+        residuals_second=measured - predicted[1],
+        measured=measured,
+        torques=log.torques[starts],
+        heading=log["psi"][starts],
+        wheel_speeds=np.column_stack([log[name][starts] for name in speeds]) if known else None,
+        segments=tuple(len(part) - 1 for part in case.parts),
+        sample_time=log.sample_time,
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualAnalysis:
     """Analyses of a model's residuals; None if the log is too short or lacks a column."""
 
@@ -57,26 +155,16 @@ class ResidualAnalysis:
     by_speed: tuple[SpeedEffect, ...] | None  #: by wheel
     no_wheels: str | None  #: why the wheels' speed is not analysed
 
-
-def analyse_residuals(prediction: Prediction, model: Model) -> ResidualAnalysis:
-    """Ask the residuals of a prediction by `model` everything that its log allows."""
-    residuals, segments = prediction.residuals, prediction.segments
-    no_wheels, by_speed = _no_wheels(prediction), None
-    if no_wheels is None:
-        assert prediction.wheel_speeds is not None
-        torques = wheel_torque_residuals(prediction, model)
-        blocks = blocks_of(segments, length=max(1, round(_BLOCK / prediction.sample_time)))
-        earlier = lagged(prediction.wheel_speeds, segments, lag=_EARLIER)
-        by_speed = tuple(
-            speed_effect(torque, speed, blocks) for torque, speed in zip(torques.T, earlier.T, strict=True)
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """A sentence or two on each question."""
+        sentences = (
+            *_pair_findings(self.correlations),
+            _whiteness_finding(self.whiteness),
+            _peak_finding(self.spectrum),
+            _speed_finding(self),
         )
-    return ResidualAnalysis(
-        correlations=correlations(np.hstack([residuals, prediction.torques]), prediction.labels, segments),
-        whiteness=whiteness(residuals, segments),
-        spectrum=spectrum(residuals, segments, sample_time=prediction.sample_time),
-        by_speed=by_speed,
-        no_wheels=no_wheels,
-    )
+        return tuple(note("residuals", sentence) for sentence in sentences)
 
 
 def _no_wheels(prediction: Prediction) -> str | None:
@@ -94,8 +182,9 @@ def _no_wheels(prediction: Prediction) -> str | None:
 _LIFT = 1e-10
 
 
-def wheel_torque_residuals(prediction: Prediction, model: Model) -> Floats:
+def wheel_torque_residuals(prediction: Prediction) -> Floats:
     """Return the residual torques (steps, n) [N m]."""
+    model = prediction.models.first.model
     rates = in_heading_frame(prediction.residuals, prediction.heading)[:, 5:]
     upright = np.zeros(5)
     J = prediction.sample_time * np.linalg.solve(model.mass_matrix(upright), model.wheel_jacobian(upright).T)
@@ -168,17 +257,6 @@ _COLOURS: dict[Colour, str] = {
     "one measured state, with opposite signs, so this is no error of the model",
     "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
 }
-
-
-def residual_findings(analysis: ResidualAnalysis) -> list[Finding]:
-    """Return the findings from a model's one-step residuals, a sentence or two for each question."""
-    sentences = [
-        *_pair_findings(analysis.correlations),
-        _whiteness_finding(analysis.whiteness),
-        _peak_finding(analysis.spectrum),
-        _speed_finding(analysis),
-    ]
-    return [note("residuals", sentence) for sentence in sentences]
 
 
 def _pair_findings(found: Correlations) -> list[str]:

@@ -1,4 +1,4 @@
-"""The three validations of the thesis's chapter 4 on a log: closed loop, open loop and prediction.
+"""The validations of the thesis's chapter 4 on a log, in the ways of `ballbot.validation.ways`.
 
 A model that predicts all ten states of the next row to `FINEST` simulated the log itself, because no robot follows its
 model so far. Such a log shows nothing about the other model either, and neither does a log that does not move.
@@ -12,7 +12,6 @@ from itertools import count
 
 import numpy as np
 
-from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
@@ -21,23 +20,14 @@ from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import checked_logs
 from ballbot.log.checks.kinematics import check_disturbance
-from ballbot.log.columns import Floats, torque_names
+from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.robot import RobotLike, as_robot
-from ballbot.validation.closed_loop import (
-    ClosedLoop,
-    RecoveredGain,
-    closed_loop,
-    delay_of,
-    recover_gain,
-)
-from ballbot.validation.models import FINEST, ErrorPair, Interval, ModelPair, check_wheels, joined, stretches
-from ballbot.validation.open_loop import open_loop
-from ballbot.validation.prediction import compare_horizons, join_horizons, predict
-from ballbot.validation.residuals import analyse_residuals
+from ballbot.validation.models import FINEST, Case, Interval, ModelPair, check_wheels, stretches
 from ballbot.validation.result import Validation
+from ballbot.validation.ways import WAYS
 
 
 def validate(
@@ -112,47 +102,21 @@ def validate_pair(
     references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
     log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
     check_wheels(models.first.model, log)
-    parts = stretches(log, holdout)
-    _report(run, 0)
-    prediction = predict(models, log, parts)
-    covariance = prediction.start_covariance
-    _report(run, 1)
-    horizon = compare_horizons(models, log, parts, start_covariance=covariance, seed=run.seed)
-    nothing_shown = no_evidence(models, log, parts, prediction.errors)
+    case = Case(models=models, log=log, parts=stretches(log, holdout), controller=controller, seed=run.seed)
+    nothing_shown = no_evidence(case)
     disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
-    refused = nothing_shown or disturbed
-    _report(run, 2)
-    recovered, closed, refusal = (
-        (None, None, refused)
-        if refused
-        else _closed_loop(models, log, parts, controller, covariance, run.seed)
-    )
-    _report(run, 3)
-    opened = None if refused else open_loop(models, log, parts, start_covariance=covariance, seed=run.seed)
-    _report(run, 4)
-    validation = Validation(
+    comparisons, refused = {}, {}
+    for done, way in enumerate(WAYS):
+        run.progress(Progress(stage=way.heading.lower(), done=done, total=len(WAYS)))
+        found = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(case)
+        (refused if isinstance(found, str) else comparisons)[way.key] = found
+    return Validation(
         models=models,
-        open_loop=opened,
-        no_open_loop=refused,
-        closed_loop=closed,
-        no_closed_loop=refusal,
-        prediction=prediction,
-        residuals=analyse_residuals(prediction, models.first.model),
-        horizon=horizon,
-        recovered=recovered,
-        duration=sum(len(part) for part in parts) * log.sample_time,
-        sample_time=log.sample_time,
+        comparisons=comparisons,
+        refused=refused,
+        duration=sum(len(part) for part in case.parts) * log.sample_time,
         no_evidence=nothing_shown,
     )
-    _report(run, 5)
-    return validation
-
-
-_STAGES = ("one step ahead", "horizons", "closed loop", "open loop", "residuals")
-
-
-def _report(run: Run, done: int) -> None:
-    run.progress(Progress(stage=_STAGES[min(done, len(_STAGES) - 1)], done=done, total=len(_STAGES)))
 
 
 def validate_logs(
@@ -171,7 +135,7 @@ def validate_logs(
 
     def report(now: Progress) -> None:
         stage = "validating" if len(logs) > 1 else now.stage
-        run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * (1 + len(_STAGES))))
+        run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * len(WAYS)))
 
     def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
         try:
@@ -201,62 +165,31 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
     shown = [part for part in parts if part.no_evidence is None]
     reasons = tuple(part.no_evidence for part in parts if part.no_evidence)
     if not shown:
-        sentence = " ".join(dict.fromkeys(reasons))
-        return replace(parts[0], no_evidence=sentence, no_open_loop=sentence, no_closed_loop=sentence)
+        return replace(parts[0], no_evidence=" ".join(dict.fromkeys(reasons)))
     if reasons:
         return replace(join_validations(shown), left_out=reasons)
-    opened = [part.open_loop for part in parts if part.open_loop is not None]
-    closed = [part.closed_loop for part in parts if part.closed_loop is not None]
-    prediction = joined([part.prediction for part in parts])
-    first = parts[0]
+    comparisons = {}
+    for way in WAYS:
+        if found := [part.comparisons[way.key] for part in parts if way.key in part.comparisons]:
+            comparisons[way.key] = type(found[0]).join(found)
     return replace(
-        first,
-        open_loop=joined(opened) if opened else None,
-        no_open_loop=None if opened else first.no_open_loop,
-        closed_loop=joined(closed) if closed else None,
-        no_closed_loop=None if closed else first.no_closed_loop,
-        prediction=prediction,
-        residuals=analyse_residuals(prediction, first.models.first.model),
-        horizon=join_horizons([part.horizon for part in parts]),
-        recovered=next((part.recovered for part in parts if part.recovered), None),
+        parts[0],
+        comparisons=comparisons,
+        refused={key: why for key, why in parts[0].refused.items() if key not in comparisons},
         duration=sum(part.duration for part in parts),
         log_findings=by_severity(finding for part in parts for finding in part.log_findings),
     )
 
 
-def _closed_loop(
-    models: ModelPair,
-    log: Log,
-    parts: Sequence[range],
-    controller: Feedback | None,
-    covariance: Floats,
-    seed: int,
-) -> tuple[RecoveredGain | None, ClosedLoop | None, str | None]:
-    """Return the recovered gain, the closed-loop validation, and the reason if it is missing."""
-    recovered = None
-    if controller is None:
-        try:
-            recovered = recover_gain(log)
-        except InputError as error:
-            return None, None, str(error)
-        controller = Controller(
-            models.first.model.robot,
-            recovered.gain,
-            sample_time=log.sample_time,
-            torque_limit=recovered.torque_limit,
-        )
-    delay = delay_of(controller, log) if recovered is None else recovered.delay
-    closed = closed_loop(models, log, parts, controller, covariance=covariance, delay=delay, seed=seed)
-    return recovered, closed, None
-
-
-def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: ErrorPair) -> str | None:
+def no_evidence(case: Case) -> str | None:
     """Return why a log cannot show which model is better, if a model predicts each row to rounding."""
+    log, (starts, predicted) = case.log, case.steps
     size = np.maximum(1.0, np.abs(log.states).max(axis=0))
-    exact = [bool(np.all(one.rmse <= FINEST * size)) for one in (one_step.first, one_step.second)]
+    errors = np.sqrt(np.mean((log.states[starts + 1] - predicted) ** 2, axis=1))
+    exact = np.all(errors <= FINEST * size, axis=1).tolist()
     if not any(exact):
         return None
-    states = np.concatenate([log.states[part.start : part.stop] for part in parts])
+    states = np.concatenate([log.states[part.start : part.stop] for part in case.parts])
     if np.all(np.ptp(states, axis=0) <= FINEST * size):
         return "The log does not move, so it cannot show which model is better. Use a log in which the robot moves."
     if all(exact):
@@ -264,7 +197,7 @@ def no_evidence(models: ModelPair, log: Log, parts: Sequence[range], one_step: E
             "Both models predict this log to rounding, so it cannot show which is better. Use a "
             "log in which the robot moves more."
         )
-    own = models.names[exact.index(True)]
+    own = case.models.names[exact.index(True)]
     return (
         f"This log was simulated by the model {own} itself, which predicts it to rounding, so it cannot "
         "show which model is better. Use a log of the robot, or of the twin (`ballbot record`)."

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.log import Log
 from ballbot.log.columns import Floats
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from ballbot.validation.models import ModelPair, Trajectories, drawn_noise, stretches
+from ballbot.validation.models import Case, Comparison, Trajectories, by_model, by_state, keys_of, stretches
 
 RUNS = 199  #: of each model
 _RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
@@ -42,7 +41,7 @@ _EXAMPLE_TIME = 20.0  #: [s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class WholeLog:
+class WholeLog(Comparison):
     """One log's and both models' numbers, in the order of `QUANTITIES` and of the states.
 
     A state that never swings has the amplitude zero and an infinite period; all numbers of a run that ends early, by a
@@ -51,14 +50,14 @@ class WholeLog:
 
     duration: float  #: of the log's longest stretch without a gap, of which at most 100 s are compared [s]
     measured: Floats  #: (3, 10) of the log
-    models: Floats  #: (2, runs, 3, 10) of the first model's runs and the second's
+    runs: Floats  #: (2, runs, 3, 10) of the first model's runs and the second's
     fell: tuple[int, int]  #: runs of each model that ended early
     example: Trajectories  #: the beginning of the first run of each
 
     @property
     def ranges(self) -> Floats:
         """Lower end, median and upper end of the range that contains 95 % of each model's runs (3, 2, 3, 10)."""
-        return np.sort(self.models, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
+        return np.sort(self.runs, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
     @property
     def places(self) -> NDArray[np.int64]:
@@ -73,20 +72,46 @@ class WholeLog:
             away = np.nan_to_num(np.abs(np.log(self.ranges[1] / self.measured)), nan=0.0)
         return int((away[0] < away[1]).sum()), int((away[1] < away[0]).sum())
 
+    def verdict(self) -> str:
+        """Return in how many states the log's numbers lie within those of each model's runs, and how many runs fell."""
+        inside = (self.places == 0).sum(axis=-1)
+        counts = [f"{rms}, {amplitude} and {period}" for rms, amplitude, period in inside.tolist()]
+        fell = [
+            f" {count} of the {RUNS} runs of the model {name} end early."
+            for count, name in zip(self.fell, self.models.names, strict=True)
+            if count
+        ]
+        first, second = self.models.names
+        return (
+            f"Over {self.duration:.3g} s without a restart, RMS, amplitude and period of the log's deviations from the "
+            f"reference lie within the 95 % range of {RUNS} runs of the model {first} in {counts[0]} of the ten "
+            f"states, and of the model {second} in {counts[1]}; the medians of the model {first} are nearer to the log "
+            f"in {self.nearer[0]} of these 30 numbers.{''.join(fell)}"
+        )
 
-def compare_whole_log(
-    models: ModelPair,
-    log: Log,
-    controller: Controller,
-    *,
-    delay: int,
-    covariance: Floats,
-    seed: int,
-) -> WholeLog:
+    def results(self) -> dict[str, object]:
+        """Return RMS, amplitude and period of the log, and median and range of each model's runs."""
+        return {
+            "duration": self.duration,
+            "runs": RUNS,
+            **{
+                quantity: {
+                    "log": by_state(self.measured[k]),
+                    **by_model("median_", self.models, self.ranges[1, :, k]),
+                    **by_model("range_95_", self.models, self.ranges[::2, :, k].swapaxes(0, 1)),
+                }
+                for k, quantity in enumerate(QUANTITIES)
+            },
+            "ended_early": dict(zip(keys_of(self.models), self.fell, strict=True)),
+        }
+
+
+def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> WholeLog:
     """Run both models over a log's longest stretch without a gap, with the controller as it ran on the robot.
 
-    Its torques come `delay` samples late; `covariance` (10, 10) is that of a measured state's noise.
+    Its torques come `delay` samples late.
     """
+    models, log = case.models, case.log
     part = max(stretches(log), key=len)
     every = max(1, round(_ROW_TIME / log.sample_time))
     records = max(1, min(len(part) - 1, round(_LONGEST / log.sample_time)) // every)
@@ -96,12 +121,12 @@ def compare_whole_log(
         columns[part.start : part.start + samples + 1] for columns in (log.states, log.reference)
     )
     measured = states[every::every]
-    noise = drawn_noise(covariance, (RUNS, records + 1), seed=seed)
+    noise = case.drawn_noise(RUNS, records + 1)
     gain = controller.gain
     borne = Imperfections(
         delay=delay,
-        torque_noise=float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", gain, covariance, gain)))),
-        seed=seed,
+        torque_noise=float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", gain, case.noise, gain)))),
+        seed=case.seed,
     )
     runs, fell = [], []
     for model in models.both:
@@ -123,9 +148,10 @@ def compare_whole_log(
     rows = part.start + every * np.arange(shown + 1)
     first, second = (np.vstack([states[:1], run[0, :shown]]) for run in runs)
     return WholeLog(
+        models=models,
         duration=samples * log.sample_time,
         measured=numbers[0],
-        models=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
+        runs=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
         fell=(int(fell[0].sum()), int(fell[1].sum())),
         example=Trajectories(t=log.t[rows], measured=log.states[rows], first=first, second=second),
     )

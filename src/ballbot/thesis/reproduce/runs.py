@@ -22,6 +22,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.thesis.reproduce.recordings import ARRIVED, CHANGE, ModelOnGrid
 from ballbot.validation.models import (
+    Case,
     ModelPair,
     NamedModel,
     forecast,
@@ -29,7 +30,7 @@ from ballbot.validation.models import (
     rows_after,
     thesis_error,
 )
-from ballbot.validation.prediction import predict
+from ballbot.validation.residuals import predict
 from ballbot.validation.statistics import Correlations, correlations
 from ballbot.workflows.metrics import position_error, rms, true_place
 
@@ -128,7 +129,7 @@ def validated(robot: Robot, identified: Robot, log: Log) -> Validated:
         first=NamedModel(name="with friction", model=models[0]),
         second=NamedModel(name="without friction", model=models[1]),
     )
-    prediction = predict(pair, log, [range(len(log))])
+    prediction = predict(Case(models=pair, log=log, parts=[range(len(log))]))
     falls, open_loop, example = _open_loop(models, log)
     return Validated(
         log=log,

@@ -1,0 +1,116 @@
+"""Prediction over horizons from one sample to half a second, beside the error that noise alone would cause.
+
+One step alone is bound by the noise of the sensors and says little about the model (`ballbot.validation.residuals`);
+half a second is governed by the model. The error against the horizon between the two shows which of them an error comes
+from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from ballbot.fitting.comparison import HorizonErrors, verdicts
+from ballbot.log import STATE_NAMES
+from ballbot.log.columns import Floats
+from ballbot.validation.models import (
+    FINEST,
+    Case,
+    Comparison,
+    by_model,
+    by_state,
+    forecast,
+    rows_after,
+    window_starts,
+)
+
+#: how far ahead [s]
+HORIZONS = (0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+
+#: starts are this far apart [s]: enough of them, and not so near that they repeat each other
+_SPACING = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Horizons(Comparison):
+    """Errors of both models at each horizon, and the scales to compare them with."""
+
+    errors: HorizonErrors  #: of the first model and the second, state by state
+    #: (h, 10), RMSE that the noise of start and measurement alone would cause
+    noise_floor: Floats
+    spread: Floats  #: (10,), standard deviation of what was measured
+
+    def verdict(self) -> str:
+        errors, first = self.errors, self.models.first.name
+        intervals = errors.ratio_interval()
+        if not np.isfinite(intervals).any():
+            return f"{errors.starts} forecasts are too few to show how the error grows with the horizon."
+        better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
+        ahead, ratio = 1e3 * errors.horizons, np.median(errors.ratio, axis=1)
+        most = np.flatnonzero(np.array(better) > len(STATE_NAMES) // 2)
+        words = [
+            f"{ahead[0]:.0f} ms ahead the model {first} is better in {better[0]} of the ten states (median ratio "
+            f"{ratio[0]:.2f})"
+        ]
+        if most.size and 0 < most[0] < len(ahead) - 1:
+            words.append(f"from {ahead[most[0]]:.0f} ms on in most")
+        words.append(f"{ahead[-1]:.0f} ms ahead in {better[-1]} (median ratio {ratio[-1]:.1f})")
+        return ", ".join(words) + "."
+
+    def results(self) -> dict[str, object]:
+        intervals = self.errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
+        # a state that did not move has no scale
+        spread = np.where(self.spread > FINEST, self.spread, np.nan)
+        return {
+            "seconds": self.errors.horizons,
+            **by_model("rmse_", self.models, self.errors.rmse),
+            **by_model("normalised_rmse_", self.models, self.errors.rmse / spread),
+            "ratio": by_state(self.errors.ratio),
+            "ratio_interval": by_state(intervals),
+            "verdict": [verdicts(interval) for interval in intervals],
+            "noise_floor_rmse": by_state(self.noise_floor),
+        }
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return the errors over the starts of all `parts` of the first one's horizons; the spread is that one's."""
+        first = parts[0].errors
+        alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
+        weights = [part.errors.starts for part in alike]
+        squares = np.array([part.noise_floor for part in alike]) ** 2
+        differences = np.concatenate([part.errors.differences for part in alike], axis=1)
+        return cls(
+            models=parts[0].models,
+            errors=replace(first, differences=differences),
+            noise_floor=np.sqrt(np.average(squares, axis=0, weights=weights)),
+            spread=parts[0].spread,
+        )
+
+
+def compare_horizons(case: Case) -> Horizons:
+    """Forecast from starts 0.1 s apart and compare at each horizon that fits the stretches of rows that count."""
+    models, log, parts = case.models, case.log, case.parts
+    step = log.sample_time
+    fitting = max(len(part) for part in parts) - 1
+    ahead = np.unique(np.clip(np.round(np.array(HORIZONS) / step).astype(int), 1, fitting))
+    samples = int(ahead[-1])
+    starts = window_starts(parts, samples=samples, every=max(1, round(_SPACING / step)))
+    states = forecast(models.both, log, starts, samples)
+    measured = log.states[rows_after(starts, samples)]
+    noise = case.drawn_noise(2, len(starts))
+    shifted = forecast([models.first.model], log, starts, samples, initial=log.states[starts] + noise[0])[0]
+    floor = (shifted + noise[1][:, None] - states[0])[:, ahead - 1]
+    horizons = ahead * step
+    return Horizons(
+        models=models,
+        errors=HorizonErrors(
+            horizons=horizons,
+            differences=(states - measured)[:, :, ahead - 1],
+            overlap=int(-(-horizons[-1] // _SPACING)),
+        ),
+        noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
+        spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
+    )

@@ -1,0 +1,31 @@
+"""The ways of validating, in the order of a page: another is one file with its `Comparison`, and one row here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from ballbot.validation.closed_loop import closed_loop
+from ballbot.validation.horizons import compare_horizons
+from ballbot.validation.models import Case, Comparison
+from ballbot.validation.open_loop import open_loop
+from ballbot.validation.residuals import predict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """A way of validating."""
+
+    key: str  #: in results.json
+    heading: str  #: of its section
+    compare: Callable[[Case], Comparison | str]  #: what it finds, or why the log does not allow it
+    code: str  #: of its verdict, in `ballbot.findings.CODES`
+    undisturbed: bool = False  #: whether only a log that nothing else moves shows anything
+
+
+WAYS = (
+    Way(key="open_loop", heading="Open loop", compare=open_loop, code="open-loop", undisturbed=True),
+    Way(key="closed_loop", heading="Closed loop", compare=closed_loop, code="closed-loop", undisturbed=True),
+    Way(key="horizon", heading="Error against horizon", compare=compare_horizons, code="horizon"),
+    Way(key="prediction", heading="Residuals of the next sample", compare=predict, code="residuals"),
+)
