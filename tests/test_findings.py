@@ -74,7 +74,7 @@ def _codes_in(nodes: Sequence[ast.AST], everywhere: Sequence[ast.AST]) -> set[st
                 for outer in _calls(callers, function.name):
                     given = _argument(outer, value.id, names.index(value.id))
                     codes |= _texts(given) if given is not None else set()
-    for made_by in ("warning", "note", "error", "finding", "_of", "_Usual", "_Check", "Way"):
+    for made_by in ("warning", "note", "error", "finding", "_of", "_Usual", "Way"):
         for call in _calls(nodes, made_by):
             given = _argument(call, "code", 0)
             codes |= _texts(given) if given is not None else set()
