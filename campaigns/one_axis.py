@@ -19,9 +19,9 @@ from ballbot.errors import InputError
 from ballbot.findings import texts
 from ballbot.identification.axis import AxisIdentification, AxisOptions, AxisRecord, identify_axis
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.experiment import AxisEstimate
+from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import LAWS
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import Section, public_file, share_words
 

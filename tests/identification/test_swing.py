@@ -19,7 +19,6 @@ from ballbot.identification.swing import (
     fit_swing,
     inertia_of_swing,
     pendulum_motion,
-    period_growth,
     swing_in_log,
     swing_of,
 )
@@ -79,10 +78,6 @@ def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
     fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
     # of Appendix III: 4.37 kg m^2, which is not an input
     assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=2e-6)
-    # what would come out without the correction, by the mean period: 1.6 % or more too slow
-    crossings = truth.t[:-1][np.diff(np.sign(truth.angle)) != 0]
-    mean = np.pi / np.diff(crossings).mean()
-    assert np.sqrt(STIFFNESS) / mean - 1.0 > 0.4 * (period_growth(amplitude) - 1.0) > 4e-3
 
 
 @pytest.mark.parametrize(
@@ -235,21 +230,10 @@ def test_sensor_that_froze_is_refused_and_one_that_is_clipped_gets_a_warning(rob
     assert found.about_ball_center.value == pytest.approx(4.37, rel=0.005)
 
 
-def test_rates_in_degrees_a_second_are_refused() -> None:
-    truth = swung(duration=30.0, h=0.02, amplitude=np.radians(20.0), dry=0.0)
-    with pytest.raises(InputError, match="rad/s"):
-        fit_swing(swing_of(truth.t, np.degrees(truth.rate), kind="rate", source="gyro_x"))
-
-
-@pytest.mark.parametrize("amplitude", [0.1, 1.2])
-def test_correct_swings_have_no_findings(robot: Robot, amplitude: float) -> None:
-    truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
-    swing = swing_of(
-        truth.t,
-        truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1),
-        kind="angle",
-        source="theta",
-    )
+def test_a_large_correct_swing_has_no_findings(robot: Robot) -> None:
+    truth = swung(duration=25.0, h=0.02, amplitude=1.2)
+    noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1)
+    swing = swing_of(truth.t, noisy, kind="angle", source="theta")
     assert [*inertia_of_swing(fit_swing(swing), robot).findings()] == []
 
 

@@ -119,9 +119,9 @@ def test_errors_expected_are_the_least_that_identification_finds(seed):
         generations=10, population=12, evolution_windows=24, step=2.5e-3, most_profiles=0
     )
     found = identify(alten(), noisy(log, seed=seed), options=options)
-    errors = np.concatenate([np.atleast_1d(one) for one in found.standard_errors.values()])
     # of these, what the log's own residuals show: with one log the variation between logs is that of other robots
-    errors = np.sqrt(errors**2 - np.nan_to_num(found.variation.deviations) ** 2)
+    between = [found.variation.deviations.get(label, 0.0) for label in found.labels]
+    errors = np.sqrt(found.errors**2 - np.square(between))
     known = np.isfinite(errors)
     assert known.sum() >= 9
     ratio = errors[known] / (expected[known] / math.sqrt(1.0 - options.held_out))

@@ -16,7 +16,7 @@ from ballbot.fitting.run import Run, check_seed
 from ballbot.identification import axis
 from ballbot.identification.agreement import file_findings
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
-from ballbot.identification.axis.reading import AxisColumns, read_axis_record
+from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry

@@ -2,11 +2,10 @@
 
     J dx/dt = A^T (g u - b w - c sgn w),   w = A x,   one gain g, b and c a wheel
 
-with the ball's angular velocity x, or with A = 1 and the speeds of free wheels, is fitted to pieces of 0.1 s, each an
-integral over time, so that nothing is differentiated. Torque and friction of a slow sweep are nearly the same: there
-1 / g is found of each wheel, the inertia that its torque shows over the file's. Gains of one show that torques, axes
-and units are right; those of another log are stated with what usually makes them so. Encoders, where they are logged,
-show the ball's axes and unit by themselves.
+with the ball's angular velocity x is fitted to pieces of 0.1 s, each an integral over time, so that nothing is
+differentiated. A free wheel is an axis (`ballbot.identification.axis`): its gain is the file's inertia over that of the
+inverse model. Gains of one show that torques, axes and units are right; those of another log are stated with what
+usually makes them so. Encoders, where they are logged, show the ball's axes and unit by themselves.
 """
 
 from __future__ import annotations
@@ -19,6 +18,8 @@ from numpy.typing import NDArray
 from ballbot.errors import every
 from ballbot.findings import Finding, error, warning
 from ballbot.fitting.least_squares import fit_linear
+from ballbot.identification.axis.model import AxisModel
+from ballbot.identification.axis.motion import inverse_model, motion_of
 from ballbot.identification.driveline import BALL_NAMES, LIMITED, Sweep
 from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
@@ -41,31 +42,31 @@ _FROZEN, _FROZEN_ROWS = 0.25, 20
 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
-    """Return the faults of the sweeps of all wheels of a robot."""
-    first, names = sweeps[0], wheel_speed_names(len(sweeps))
-    speeds, torques = (np.column_stack([getattr(one, key) for one in sweeps]) for key in ("speed", "torque"))
-    free = np.abs(speeds) < LIMITED * first.limit
-    moving = np.where(free, speeds, 0.0)
+    """Return the faults of the sweeps of all wheels of a robot.
+
+    InputError if a sweep has too few rows, or does not determine the inertia.
+    """
+    names = wheel_speed_names(len(sweeps))
+    moving = [np.where(np.abs(one.speed) < LIMITED * one.limit, one.speed, 0.0) for one in sweeps]
     findings = [
-        one for i, name in enumerate(names) for one in _frozen(first.t, moving[:, i : i + 1], (name,))
+        finding
+        for sweep, speed, name in zip(sweeps, moving, names, strict=True)
+        for finding in _frozen(sweep.t, speed[:, None], (name,))
     ]
-    rows = _pieces(speeds, torques, first.sample_time)
-    counted = np.asarray(free[rows].all(axis=1))
-    if findings or counted.sum() < _LEAST_PIECES * len(sweeps):
+    if findings:
         return tuple(findings)
-    # of each wheel by itself
-    h, gains, left = first.sample_time, [], []
-    for own, w, u in zip(counted.T, speeds[rows].T, torques[rows].T, strict=True):
-        w, y = w[:, own], h * u[:-1, own].sum(axis=0)
-        change, travel, sign = w[-1] - w[0], h * w[:-1].sum(axis=0), h * np.sign(w[:-1]).sum(axis=0)
-        fit = fit_linear(
-            np.column_stack([first.inertia * change, travel, sign, np.ones(len(y))]), y, np.arange(len(y))
-        )
-        left.append(float(np.var(fit.residuals) / (np.var(y) or 1.0)))
-        # a torque that the motion does not explain has no gain
-        known = left[-1] <= 1.0 - _EXPLAINED and fit.values[0] != 0.0
-        gains.append(1.0 / float(fit.values[0]) if known else 0.0)
-    return tuple(_of_torques(robot, gains, 1.0 - float(np.mean(left)), names))
+    gains, explained = [], []
+    for sweep in sweeps:
+        gain, share = 0.0, 0.0  # of a wheel that does not turn
+        if np.any(sweep.speed):
+            motion = motion_of(sweep.record())
+            found = inverse_model([motion], AxisModel(law="coulomb"))
+            share = max(found.explained, 0.0)
+            # a torque that the motion does not explain has no gain
+            gain = sweep.inertia / found.values["mass"] if share >= _EXPLAINED else 0.0
+        gains.append(gain)
+        explained.append(share)
+    return tuple(_of_torques(robot, gains, float(np.mean(explained)), names))
 
 
 def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:

@@ -112,18 +112,15 @@ def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
     if "stribeck" not in names:  # then it is c, whose numbers are in the table
         return "Compare the Coulomb friction c of each wheel with other logs and robots."
     c, c_e = (
-        ", ".join(plus_minus(float(value), float(error)) for value, error in zip(*both, strict=True))
-        for both in ((found.coulomb, found.coulomb_errors), (found.values, found.standard_errors))
+        f"{', '.join(map(plus_minus, values.tolist(), errors.tolist()))} N m"
+        for values, errors in ((found.coulomb, found.coulomb_errors), (found.values, found.standard_errors))
     )
+    compared, other = f"c of each wheel, {c}", f"the Coulomb equivalent, {c_e},"
+    if found.compared == "c_e":
+        compared, other = f"the Coulomb equivalent of each wheel, {c_e}", f"c, {c},"
     top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
-    compare = (
-        f"c of each wheel, {c} N m"
-        if found.compared == "c"
-        else f"the Coulomb equivalent of each wheel, {c_e} N m"
-    )
-    other = f"the Coulomb equivalent, {c_e} N m," if found.compared == "c" else f"c, {c} N m,"
     return (
-        f"Compare {compare}, with other logs and robots: {other} is less well determined. The Coulomb equivalent is "
+        f"Compare {compared}, with other logs and robots: {other} is less well determined. The Coulomb equivalent is "
         f"the value at rest of the straight line nearest to the dry friction up to {top} rad/s. These standard errors "
         "hold v_s or delta constant where it ends at a bound."
     )

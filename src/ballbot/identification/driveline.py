@@ -225,7 +225,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         values=values,
         standard_errors=errors,
         intervals=np.column_stack([np.maximum(values - halves, 0.0), values + halves]),
-        correlation=np.nan_to_num(correlation(best.found.covariance)[np.ix_(places, places)]),
+        correlation=np.nan_to_num(correlation(best.fit.covariance)[np.ix_(places, places)]),
         predicted=predicted,
         without=without,
         rmse=float(np.sqrt(np.nanmean((predicted - sweep.speed) ** 2))),
@@ -244,18 +244,13 @@ def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> R
     `found` has b, c and s of each wheel, and v_s, NaN if no wheel has s (3 n + 1); `source` says where they are from.
     """
     own, known = robot.friction, bool(np.isfinite(found.values[-1]))
+    empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)
 
     def robot_of(numbers: NDArray[np.float64]) -> Robot:
         b, c, s = (tuple(row) for row in numbers[:-1].reshape(3, -1).tolist())
-        friction = Friction(
-            viscous=b,
-            coulomb=c,
-            stribeck=s,
-            stribeck_speed=float(numbers[-1]) if known else own.stribeck_speed,
-            stribeck_exponent=1.0 if known else own.stribeck_exponent,
-            rolling=own.rolling,
-        )
-        return robot.replace(friction=friction)
+        v_s, delta = (float(numbers[-1]), 1.0) if known else (own.stribeck_speed, own.stribeck_exponent)
+        shape = {"stribeck_speed": v_s, "stribeck_exponent": delta}
+        return robot.replace(friction=replace(empty, viscous=b, coulomb=c, stribeck=s, **shape))
 
     names = [f"friction.{one.name}" for one in QUANTITIES]
     moved = robot_of(found.values)

@@ -65,28 +65,35 @@ from ballbot.robot.wheel_directions import axles
 CLUSTER = 2.0
 #: a sampling interval longer than this many usual ones is a gap
 LARGEST_GAP = 1.5
+#: numbers of clusters that each log has for itself
+_CLUSTERS_OF_LOG = 1_000_000
 #: share of the turning that must be common to log and cameras, or they are not of the same run
 _LEAST_SHARE = 0.5
 
 
-def cut(
-    log: Log, columns: NDArray[np.float64], *, window: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return first rows, last rows and clusters (w,) of windows, end to end, in which nothing is missing.
+def _increments(
+    totals: Sequence[tuple[Log, tuple[NDArray[np.float64], ...]]], *, window: float
+) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
+    """Return the increments (w, .) of logs' running totals (N, .) over windows, end to end, and their clusters (w,).
 
-    That is no row of `columns` (N, k), and no row of time. InputError if a window is less than two samples.
+    Windows without a value or a row are left out. InputError if a window [s] is less than two samples.
     """
-    samples = round(window / log.sample_time)
-    if samples < 2:
-        raise InputError(
-            f"The log's sample time of {log.sample_time:g} s is too long for windows of {window:g} s."
-        )
-    first = np.arange(0, len(log.t) - samples, samples)
-    complete = np.asarray(np.isfinite(columns).all(axis=1))
-    follows = complete[1:] & complete[:-1] & (np.diff(log.t) < LARGEST_GAP * log.sample_time)
-    broken = np.concatenate([[0], np.cumsum(~follows)])
-    first = first[broken[first + samples] == broken[first]]
-    return first, first + samples, np.floor((log.t[first] - log.t[0]) / CLUSTER).astype(np.int64)
+    increments, clusters = [], []
+    for number, (log, columns) in enumerate(totals):
+        samples = round(window / log.sample_time)
+        if samples < 2:
+            raise InputError(
+                f"The log's sample time of {log.sample_time:g} s is too long for windows of {window:g} s."
+            )
+        first = np.arange(0, len(log.t) - samples, samples)
+        complete = np.asarray(np.isfinite(np.hstack(columns)).all(axis=1))
+        follows = complete[1:] & complete[:-1] & (np.diff(log.t) < LARGEST_GAP * log.sample_time)
+        broken = np.concatenate([[0], np.cumsum(~follows)])
+        first = first[broken[first + samples] == broken[first]]
+        increments.append([column[first + samples] - column[first] for column in columns])
+        clusters.append(np.floor((log.t[first] - log.t[0]) / CLUSTER) + _CLUSTERS_OF_LOG * number)
+    stacked = [np.concatenate(column) for column in zip(*increments, strict=True)]
+    return stacked, np.concatenate(clusters).astype(np.int64)
 
 
 #: beyond this angle from upright [rad] a robot is falling or in hands
@@ -147,7 +154,7 @@ _UNDETERMINED = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class GeometryQuantity:
     """One quantity of the geometry, from logs and in the robot's file."""
 
@@ -176,14 +183,10 @@ class GeometryQuantity:
 
 
 def _azimuths(robot: Robot) -> list[Parameter]:
-    named = {f"wheels.azimuths[{i}]": one for i, one in enumerate(robot.wheels.azimuths)}
-    return [Parameter.about(name, one, "rad", within=0.5 * math.pi) for name, one in named.items()]
-
-
-def _quantity(one: Parameter, value: float, error: float, kind: str) -> GeometryQuantity:
-    return GeometryQuantity(
-        name=one.name, value=value, standard_error=error, in_file=one.default, unit=one.unit, kind=kind
-    )
+    return [
+        Parameter.about(f"wheels.azimuths[{i}]", azimuth, "rad", within=0.5 * math.pi)
+        for i, azimuth in enumerate(robot.wheels.azimuths)
+    ]
 
 
 #: clusters, at the least, for each parameter; fewer make a covariance too small
@@ -207,36 +210,21 @@ def _fitted(
             f"The logs have {len(names)} intervals of usable motion for {len(start)} unknowns, which need {least}; "
             "log for longer."
         )
-    width = residuals(start).shape[1]
     experiment = residuals_without_states(
         residuals,
         parameters=parameters,
-        block=np.repeat(block, width).astype(np.int64),
+        block=np.repeat(block, residuals(start).shape[1]).astype(np.int64),
         block_log=(names // _CLUSTERS_OF_LOG).astype(np.int64),
     )
     found = fit(experiment, experiment.coordinates.scaled(start))
-    if (
-        not found.estimated.all()
-        or np.linalg.cond(found.finished.equations.normal.matrix) > _LARGEST_CONDITION
-    ):
+    condition = np.linalg.cond(found.finished.equations.normal.matrix)
+    if not found.estimated.all() or condition > _LARGEST_CONDITION:
         raise InputError(_UNDETERMINED[kind])
     numbers = zip(parameters, found.values.tolist(), found.errors.tolist(), strict=True)
-    return [_quantity(one, value, error, kind) for one, value, error in numbers], found
-
-
-#: increments (w, .) over windows, and the windows' clusters (w,)
-_Increments = tuple[tuple[NDArray[np.float64], ...], NDArray[np.int64]]
-
-
-#: numbers of clusters that each log has for itself
-_CLUSTERS_OF_LOG = 1_000_000
-
-
-def _stacked(parts: Sequence[_Increments]) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
-    """Return the increments of several logs on end, and their clusters, numbered on."""
-    columns = zip(*(columns for columns, _ in parts), strict=True)
-    clusters = [clusters + _CLUSTERS_OF_LOG * number for number, (_, clusters) in enumerate(parts)]
-    return [np.concatenate(one) for one in columns], np.concatenate(clusters)
+    quantities = [
+        GeometryQuantity(one.name, value, error, one.default, one.unit, kind) for one, value, error in numbers
+    ]
+    return quantities, found
 
 
 #: length of a window [s]
@@ -251,7 +239,8 @@ def _of_rolling(
     The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning.
     """
     n = robot.wheel_count
-    (wheels, rolls, turns, speeds), clusters = _stacked([_rolling_increments(run, n) for run in runs])
+    totals = [(run.log, _rolling_totals(run, n)) for run in runs]
+    (wheels, rolls, turns, speeds), clusters = _increments(totals, window=ROLLING_WINDOW)
     wheels = wheels - wheels.mean(axis=1, keepdims=True)
 
     def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -270,21 +259,17 @@ def _of_rolling(
     return _fitted(BALANCING, parameters, residuals, clusters)
 
 
-def _rolling_increments(run: MocapRun, wheel_count: int) -> _Increments:
-    """Return increments (w, .) of wheel angles, rolling, turning and rolling's rate, all level parts; clusters (w,)."""
+def _rolling_totals(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.float64], ...]:
+    """Return wheel angles, and level rolling, turning and rolling's rate, at a log's rows (N, .); NaN if unknown."""
     log, rolling, motion = run.log, run.rolling, run.motion
     angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
     gyro = np.column_stack([log[name] for name in GYRO_NAMES])
-    first, last, clusters = cut(log, np.hstack([angles, gyro]), window=ROLLING_WINDOW)
-    start, end = (motion.clock.to_cameras(log.t[rows]) for rows in (first, last))
-    known = rolling.covers(start - 0.05, end + 0.05)
-    first, last, start, end = first[known], last[known], start[known], end[known]
     turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)
-    # the rolling's rate [m/s] over 40 ms
-    before, after = (rolling.over(at - 0.02, at + 0.02)[:, :2] / 0.04 for at in (start, end))
-    turned = (turning[last] - turning[first])[:, :2]
-    rolls = rolling.over(start, end)[:, :2]
-    return (angles[last] - angles[first], rolls, turned, after - before), clusters[known]
+    t = motion.clock.to_cameras(log.t)
+    known = rolling.covers(t - 0.05, t + 0.05) & np.isfinite(gyro).all(axis=1)
+    rolled = rolling.over(np.full(len(t), rolling.t[0]), t)[:, :2]
+    rate = rolling.over(t - 0.02, t + 0.02)[:, :2] / 0.04  # [m/s] over 40 ms
+    return angles, np.where(known[:, None], rolled, np.nan), turning[:, :2], rate
 
 
 def _of_upside_down(
@@ -292,7 +277,13 @@ def _of_upside_down(
 ) -> tuple[list[GeometryQuantity], list[GeometryQuantity], Fit[BlockErrors]]:
     """Find r_b / r_w, tilt, azimuths, and the camera's tilt and delay; and r_b / r_w of each wheel by itself."""
     n = robot.wheel_count
-    (wheels, turns, rates), clusters = _stacked([_upside_down_increments(log, n) for log in logs])
+    totals = []
+    for log in logs:
+        angles, omega = (
+            np.column_stack([log[name] for name in names]) for names in (wheel_angle_names(n), BALL_NAMES)
+        )
+        totals.append((log, (angles, Turning.of_rates(log.t, omega).total, omega)))
+    (wheels, turns, rates), clusters = _increments(totals, window=UPSIDE_DOWN_WINDOW)
 
     def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
@@ -313,20 +304,11 @@ def _of_upside_down(
     own = [fit_linear(turns - found.values[-1] * rates, angles, clusters) for angles in wheels.T]
     ratios = []
     for number, one in enumerate(own, start=1):
-        value = float(np.linalg.norm(one.values))
-        error = math.sqrt(one.values @ one.covariance @ one.values) / value
+        size = float(np.linalg.norm(one.values))
+        error = math.sqrt(one.values @ one.covariance @ one.values) / size
         name, common = f"ball.radius / wheels.radius, wheel {number}", float(found.values[0])
-        ratios.append(_quantity(Parameter.about(name, common, "1"), value, error, UPSIDE_DOWN))
+        ratios.append(GeometryQuantity(name, size, error, common, "1", UPSIDE_DOWN))
     return quantities, ratios, found
-
-
-def _upside_down_increments(log: Log, wheel_count: int) -> _Increments:
-    """Return increments (w, .) of wheel angles, of the ball's turning and of its rate, and clusters (w,)."""
-    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
-    omega = np.column_stack([log[name] for name in BALL_NAMES])
-    first, last, clusters = cut(log, np.hstack([angles, omega]), window=UPSIDE_DOWN_WINDOW)
-    totals = angles, Turning.of_rates(log.t, omega).total, omega
-    return tuple(total[last] - total[first] for total in totals), clusters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -389,20 +371,25 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
-    total = (1 if upside_down else 0) + (len(balancing) + 1 if balancing else 0)
+    stages = ["fitting the logs upside down"] if upside_down else []
+    stages += (
+        [*("aligning the motion capture" for _ in balancing), "fitting the balancing logs"]
+        if balancing
+        else []
+    )
+    steps = (Progress(stage=stage, done=k, total=len(stages)) for k, stage in enumerate(stages))
     leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
     measured, ratios, runs = list[GeometryQuantity](), list[GeometryQuantity](), list[MocapRun]()
     on_wheels = None
     if upside_down:
-        progress(Progress(stage="fitting the logs upside down", done=0, total=total))
+        progress(next(steps))
         measured, ratios, on_wheels = _of_upside_down(robot, upside_down)
         leaning = float(on_wheels.values[0] * math.cos(on_wheels.values[1]))
     for log, film in balancing:
-        done = total - len(balancing) - 1 + len(runs)
-        progress(Progress(stage="aligning the motion capture", done=done, total=total))
+        progress(next(steps))
         runs.append(mocap_run(log, film))
     if runs:
-        progress(Progress(stage="fitting the balancing logs", done=total - 1, total=total))
+        progress(next(steps))
         of_rolling, rolling = _of_rolling(robot, runs, leaning)
         measured += of_rolling[:-1]
         measured += _of_both(robot, on_wheels, rolling) if on_wheels else []
@@ -420,15 +407,16 @@ _OTHERS = ("camera delay", "leaning seen")
 
 
 def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors]) -> list[GeometryQuantity]:
+    """Return each radius: r_w = length cos(tilt) and r_b = ratio r_w."""
     ratio, tilt, length = (*on_wheels.values[:2].tolist(), float(rolling.values[0]))
     c, s = math.cos(tilt), math.sin(tilt)
     covariance = block_diag(on_wheels.covariance[:2, :2], rolling.errors[0] ** 2)
-    # of r_w = length cos(tilt) and r_b = ratio r_w by ratio, tilt and length
+    # by ratio, tilt and length
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
-    r_w, r_b = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
+    errors = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        _quantity(Parameter.about("wheels.radius", robot.wheels.radius, "m"), length * c, r_w, BOTH),
-        _quantity(Parameter.about("ball.radius", robot.ball.radius, "m"), ratio * length * c, r_b, BOTH),
+        GeometryQuantity("wheels.radius", length * c, errors[0], robot.wheels.radius, "m", BOTH),
+        GeometryQuantity("ball.radius", ratio * length * c, errors[1], robot.ball.radius, "m", BOTH),
     ]
 
 
@@ -438,7 +426,7 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
     weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
-        _quantity(Parameter.about(f"IMU rotation about {axis}", 0.0, "rad"), value, error, BALANCING)
+        GeometryQuantity(f"IMU rotation about {axis}", value, error, 0.0, "rad", BALANCING)
         for axis, value, error in zip("xyz", mean.tolist(), errors.tolist(), strict=True)
     ]
 
@@ -452,25 +440,18 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
     InputError if that is no robot, as when another radius does not go with the ball's inertia.
     """
     found = {one.name: [one] for one in reversed(geometry.measured)}  # the first of a name counts
-    azimuths = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
-    turn = common_turn(azimuths)
-    found["wheels.azimuths"] = azimuths
-    ball, wheels = robot.ball, robot.wheels
-    if "ball.radius" in found:
-        ball = replace(ball, radius=found["ball.radius"][0].value)
-        wheels = replace(wheels, radius=found["wheels.radius"][0].value)
-    if "wheels.tilt" in found:
-        wheels = replace(wheels, tilt=_in_degrees(found["wheels.tilt"][0].value))
-    wheels = replace(wheels, azimuths=tuple(_in_degrees(one.value - turn) for one in azimuths))
-    sources, deviations = dict(robot.sources), dict(robot.standard_deviations)
+    found["wheels.azimuths"] = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
+    values, sources, deviations = dict[str, Value](), dict(robot.sources), dict(robot.standard_deviations)
     for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
         if name in found:
-            sizes = [math.hypot(one.standard_error, one.slip) for one in found[name]]
-            deviation: Value = tuple(sizes if name.endswith("radius") else map(_in_degrees, sizes))
-            deviations[name] = deviation if name == "wheels.azimuths" else deviation[0]
+            as_in_file = float if name.endswith("radius") else _in_degrees
+            several = name == "wheels.azimuths"
+            turn = common_turn(found[name]) if several else 0.0
+            numbers = tuple(as_in_file(one.value - turn) for one in found[name])
+            sizes = tuple(as_in_file(math.hypot(one.standard_error, one.slip)) for one in found[name])
+            values[name], deviations[name] = (numbers, sizes) if several else (numbers[0], sizes[0])
             sources[name] = f"identified: geometry from logs ({found[name][0].kind})"
-    moved = robot.replace(ball=ball, wheels=wheels)
-    return moved.annotated(sources=sources, standard_deviations=deviations)
+    return robot.replace(values).annotated(sources=sources, standard_deviations=deviations)
 
 
 def _in_degrees(angle: float) -> float:

@@ -154,11 +154,6 @@ def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
     return count * h / float(lowest + np.argmax(power[lowest:]))
 
 
-def period_growth(amplitude: float) -> float:
-    """Return by what factor the period of an amplitude [rad] is longer than a small swing's."""
-    return 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))
-
-
 #: step of the simulation in radians of swing
 _STEP = 0.03
 
@@ -200,7 +195,7 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
     zero, angular = float(first.min()) + size, swing.kind == "angle"
     amplitude = min(size if angular else size / omega, 2.5)
-    omega *= period_growth(amplitude)
+    omega *= 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))  # of small swings
     # the recording begins in the middle: there the angle is zero, or the rate
     way = float(np.sign(np.sum(first[: len(first) // 4] - zero)))
     angle, rate = (0.0, way * omega * amplitude) if angular else (-way * amplitude, 0.0)
@@ -303,20 +298,6 @@ def _fitted(swing: Swing) -> SwingFit:
 
 _CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 
-
-@dataclass(frozen=True, kw_only=True)
-class SwingEstimate:
-    """A number with its standard deviation."""
-
-    value: float
-    deviation: float
-
-    @reported
-    def half_width(self) -> float:
-        """Half of the 95 % interval."""
-        return HALF_WIDTH * self.deviation
-
-
 #: the shape of smaller swings does not distinguish radians from degrees [rad]
 _LARGE = 0.25
 #: one unit fits better than another if it leaves less than this share of the other's residual
@@ -327,6 +308,19 @@ _LIKE_FILE, _POSSIBLE = 1.25, 10.0
 _MUCH_LEFT = 0.05
 
 
+@dataclass(frozen=True, kw_only=True)
+class SwingQuantity:
+    """A number that a swing gives."""
+
+    value: float
+    deviation: float
+
+    @reported
+    def half_width(self) -> float:
+        """Half of the 95 % interval."""
+        return HALF_WIDTH * self.deviation
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SwingInertia:
     """The body's inertia about the axis of its swing [kg m^2], with what it follows from."""
@@ -334,9 +328,9 @@ class SwingInertia:
     robot: Robot
     fit: SwingFit
     pivot: dict[str, float]  #: distance r [m], its deviation [m], and whether it is the ball's centre
-    about_pivot: SwingEstimate
-    about_center_of_mass: SwingEstimate
-    about_ball_center: SwingEstimate
+    about_pivot: SwingQuantity
+    about_center_of_mass: SwingQuantity
+    about_ball_center: SwingQuantity
 
     def findings(self) -> Iterator[Finding]:
         """Yield the evidence against it."""
@@ -389,47 +383,45 @@ class SwingInertia:
         return [note("swing", text), *([] if stated else [note("swing", swing_only)])]
 
     @property
-    def _friction(self) -> list[tuple[float, float]]:
-        """The pivot's viscous [N m s/rad] and dry friction [N m], each with half of its 95 % interval."""
-        inertia = self.about_pivot.value
-        return (inertia * np.array([self.fit.values[1:3], self.fit.half_widths[1:3]]).T).tolist()
+    def _numbers(self) -> dict[str, tuple[float, float]]:
+        """Frequency [rad/s], viscous [N m s/rad] and dry friction [N m] of the pivot, with halves of 95 % intervals."""
+        fit, inertia = self.fit, self.about_pivot.value
+        viscous, dry = (inertia * np.array([fit.values[1:3], fit.half_widths[1:3]]).T).tolist()
+        frequency = (fit.frequency, fit.frequency_half_width)
+        return {"frequency": frequency, "viscous": tuple(viscous), "dry": tuple(dry)}
 
     def rows(self) -> list[list[str]]:
         """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
-        frequency, half, (viscous, dry) = self.fit.frequency, self.fit.frequency_half_width, self._friction
+        (frequency, half), viscous, dry = self._numbers.values()
         period = 2.0 * np.pi / frequency
-        inertias = {
-            "pivot": self.about_pivot,
-            "centre of mass": self.about_center_of_mass,
-            "ball's centre": self.about_ball_center,
-        }
+        inertias = [
+            (f"inertia about the {name}", (one.value, one.half_width), "kg m^2")
+            for name, one in (
+                ("pivot", self.about_pivot),
+                ("centre of mass", self.about_center_of_mass),
+                ("ball's centre", self.about_ball_center),
+            )
+        ]
         rows = [
             ("small swings' frequency", (frequency, half), "rad/s"),
             ("small swings' period", (period, period * half / frequency), "s"),
             ("pivot's viscous friction", viscous, "N m s/rad"),
             ("pivot's dry friction", dry, "N m"),
-            *(
-                (f"inertia about the {key}", (one.value, one.half_width), "kg m^2")
-                for key, one in inertias.items()
-            ),
+            *inertias,
         ]
         return [[name, plus_minus(*number), unit] for name, number, unit in rows]
 
     def to_dict(self, findings: Sequence[Finding] = ()) -> dict[str, object]:
         """Return the entries of results.json, SI units; half widths are of 95 %."""
-        fit, ((viscous, of_viscous), (dry, of_dry)) = self.fit, self._friction
+        fit, numbers = self.fit, self._numbers
         results = {
             "findings": finding_results([*findings, *self.notes()]),
             "source": fit.swing.source,
             "swings": fit.swing.swings,
             "amplitude_first": fit.amplitudes[0],
             "amplitude_last": fit.amplitudes[1],
-            "frequency": fit.frequency,
-            "frequency_half_width": fit.frequency_half_width,
-            "viscous": viscous,
-            "viscous_half_width": of_viscous,
-            "dry": dry,
-            "dry_half_width": of_dry,
+            **{name: value for name, (value, _) in numbers.items()},
+            **{f"{name}_half_width": half for name, (_, half) in numbers.items()},
             "residual_share": fit.residual,
             "pivot": self.pivot,
             "inertia_about_pivot": self.about_pivot,
@@ -465,27 +457,28 @@ def inertia_of_swing(
             f"The distance to the pivot is {pivot['distance']:g} m with a standard deviation of "
             f"{pivot['deviation']:g} m; the distance must be above zero, the deviation zero or more."
         )
-    m, r, omega = robot.body.mass, pivot["distance"], fit.frequency
-    about = m * robot.gravity * r / omega**2  # (Appendix III)
-    # about the pivot, the centre of mass and the ball's centre
-    values = about + m * np.array([0.0, -(r**2), height**2 - r**2])
+
+    def inertias(omega: float, m: float, r: float, height: float) -> NDArray[np.float64]:
+        """Return those about the pivot, the centre of mass and the ball's centre."""
+        about = m * robot.gravity * r / omega**2  # (Appendix III)
+        return about + m * np.array([0.0, -(r**2), height**2 - r**2])
+
+    at = np.array([fit.frequency, robot.body.mass, pivot["distance"], height])
+    values = inertias(*at)
     if values[1] <= 0.0:
         raise InputError(
-            f"With {m:g} kg at {r:g} m, the swing of {omega:.4g} rad/s gives an inertia of {values[1]:.3g} kg m^2 "
-            "about the centre of mass, which no body has; the distance must be below "
-            f"{robot.gravity / omega**2:.4g} m. {_CHECK_UNITS}"
+            f"With {at[1]:g} kg at {at[2]:g} m, the swing of {at[0]:.4g} rad/s gives an inertia of {values[1]:.3g} "
+            "kg m^2 about the centre of mass, which no body has; the distance must be below "
+            f"{robot.gravity / at[0] ** 2:.4g} m. {_CHECK_UNITS}"
         )
-    # change of each result by one standard deviation of frequency, mass, r and l; if r is l they are one cause
-    of_l = 2.0 * m * height * np.array([0.0, 0.0, 1.0])
-    of_r = about / r - 2.0 * m * r * np.array([0.0, 1.0, 1.0])
-    changes = [
-        np.full(3, 2.0 * about / omega) * fit.frequency_half_width / HALF_WIDTH,
-        values / m * of_mass,
-        (of_r + of_l if there else of_r) * pivot["deviation"],
-        of_l * (0.0 if there else of_height),
-    ]
+    # one standard deviation of each cause by itself; if r is l they are one
+    causes = np.diag(
+        [fit.frequency_half_width / HALF_WIDTH, of_mass, pivot["deviation"], 0.0 if there else of_height]
+    )
+    causes[2, 3] = pivot["deviation"] if there else 0.0
+    changes = [0.5 * (inertias(*(at + cause)) - inertias(*(at - cause))) for cause in causes]
     numbers = zip(values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
-    about_pivot, own, about_ball = (SwingEstimate(value=one, deviation=error) for one, error in numbers)
+    about_pivot, own, about_ball = (SwingQuantity(value=one, deviation=error) for one, error in numbers)
     return SwingInertia(
         robot=robot,
         fit=fit,

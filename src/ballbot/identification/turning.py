@@ -16,6 +16,7 @@ are clustered by blocks of time, because errors depend on each other over second
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,9 +80,7 @@ def log_turning(log: Log) -> Turning:
     InputError if it has neither, or hardly any values of them.
     """
     if has_gyro(log):
-        rate = np.column_stack([log[name] for name in GYRO_NAMES])
-        _check_known(_whole_rows(rate), GYRO_NAMES)
-        return Turning.of_rates(log.t, rate)
+        return Turning.of_rates(log.t, _columns(log, GYRO_NAMES)[0])
     if not all(name in log for name in ANGLE_NAMES):
         raise InputError("Alignment needs the log's gyro_x, gyro_y, gyro_z, or its theta, phi, psi.")
     rotations, known = log_rotations(log)
@@ -95,9 +94,7 @@ def has_gyro(log: Log) -> bool:
 
 def log_rotations(log: Log) -> tuple[Rotation, NDArray[np.bool_]]:
     """Return the log's orientations, body to world, and where (N,) they are known; elsewhere the one before."""
-    angles = np.column_stack([log[name] for name in ANGLE_NAMES])
-    known = _whole_rows(angles)
-    _check_known(known, ANGLE_NAMES)
+    angles, known = _columns(log, ANGLE_NAMES)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
     return Rotation.from_euler("XYZ", angles[last]), known
 
@@ -124,11 +121,15 @@ def _whole_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(values).all(axis=1))
 
 
-def _check_known(known: NDArray[np.bool_], names: tuple[str, ...]) -> None:
+def _columns(log: Log, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return columns (N, k) and which rows (N,) have all their values; InputError if hardly any has."""
+    values = np.column_stack([log[name] for name in names])
+    known = _whole_rows(values)
     if known.sum() < 10:
         raise InputError(
             f"The log's {', '.join(names)} have values in only {known.sum()} of {len(known)} rows."
         )
+    return values, known
 
 
 #: of the grid of the search [s]; far below the span, so that a peak is not missed
@@ -342,6 +343,31 @@ class _Pairs:
     middle: float  #: of the log's times [s]
     body_marker: Rotation
 
+    @staticmethod
+    def shared(log: Turning, cameras: Turning, clock: Clock) -> _Pairs | None:
+        """Return the increments over `SPAN` that both have by a clock; None if they are too few."""
+        starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
+        ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
+        starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
+        start, end = cameras.t[starts], cameras.t[ends]
+        # a margin, for the clock moves
+        usable = log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
+        usable &= cameras.missing[ends] == cameras.missing[starts]
+        if usable.sum() < _LEAST:
+            return None
+        start, end, turned = start[usable], end[usable], (cameras.total[ends] - cameras.total[starts])[usable]
+        # a constant rate, the gyro's bias, is no motion
+        logged = _centred(log.over(clock.to_log(start), clock.to_log(end)))
+        return _Pairs(
+            log=log,
+            start=start,
+            end=end,
+            turned=turned,
+            clock=clock,
+            middle=float(np.mean(clock.to_log(start))),
+            body_marker=Rotation.align_vectors(logged, _centred(turned))[0],
+        )
+
     def clock_of(self, x: NDArray[np.float64]) -> Clock:
         rate = self.clock.rate + x[1]
         offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
@@ -386,22 +412,10 @@ class _Pairs:
 
 def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     """Return the fit that starts from a clock; None if the two share too little."""
-    shared = _increments(log, cameras, clock)
-    if shared is None:
+    pairs = _Pairs.shared(log, cameras, clock)
+    if pairs is None:
         return None
-    start, end, turned = shared
-    logged = log.over(clock.to_log(start), clock.to_log(end))
-    pairs = _Pairs(
-        log=log,
-        start=start,
-        end=end,
-        turned=turned,
-        clock=clock,
-        middle=float(np.mean(clock.to_log(start))),
-        # a constant rate, the gyro's bias, is no motion
-        body_marker=Rotation.align_vectors(_centred(logged), _centred(turned))[0],
-    )
-    x, weights = np.zeros(8), np.ones(len(start))
+    x, weights = np.zeros(8), np.ones(len(pairs.start))
     space = pairs.experiment(weights).coordinates
     for _ in range(_REWEIGHTED):
         x = fit(pairs.experiment(weights), space.scaled(x)).values
@@ -409,7 +423,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     found = fit(pairs.experiment(weights), space.scaled(x))
     if at_bound(found.finished.point)[1]:  # clocks that differ so much are not of one run
         return None
-    x, residuals, (_, quantile) = found.values, pairs.errors(found.values), _blocks(start)
+    x, residuals, (_, quantile) = found.values, pairs.errors(found.values), _blocks(pairs.start)
     # from the offset at the middle and the rate to the offset at the log's zero
     to_zero = np.array([1.0, -pairs.middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
@@ -422,9 +436,11 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         rotation_errors=found.errors[2:5],
         quantile=quantile,
         error=float(np.sqrt(np.mean(residuals**2))),
-        motion=float(np.sqrt(np.mean(_centred(turned) ** 2))),
-        increments=len(start),
-        axis_error=_axis_error(body_marker.apply(turned), residuals, float(np.median(np.diff(start)))),
+        motion=float(np.sqrt(np.mean(_centred(pairs.turned) ** 2))),
+        increments=len(pairs.start),
+        axis_error=_axis_error(
+            body_marker.apply(pairs.turned), residuals, float(np.median(np.diff(pairs.start)))
+        ),
     )
 
 
@@ -433,22 +449,6 @@ def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     size = np.linalg.norm(residuals, axis=1)
     scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
     return np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
-
-
-def _increments(
-    log: Turning, cameras: Turning, clock: Clock
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return start and end (n,) [s], cameras' clock, and turning (n, 3) of `SPAN` each; None if both share too few."""
-    starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
-    ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
-    starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
-    start, end = cameras.t[starts], cameras.t[ends]
-    usable = cameras.missing[ends] == cameras.missing[starts]
-    # a margin, for the clock moves
-    usable &= log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
-    if usable.sum() < _LEAST:
-        return None
-    return start[usable], end[usable], (cameras.total[ends] - cameras.total[starts])[usable]
 
 
 def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:

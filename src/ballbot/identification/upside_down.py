@@ -121,13 +121,8 @@ class BallWindows:
 
     def take(self, rows: NDArray[np.int64]) -> BallWindows:
         """Return the windows of those numbers."""
-        return replace(
-            self,
-            initial=self.initial[rows],
-            torques=self.torques[rows],
-            measured=self.measured[rows],
-            spans=tuple(self.spans[row] for row in rows),
-        )
+        columns = {name: getattr(self, name)[rows] for name in ("initial", "torques", "measured")}
+        return replace(self, **columns, spans=tuple(self.spans[row] for row in rows))
 
     def predicted(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
         """Return the Omega (w, m, 3) that a friction predicts."""
@@ -178,97 +173,70 @@ def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.vstack([ends, means, ends])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Pieces:
-    """m pieces of logs, each of k samples, in which a wheel turns, and no row is missing or at a limit."""
+def momentum_balance(
+    robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]
+) -> Residuals:
+    """Return the experiment of the module's text on windows of a duration [s], end to end, `without` some of these.
 
-    A: NDArray[np.float64]  #: (n, 3), wheel speeds from the ball's angular velocity
-    #: (m, 3, 3), onto the directions in which only wheels push that turn throughout the piece
-    projector: NDArray[np.float64]
-    change: NDArray[np.float64]  #: (m, 3) of the momentum, less what the torques gave [N m s]
-    speeds: NDArray[np.float64]  #: (m, k, n) [rad/s]
-    window: NDArray[np.int64]  #: (m,) the window that each is in, among those that have pieces
-    log: NDArray[np.int64]  #: (w,) of each of these
-    torque: float  #: the largest [N m]
-    sample_time: float  #: [s]
-
-    def impulses(self, v_s: float) -> NDArray[np.float64]:
-        """Return the momentum (3 m, 4 n) that b, c, s of each wheel take, each being one, and what s takes by v_s."""
-        signs, fading = np.sign(self.speeds), np.exp(-np.abs(self.speeds) / v_s)
-        parts = (self.speeds, signs, signs * fading, self.speeds * fading / v_s**2)
-        sums = [self.sample_time * part.sum(axis=1)[:, None, :] * self.A.T for part in parts]
-        return (self.projector @ np.concatenate(sums, axis=2)).reshape(self.change.size, -1)
-
-    def residuals(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the changes of momentum (3 m,) less those by b, c and s of each wheel and v_s (3 n + 1,) [N m s]."""
-        projected = self.projector @ self.change[..., None]
-        return projected.ravel() + self.impulses(values[-1])[:, : len(values) - 1] @ values[:-1]
-
-    def derivatives(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return their derivatives (3 m, 3 n + 1)."""
-        X, n = self.impulses(values[-1]), len(self.A)
-        return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
-
-
-def cut_pieces(robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]) -> Pieces:
-    """Cut logs into pieces of `PIECE` within windows of some duration [s], end to end, `without` some of these."""
-    ball, sample_time = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
-    skipped = {(span.log, span.start) for span in without}
-    samples, length = round(duration / sample_time), max(2, round(min(PIECE, duration) / sample_time))
+    Its residuals [N m s] are of pieces of `PIECE` in which a wheel turns, and no row is missing or at a limit.
+    """
+    ball, h = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
+    A, J, n = ball.A, robot.ball.inertia * np.eye(3), robot.wheel_count
     # ball.inertia is J + (j_w + j_r) A^T A
-    A, J = ball.A, robot.ball.inertia * np.eye(3)
     of_wheels = (ball.inertia - J) @ np.linalg.pinv(A.T @ A)
-    projectors, changes, speeds, window, torque = [], [], [], [], 0.0
-    begins = list[tuple[int, float]]()
+    samples, length = round(duration / h), max(2, round(min(PIECE, duration) / h))
+    skipped = {(span.log, span.start) for span in without}
+    pieces, begins, largest = [], list[tuple[int, float]](), 0.0
     for number, log in enumerate(logs):
         seen = _BallLog(robot, log)
         w = _averaged(seen.wheel_speeds)
         valid = seen.valid & np.isfinite(w).all(axis=1)
-        torque = max(torque, float(np.abs(seen.torques[valid]).max(initial=0.0)))
+        largest = max(largest, float(np.abs(seen.torques[valid]).max(initial=0.0)))
         momentum = _averaged(seen.omega) @ J + w @ A @ of_wheels
-        impulse = sample_time * _averaged(seen.torques) @ A
+        impulse = h * _averaged(seen.torques) @ A
         for start in seen.tiles(samples):
             begin = (number, float(log.t[start]))
             for k in range(start, start + samples - length + 1, length) if begin not in skipped else ():
-                piece = slice(k - SMOOTHED, k + length + SMOOTHED + 1)
-                turning = (np.abs(w[piece]) > SLOW).all(axis=0)
-                if not (turning.any() and valid[piece].all()):
+                rows = slice(k - SMOOTHED, k + length + SMOOTHED + 1)
+                turning = (np.abs(w[rows]) > SLOW).all(axis=0)
+                if not (turning.any() and valid[rows].all()):
                     continue
                 if not begins or begins[-1] != begin:
                     begins.append(begin)
-                projectors.append(np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning])
-                changes.append(momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0))
-                speeds.append(0.5 * (w[k : k + length] + w[k + 1 : k + length + 1]))
-                window.append(len(begins) - 1)
-    return Pieces(
-        A=A,
-        projector=np.array(projectors).reshape(-1, 3, 3),
-        change=np.array(changes).reshape(-1, 3),
-        speeds=np.array(speeds).reshape(-1, length, robot.wheel_count),
-        window=np.array(window, dtype=np.int64),
-        log=np.array([number for number, _ in begins], dtype=np.int64),
-        torque=torque,
-        sample_time=sample_time,
-    )
+                # onto the directions in which only wheels push that turn throughout the piece
+                projector = np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning]
+                change = momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0)
+                speeds = 0.5 * (w[k : k + length] + w[k + 1 : k + length + 1])
+                pieces.append((projector, projector @ change, speeds, len(begins) - 1))
+    columns = zip(*pieces, strict=True) if pieces else np.empty((4, 0))
+    projector, change, speeds, window = (np.array(column) for column in columns)
+    speeds, window = speeds.reshape(-1, length, n), window.astype(np.int64)
 
+    def impulses(v_s: float) -> NDArray[np.float64]:
+        """Return the momentum (3 m, 4 n) that b, c, s of each wheel take, each being one, and what s takes by v_s."""
+        signs, fading = np.sign(speeds), np.exp(-np.abs(speeds) / v_s)
+        parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
+        sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
+        return (projector @ np.concatenate(sums, axis=2)).reshape(change.size, -1)
 
-def momentum_balance(pieces: Pieces) -> Residuals:
-    """Return the experiment of the module's text on pieces, in blocks of a window."""
+    def derivatives(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        X = impulses(values[-1])
+        return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
+
     # friction is below the torques that turn the ball, and that at its usual speed
-    usual = float(np.sqrt(np.mean(pieces.speeds**2))) if pieces.speeds.size else 1.0
-    torque = (0.0, pieces.torque)
-    bounds = {"viscous": (0.0, pieces.torque / usual), "coulomb": torque, "stribeck": torque}
+    usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
+    bounds = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
     return residuals_without_states(
-        pieces.residuals,
+        lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
         parameters=tuple(
             one.parameter(label, bounds.get(one.name, SHAPES), 0.0 if one.name in bounds else 1.0)
             for one in QUANTITIES
-            for label in one.labels(len(pieces.A))
+            for label in one.labels(n)
         ),
         dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
-        block=np.repeat(pieces.window, 3),
-        block_log=pieces.log,
-        derivatives_of=pieces.derivatives,
+        block=np.repeat(window, 3),
+        block_log=np.array([number for number, _ in begins], dtype=np.int64),
+        derivatives_of=derivatives,
     )
 
 
@@ -391,8 +359,15 @@ def identify_upside_down(
     windows = cut_ball_windows(robot, everything, duration=window)
     fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
     kept = windows.take(held_rows)
-    experiment = momentum_balance(cut_pieces(robot, everything, duration=window, without=kept.spans))
-    _check(windows, experiment)
+    experiment = momentum_balance(robot, everything, duration=window, without=kept.spans)
+    if not np.any(windows.torques):
+        raise InputError("The torques u are zero in every window; friction shows only while motors work.")
+    fitted, count = len(experiment.block_log), 3 * n + 1
+    if fitted < WINDOWS_PER_PARAMETER * count:
+        raise InputError(
+            f"In {fitted} windows a wheel turns faster than {SLOW:g} rad/s; to fit {count} parameters needs "
+            f"{WINDOWS_PER_PARAMETER * count}. Use larger torques, log for longer, or choose a shorter window."
+        )
     run.progress(Progress(stage="fit", done=0, total=2))
     own, findings = _estimated(experiment, seed=run.seed)
     source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
@@ -402,24 +377,22 @@ def identify_upside_down(
     if robot.friction == frictions["none"]:
         del frictions["robot file"]
     squares = {
-        name: ((kept.predicted(robot, one) - kept.measured) ** 2).mean(axis=1)
-        for name, one in frictions.items()
+        name: ((kept.predicted(robot, friction) - kept.measured) ** 2).mean(axis=1)
+        for name, friction in frictions.items()
     }
     verdict = verdict_of(squares["found"], squares["none"], kept.spans)
-    result = UpsideDown(
+    if not verdict.usable and not np.any(own.values[: 2 * n] > QUANTILE * own.errors[: 2 * n]):
+        verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
+    return UpsideDown(
         robot=found,
         verdict=verdict,
         estimate=own,
-        held_out={name: np.sqrt(one.mean(axis=0)) for name, one in squares.items()},
+        held_out={name: np.sqrt(square.mean(axis=0)) for name, square in squares.items()},
         fit_windows=windows.take(fit_rows).spans,
         held_out_windows=kept.spans,
         window=windows.torques.shape[1] * windows.sample_time,
         findings=(*findings, *file_findings(robot, own)),
     )
-    moving = [result.intervals.get(label, (0.0, 0.0))[0] for label in own.labels[: 2 * n]]
-    if not verdict.usable and max(moving) == 0.0:
-        verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
-    return replace(result, verdict=verdict)
 
 
 def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
@@ -447,16 +420,3 @@ def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list
     return StageEstimate(
         source="the logs upside down", labels=space.labels, values=values, covariance=covariance
     ), findings
-
-
-def _check(windows: BallWindows, experiment: Residuals) -> None:
-    """Refuse torques of zero, and too few windows in which the ball turns."""
-    if not np.any(windows.torques):
-        raise InputError("The torques u are zero in every window; friction shows only while motors work.")
-    fitted, count = len(experiment.block_log), len(experiment.coordinates.parameters)
-    least = WINDOWS_PER_PARAMETER * count
-    if fitted < least:
-        raise InputError(
-            f"In {fitted} windows a wheel turns faster than {SLOW:g} rad/s; to fit {count} "
-            f"parameters needs {least}. Use larger torques, log for longer, or choose a shorter window."
-        )

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
-from ballbot.identification.axis.experiment import AxisEstimate, open_loop_error
+from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
 from ballbot.identification.axis.motion import motion_of
 from ballbot.report.blocks import Bullets, Paragraph, Result, Section, Sheet, section

@@ -1,6 +1,14 @@
 """One axis with friction: a mass or inertia and its friction, identified from records of force and position."""
 
 from ballbot.identification.axis.identify import AxisIdentification, AxisOptions, identify_axis
-from ballbot.identification.axis.record import AxisRecord, record_of_rows
+from ballbot.identification.axis.record import AxisColumns, AxisRecord, read_axis_record, record_of_rows
 
-__all__ = ["AxisIdentification", "AxisOptions", "AxisRecord", "identify_axis", "record_of_rows"]
+__all__ = [
+    "AxisColumns",
+    "AxisIdentification",
+    "AxisOptions",
+    "AxisRecord",
+    "identify_axis",
+    "read_axis_record",
+    "record_of_rows",
+]

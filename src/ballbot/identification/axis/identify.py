@@ -1,9 +1,15 @@
 """Identification of one axis: a wheel, a motor, a joint or a slide.
 
+The experiment (`axis_experiment`) is output error: simulated positions less the recorded ones over windows of records.
+The recorded force moves the axis through each window. Position and speed at its start are states of the window, which a
+fit eliminates, so that a noisy start is no error of the friction. Their prior is the filtered record, with the position
+noise and `_START_SPEED` of the record's usual speed as standard deviations. Windows last `WINDOW`: over much shorter
+ones the noise of the start hides the friction, and the parameters follow what varies within a tenth of a second; over
+much longer ones a single moment of sticking decides about all that follows.
+
 1. The inverse model (`motion`) gives start values.
-2. Output error over windows (`experiment`) fits nested models, and each is kept that predicts held-out blocks of time
-   better than the simpler one: gravity, friction under load, and a law of friction, if its own parameters are
-   determined.
+2. The experiment fits nested models, and each is kept that predicts held-out blocks of time better than the simpler
+   one: gravity, friction under load, and a law of friction, if its own parameters are determined.
 3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
    model and of each record by itself.
 
@@ -13,7 +19,9 @@ An asymmetry is not selected: blocks of the same record share whatever made it, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -21,14 +29,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
-from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.findings import Finding, finding, finding_results, note, warning
+from ballbot.fitting.experiment import BlockErrors, Residuals
+from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.model_selection import Gain, gain_between
+from ballbot.fitting.model_selection import Gain, gain_between, neighbours
+from ballbot.fitting.parameter import Parameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import resamples
-from ballbot.identification.axis.experiment import AxisEstimate, blocks_of, fit_axis, window_duration
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, AxisModel, unit_for
-from ballbot.identification.axis.motion import AxisMotion, inverse_model, motion_of, with_gravity
+from ballbot.fitting.uncertainty import block_length, resamples
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
+from ballbot.identification.axis.motion import (
+    AxisMotion,
+    inverse_model,
+    motion_of,
+    speed_at_start,
+    with_gravity,
+)
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
 from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
@@ -36,14 +52,207 @@ from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: length of a window [s], shorter where records are so short that there would be fewer than `_LEAST_WINDOWS`
+WINDOW = 1.0
+#: with six parameters, the least that give a covariance from windows some meaning
+_LEAST_WINDOWS = 9
+#: blocks of time are held out and drawn together; there are about as many
+_BLOCKS = 12
+_FOLDS = 3
+#: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
+CLEAR = 3.3
+#: positions are compared this often [s]
+_COMPARED_EVERY = 0.01
+#: standard deviation of the start's speed, as a share of the usual one
+_START_SPEED = 0.2
+#: steps of the finite differences by a start's position and speed, in their standard deviations
+_START_STEPS = np.array([10.0, 0.05])
+
+
+def window_duration(motions: Sequence[AxisMotion]) -> float:
+    """Return the length of the windows of records [s]."""
+    return min(WINDOW, sum(one.record.duration for one in motions) / _LEAST_WINDOWS)
+
+
+def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> Residuals:
+    """Return the errors of a model's positions over windows of about a duration [s], end to end between gaps."""
+    windows = [
+        (number, a, b - a)
+        for number, motion in enumerate(motions)
+        for begin, end in motion.record.long_parts
+        for a, b in pairwise(_edges(begin, end - 1, duration / motion.record.sample_time))
+    ]
+    log, first, count = np.array(windows, dtype=np.int64).T.copy()
+    starts, compared, measured = [], [], []
+    for number, a, rows in windows:
+        motion, record = motions[number], motions[number].record
+        filtered = float(motion.position[a]), float(motion.speed[a])
+        starts.append(filtered if a else (float(record.position[0]), speed_at_start(record)))
+        every = max(1, round(_COMPARED_EVERY / record.sample_time))
+        compared.append(np.arange(min(every, rows), rows + 1, every))
+        measured.append(record.position[a + compared[-1]])
+    # of a start's position and speed, the first at least of rounding
+    deviations = [
+        (max(motion.noise, 1e-9 * float(np.ptp(motion.record.position))), _START_SPEED * motion.usual_speed)
+        for motion in motions
+    ]
+    start, sizes = np.array(starts), np.array(deviations)[log]
+
+    def errors(
+        values: NDArray[np.float64], states: NDArray[np.float64], blocks: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """Return simulated less recorded positions, starts moved by so many standard deviations."""
+        named = dict(zip(model.names, values.tolist(), strict=True))
+        axis, begin, positions = model.axis(named), start[blocks] + states * sizes[blocks], []
+        for number, motion in enumerate(motions):
+            own, record, force = log[blocks] == number, motion.record, motion.record.force
+            if delay := named.get("delay"):
+                force = np.interp(record.t - delay, record.t, force)
+            rows = first[blocks[own]], count[blocks[own]], begin[own]
+            positions.append(axis.windows(force, record.sample_time, *rows)[:, 0])
+        before = np.cumsum(count[blocks]) - count[blocks] - 1
+        rows = np.concatenate([compared[one] + row for one, row in zip(blocks, before, strict=True)])
+        return np.concatenate(positions)[rows] - np.concatenate([measured[one] for one in blocks])
+
+    return Residuals(
+        coordinates=ParameterSpace(parameters=_parameters(model, motions)),
+        errors_of=errors,
+        block=np.repeat(np.arange(len(log)), [len(one) for one in measured]),
+        block_log=log,
+        state_steps=_START_STEPS,
+        state_weight=sizes[:, 0],
+    )
+
+
+def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[Parameter, ...]:
+    """Return the parameters with the bounds that the records' largest force, speed and acceleration set."""
+    force, speed, acceleration = (
+        max(float(np.abs(values).max()) for values in column)
+        for column in zip(*((one.record.force, one.speed, one.acceleration) for one in motions), strict=True)
+    )
+    sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
+    scaled = [(PARAMETERS[name], sizes.get(PARAMETERS[name].unit, 1.0)) for name in model.names]
+    return tuple(replace(one, bounds=(size * one.bounds[0], size * one.bounds[1])) for one, size in scaled)
+
+
+def _edges(first: int, last: int, length: float) -> list[int]:
+    """Return the rows from the first to the last that part windows of about a length."""
+    count = max(1, round((last - first) / length))
+    return list(dict.fromkeys(np.linspace(first, last, count + 1).astype(int).tolist()))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisErrors:
+    """How well parameters predict a record."""
+
+    window_rmse: float  #: of the position over windows from their best starts [m]
+    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AxisEstimate:
+    """A model's parameters, fitted to windows."""
+
+    model: AxisModel
+    motions: tuple[AxisMotion, ...]  #: of the records
+    experiment: Residuals
+    fit: Fit[BlockErrors]
+    standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
+    errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: those fitted, then others
+    gain: Gain | None = None  #: on held-out blocks over the simpler law
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """The parameters by name, SI units."""
+        return dict(zip(self.model.names, self.fit.values.tolist(), strict=True))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square error of the positions [m]."""
+        return float(np.sqrt(np.mean(self.fit.finished.end.errors**2)))
+
+    @cached_property
+    def held_out(self) -> NDArray[np.float64]:
+        """The mean square errors [m^2] of windows (w,), by fits without the third of the blocks with them."""
+        end = self.fit.finished.end
+        return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
+
+    def gain_over(self, simpler: AxisEstimate) -> Gain:
+        """Return by how much less it errs on held-out blocks than a simpler model."""
+        squares, others = self.held_out[:, None], simpler.held_out[:, None]
+        return gain_between(squares, others, blocks_of(len(squares)))
+
+    def is_clear(self, name: str) -> bool:
+        """Return whether a parameter is beyond chance."""
+        return abs(self.values[name]) > CLEAR * self.standard_errors[name]
+
+    @property
+    def half_widths(self) -> dict[str, float]:
+        """Half widths of the 95 % intervals, by name."""
+        return {name: self.fit.quantile * error for name, error in self.standard_errors.items()}
+
+    def axis(self) -> Axis:
+        """Return the axis."""
+        return self.model.axis(self.values)
+
+    def on(self, motion: AxisMotion, duration: float) -> AxisErrors:
+        """Return how well it predicts a record over windows of a duration [s], and whole."""
+        windows, whole = axis_experiment(self.model, [motion], duration), np.nan
+        end = windows.begin(windows.coordinates.scaled(self.fit.values))
+        if len(motion.record.parts) == 1:
+            whole = float(np.sqrt(np.mean(open_loop_error(self.axis(), motion.record) ** 2)))
+        return AxisErrors(window_rmse=float(np.sqrt(np.mean(end.errors**2))), open_loop_rmse=whole)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        halves = self.half_widths
+        return {
+            "parameters": self.values,
+            "standard_errors": self.standard_errors,
+            "intervals_95": {name: [v - halves[name], v + halves[name]] for name, v in self.values.items()},
+            "errors": self.errors,
+            "simpler": LAWS[self.model.law][1],
+            "gain": self.gain.to_dict() if self.gain else None,
+        }
+
+
+def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
+    """Return the error [m] of the position (N - 1,) after each row, moved by the force from the first row on."""
+    start = np.array([[record.position[0], speed_at_start(record)]])
+    rows = np.array([0]), np.array([len(record) - 1])
+    return axis.windows(record.force, record.sample_time, *rows, start)[:, 0] - record.position[1:]
+
+
+def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> AxisEstimate:
+    """Fit a model from parameters by name.
+
+    InputError if the simulation diverges there.
+    """
+    experiment = axis_experiment(model, motions, window_duration(motions))
+    point = experiment.coordinates.scaled(np.array([start[name] for name in model.names]))
+    if not np.isfinite(experiment.costs(point[None])).all():
+        raise InputError(
+            "The simulation of the axis diverges over windows of the record; check the unit of the force."
+        )
+    found = fit(experiment, point)
+    errors = dict(zip(model.names, found.errors.tolist(), strict=True))
+    return AxisEstimate(
+        model=model, motions=tuple(motions), experiment=experiment, fit=found, standard_errors=errors
+    )
+
+
+def blocks_of(windows: int) -> list[NDArray[np.int64]]:
+    """Return the windows of each block of time: neighbours, which are held out and drawn together."""
+    size = max(1, min(block_length(windows), windows // _BLOCKS))
+    return neighbours(range(windows), block=size)
+
+
 #: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
 USEFUL_GAIN = 0.02
 #: Stribeck speeds that a fit begins at, over the fastest speed, and shares of the load
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
 #: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
 _FADES = 0.5
-#: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
-_CLEAR = 3.3
 #: least share of the residual force's variance that a dependence explains, and the largest p-value of it
 _LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
@@ -160,20 +369,20 @@ def identify_axis(
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
     run.progress(Progress(stage="forces"))
-    seen, others = ([motion_of(one) for one in several] for several in (records, validation_records))
-    first, forces = _with_forces(seen, options, known)
-    law, duration = options.law, window_duration(seen)
+    motions, others = ([motion_of(one) for one in several] for several in (records, validation_records))
+    coulomb, forces = _with_forces(motions, options, known)
+    law, duration = options.law, window_duration(motions)
     # a law that is requested is fitted beside the simpler one
     wanted = [name for name in LAWS if law is None or name in (law, LAWS[law][1] or "coulomb")]
     fits = dict[str, AxisEstimate]()
     for number, name in enumerate(wanted):
         run.progress(Progress(stage=f"law {name}", done=number, total=len(wanted)))
-        fits[name] = first if name == "coulomb" else _fit_law(name, first)
+        fits[name] = coulomb if name == "coulomb" else _fit_law(name, coulomb)
     run.progress(Progress(stage="held-out blocks"))
-    for name, fit in fits.items():
+    for name, own in fits.items():
         simpler = fits.get(LAWS[name][1])
-        errors = {one.record.name: fit.on(one, duration) for one in (*seen, *others)}
-        fits[name] = replace(fit, errors=errors, gain=_gain(fit, simpler) if simpler else None)
+        errors = {motion.record.name: own.on(motion, duration) for motion in (*motions, *others)}
+        fits[name] = replace(own, errors=errors, gain=own.gain_over(simpler) if simpler else None)
     chosen = law or _selected(fits)
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
@@ -219,109 +428,93 @@ def _check(
 
 
 def _with_forces(
-    seen: Sequence[AxisMotion], options: AxisOptions, known: Mapping[str, float]
+    motions: Sequence[AxisMotion], options: AxisOptions, known: Mapping[str, float]
 ) -> tuple[AxisEstimate, dict[str, Gain]]:
     """Return the fit of the law `coulomb` with gravity and load as requested or selected, and the gains of these."""
     # rows at uneven times are not those of the loop that holds the force
-    uneven = not all(one.record.even for one in seen)
+    uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
-    gains = dict[str, Gain]()
+    wider = model if options.gravity is not None else with_gravity(motions, model)
+    start, gains = inverse_model(motions, wider).values, dict[str, Gain]()
+    if start.get("mass", 1.0) <= 0.0:
+        raise InputError(
+            f"{motions[0].record.name}: the inverse model estimates a mass of {start['mass']:.3g}, which must be above "
+            "zero. The sign of the force or its column is wrong, or the force is delayed."
+        )
+    least = {name: -np.inf if PARAMETERS[name].scale == "signed" else 0.0 for name in start}
+    start = {"load": _LOAD_START, **{name: max(value, least[name]) for name, value in start.items()}}
+    fit = fit_axis(wider, motions, start)
 
     def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
         """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
-        gain = _gain(fit, without)
-        if not (_useful(gain) and any(_is_clear(fit, one) for one in FORCES[name])):
+        gain = fit.gain_over(without)
+        if not (_useful(gain) and any(map(fit.is_clear, FORCES[name]))):
             return without
         gains[name] = gain
         return fit
 
-    wider = model if options.gravity is not None else with_gravity(seen, model)
-    fit = _fit_from_inverse_model(wider, seen)
     if wider is not model:
-        fit = if_useful("gravity", fit, fit_axis(model, seen, fit.values))
+        fit = if_useful("gravity", fit, fit_axis(model, motions, fit.values))
     # without gravity, friction under load is part of b and c
     if options.load_friction is None and "gravity" in fit.model.forces:
         wider = replace(fit.model, forces=(*fit.model.forces, "load"))
-        fit = if_useful("load", fit_axis(wider, seen, {**fit.values, "load": _LOAD_START}), fit)
+        fit = if_useful("load", fit_axis(wider, motions, {**fit.values, "load": _LOAD_START}), fit)
     if not uneven:
         # a log that is slower than its loop contains some of its rows; the force changes between them
-        other = fit_axis(replace(fit.model, interpolated=True), seen, fit.values)
+        other = fit_axis(replace(fit.model, interpolated=True), motions, fit.values)
         fit = other if other.rms < (1.0 - USEFUL_GAIN) * fit.rms else fit
     return fit, gains
-
-
-def _gain(fit: AxisEstimate, simpler: AxisEstimate) -> Gain:
-    squares, others = fit.held_out[:, None], simpler.held_out[:, None]
-    return gain_between(squares, others, blocks_of(len(squares)))
 
 
 def _useful(gain: Gain | None) -> bool:
     return gain is not None and gain.significant and gain.share >= USEFUL_GAIN
 
 
-def _is_clear(fit: AxisEstimate, name: str) -> bool:
-    return abs(fit.values[name]) > _CLEAR * fit.standard_errors[name]
-
-
-def _fit_from_inverse_model(model: AxisModel, seen: Sequence[AxisMotion]) -> AxisEstimate:
-    inverse = inverse_model(seen, model).values
-    if inverse.get("mass", 1.0) <= 0.0:
-        raise InputError(
-            f"{seen[0].record.name}: the inverse model estimates a mass of {inverse['mass']:.3g}, which must be above "
-            "zero. The sign of the force or its column is wrong, or the force is delayed."
-        )
-    start = {
-        name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
-        for name, value in inverse.items()
-    }
-    return fit_axis(model, seen, {"load": _LOAD_START, **start})
-
-
-def _fit_law(law: str, first: AxisEstimate) -> AxisEstimate:
+def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
     """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
-    fastest = max(float(np.abs(one.speed).max()) for one in first.motions)
-    begin = {**first.values, "asymmetry": 0.0, "stribeck": 0.2 * first.values["coulomb"]}
+    fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
+    begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
     # a Stribeck speed has several minima
     starts = _STRIBECK_STARTS if law == "stribeck" else _STRIBECK_STARTS[:1]
-    model = replace(first.model, law=law)
-    fits = [fit_axis(model, first.motions, {**begin, "stribeck_speed": one * fastest}) for one in starts]
+    model = replace(coulomb.model, law=law)
+    fits = [fit_axis(model, coulomb.motions, {**begin, "stribeck_speed": v_s * fastest}) for v_s in starts]
     return min(fits, key=lambda fit: fit.rms)
 
 
 def _selected(fits: Mapping[str, AxisEstimate]) -> str:
     """Return the law that held-out blocks select."""
     stribeck, coulomb = fits["stribeck"], fits["coulomb"]
-    fastest = max(float(np.quantile(np.abs(one.speed), 0.95)) for one in stribeck.motions)
+    fastest = max(float(np.quantile(np.abs(motion.speed), 0.95)) for motion in stribeck.motions)
     determined = all(
         stribeck.standard_errors[name] < stribeck.values[name] for name in ("stribeck", "stribeck_speed")
     )
     if _useful(stribeck.gain) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
         return "stribeck"
     # noise of the position may be most of the error, and hide a friction that is known to a few percent
-    return "coulomb" if _useful(coulomb.gain) or _is_clear(coulomb, "coulomb") else "viscous"
+    return "coulomb" if _useful(coulomb.gain) or coulomb.is_clear("coulomb") else "viscous"
 
 
 def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
     """Return the fit with intervals that contain what differs between records and methods, and a finding on that."""
     inverse, motions = inverse_model(fit.motions, fit.model), fit.motions
-    others = [("by the inverse model", inverse.values, inverse.errors)]
-    for number, one in enumerate(motions if len(motions) > 1 else (), start=1):
-        alone = fit_axis(fit.model, [one], fit.values)
-        others.append((f"in record {number}", alone.values, alone.standard_errors))
+    others = {"by the inverse model": (inverse.values, inverse.errors)}
+    for number, motion in enumerate(motions if len(motions) > 1 else (), start=1):
+        alone = fit_axis(fit.model, [motion], fit.values)
+        others[f"in record {number}"] = alone.values, alone.standard_errors
     errors, words = dict(fit.standard_errors), []
     for name, own in fit.standard_errors.items():
-        # a parameter at a bound has no interval
-        known = [(cause, values[name], theirs[name]) for cause, values, theirs in others if name in values]
-        beyond = {
-            cause: (fit.values[name] - value) ** 2 - error**2 - np.nan_to_num(own) ** 2
-            for cause, value, error in known
-        }
-        cause = max(beyond, key=lambda one: np.nan_to_num(beyond[one], nan=-np.inf), default="")
-        most = np.sqrt(np.fmax(beyond.get(cause, 0.0), 0.0))
+        # what exceeds chance, squared; a parameter at a bound has no interval
+        beyond = [
+            ((fit.values[name] - values[name]) ** 2 - theirs[name] ** 2 - np.nan_to_num(own) ** 2, cause)
+            for cause, (values, theirs) in others.items()
+            if np.isfinite(theirs.get(name, np.nan))
+        ]
+        most, cause = max(beyond, default=(0.0, ""))
+        most = np.sqrt(max(most, 0.0))
         errors[name] = float(np.hypot(own, most))
-        if most > _CLEAR * own:
+        if most > CLEAR * own:
             words.append(f"{PARAMETERS[name].symbol} by {most:.2g} {cause}")
     text = (
         "The model may lack something: parameters differ by more than chance between records or methods "
@@ -332,7 +525,7 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
     """Return the error [m] of held-out windows with mean square errors (w,), with the interval of a like record's."""
-    means = np.array([squares[one].mean() for one in blocks_of(len(squares))])
+    means = np.array([squares[block].mean() for block in blocks_of(len(squares))])
     drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))
     middle = float(np.sqrt(squares.mean()))
     # this record's mean varies as the other one's does
@@ -351,19 +544,19 @@ _ADVICE = {
 def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
     """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
     axis, tables = best.axis(), []
-    for number, one in enumerate(best.motions):
-        force, rows = one.force(interpolated=best.model.interpolated), one.moving
-        left = force - axis.other_forces(force, one.position, one.speed, one.acceleration)
-        left = one.lowpassed(left - axis.friction(one.speed))[rows]
+    for number, motion in enumerate(best.motions):
+        force, rows = motion.force(interpolated=best.model.interpolated), motion.moving
+        left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
+        left = motion.lowpassed(left - axis.friction(motion.speed))
         # records have blocks of their own
-        block = one.block[rows] + number * 10**6
-        tables.append(np.array([left, block, one.position[rows], one.speed[rows], one.record.t[rows]]))
+        columns = (left, motion.block + number * 10**6, motion.position, motion.speed, motion.record.t)
+        tables.append(np.array(columns)[:, rows])
     left, block, *columns = np.hstack(tables)
     for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):
         edges = np.unique(np.quantile(column, np.linspace(0.0, 1.0, 6)))
         if len(edges) < 3:
             continue
-        shapes = np.column_stack([np.interp(column, edges, one) for one in np.eye(len(edges))])
+        shapes = np.column_stack([np.interp(column, edges, corner) for corner in np.eye(len(edges))])
         fit = fit_linear(shapes, left, block.astype(np.int64))
         chance = fit.p_value(range(shapes.shape[1]))
         share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
@@ -377,10 +570,10 @@ def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
 
 def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
     if both.gain and both.gain.significant:
-        others = [name for name in best.errors if name not in [one.record.name for one in best.motions]]
-        better = [one for one in others if both.errors[one].window_rmse < best.errors[one].window_rmse]
+        others = [*best.errors][len(best.motions) :]
+        better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
         confirmed = (
-            f"{len(better)} of {len(others)} other records are predicted better with it"
+            f"{better} of {len(others)} other records are predicted better with it"
             if others
             else "no other record shows whether the machine or this run has it"
         )
@@ -392,8 +585,8 @@ def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Find
 
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
-    for name, value in best.values.items():
-        error, kind = best.standard_errors[name], PARAMETERS[name]
+    for name, error in best.standard_errors.items():
+        value, kind = best.values[name], PARAMETERS[name]
         what = f"{kind.symbol} ({kind.meaning})"
         if kind.scale != "signed" and not np.isfinite(error):
             yield warning("at-bound", f"{what} is at its bound, or has no effect: {value:.3g}.")
@@ -406,8 +599,8 @@ def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
     """Warn if the motion shows that the force acts later or earlier than its rows."""
     model = replace(fit.model, forces=(*fit.model.forces, "delay"))
     late = fit_axis(model, fit.motions, {**fit.values, "delay": 0.0})
-    delay, row = late.values["delay"], max(one.record.sample_time for one in fit.motions)
-    if _is_clear(late, "delay") and abs(delay) > 0.5 * row:
+    delay, row = late.values["delay"], max(motion.record.sample_time for motion in fit.motions)
+    if late.is_clear("delay") and abs(delay) > 0.5 * row:
         text = (
             f"The force seems to act {1e3 * abs(delay):.2g} ± {1e3 * late.standard_errors['delay']:.2g} ms "
             f"{'later' if delay > 0.0 else 'earlier'} than its rows, as behind a bus or a filter, or the drive yields "
@@ -420,11 +613,15 @@ def _elsewhere(
     best: AxisEstimate, expected: tuple[float, float, float], others: Sequence[str]
 ) -> Iterator[Finding]:
     """Compare the errors on other records with the error expected there."""
-    middle, low, high = (1e3 * one for one in expected)
+    middle, low, high = (1e3 * error for error in expected)
     for name in others:
         error, unit = 1e3 * best.errors[name].window_rmse, f"m{best.motions[0].record.unit}"
         fits = (
-            "as expected" if low <= error <= high else f"{'better' if error < low else 'worse'} than expected"
+            "worse than expected"
+            if error > high
+            else "better than expected"
+            if error < low
+            else "as expected"
         )
         text = f"{name} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
-        yield warning("other-record", text) if error > high else note("other-record", text)
+        yield finding("other-record", "warning" if error > high else "note", text)

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -24,59 +25,49 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.parameter import Parameter, Scale
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction import NO_TERMS, stribeck_curve
-from ballbot.mechanics.friction_laws.classical import UNLIMITED, ClassicalNumbers, Inertia, move
+from ballbot.mechanics.friction import NO_TERMS
+from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
 
 Values = Mapping[str, float]
 
-
 #: what a record's largest force, speed and acceleration make possible: parameters are within so many times that
 _REACH = 100.0
-
-
-def _parameter(
-    name: str, symbol: str, unit: str, meaning: str, scale: Scale = "amount", most: float = math.inf
-) -> Parameter:
-    least = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}[scale]
-    return Parameter(
-        name=name,
-        symbol=symbol,
-        unit=unit,
-        scale=scale,
-        bounds=(least, min(most, _REACH)),
-        default=1.0 if scale == "ratio" else 0.0,
-        meaning=meaning,
-    )
-
-
+_LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
+_ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
+    ("mass", "M", "kg", "mass or inertia", "ratio"),
+    ("viscous", "b", "N s/m", "viscous", "amount"),
+    ("asymmetry", "d", "N s/m", "viscous, forwards above the mean", "signed"),
+    ("coulomb", "c", "N", "Coulomb", "amount"),
+    ("offset", "offset", "N", "constant force", "signed"),
+    ("stribeck", "s", "N", "break-away above Coulomb", "amount"),
+    ("stribeck_speed", "v_s", "m/s", "Stribeck speed", "ratio"),
+    ("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
+    ("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
+    ("load", "mu", "1", "Coulomb, as a share of the load", "amount"),
+    ("delay", "delay", "s", "of the force behind its rows", "signed"),
+)
 #: by name; units are those of an axis that moves along a line, see `unit_for`, and bounds are those of an axis whose
 #: largest force, speed and acceleration are one
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
-        one.name: one
-        for one in (
-            _parameter("mass", "M", "kg", "mass or inertia", "ratio"),
-            _parameter("viscous", "b", "N s/m", "viscous"),
-            _parameter("asymmetry", "d", "N s/m", "viscous, forwards above the mean", "signed"),
-            _parameter("coulomb", "c", "N", "Coulomb"),
-            _parameter("offset", "offset", "N", "constant force", "signed"),
-            _parameter("stribeck", "s", "N", "break-away above Coulomb"),
-            _parameter("stribeck_speed", "v_s", "m/s", "Stribeck speed", "ratio"),
-            _parameter("gravity_sine", "S", "N", "gravity, of sin q", "signed"),
-            _parameter("gravity_cosine", "C", "N", "gravity, of cos q", "signed"),
-            _parameter("load", "mu", "1", "Coulomb, as a share of the load", most=1.0),
-            _parameter("delay", "delay", "s", "of the force behind its rows", "signed"),
+        name: Parameter(
+            name=name,
+            symbol=symbol,
+            unit=unit,
+            scale=scale,
+            bounds=(_LEAST[scale], 1.0 if name == "load" else _REACH),
+            default=1.0 if scale == "ratio" else 0.0,
+            meaning=meaning,
         )
+        for name, symbol, unit, meaning, scale in _ROWS
     }
 )
 
 
 def unit_for(parameter: Parameter, axis_unit: str) -> str:
     """Return a parameter's unit for an axis of positions in "m" or "rad"; empty for a number without one."""
-    if axis_unit == "m" or parameter.unit == "1":
-        return parameter.unit.removeprefix("1")
-    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s"}
-    return turning[parameter.unit]
+    turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "1": ""}
+    return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 
 #: the friction laws: the parameters of each, and the simpler law that it is compared with
@@ -106,8 +97,8 @@ class AxisModel:
     @property
     def names(self) -> tuple[str, ...]:
         """The parameters that are estimated."""
-        own = (name for force in self.forces for name in FORCES[force])
-        return tuple(name for name in (*LAWS[self.law][0], *own) if name not in self.known)
+        every = (*LAWS[self.law][0], *(name for force in self.forces for name in FORCES[force]))
+        return tuple(name for name in every if name not in self.known)
 
     def axis(self, values: Values) -> Axis:
         """Return the axis with these parameters and the known ones."""
@@ -147,15 +138,15 @@ def follow_windows(axis, firsts, counts, starts, forces, rises, h, steps, states
     A window begins at a row (`firsts`), in a state there (`starts`), and runs over some rows (`counts`). The force of
     each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
     """
-    place = 0
+    row = 0
     for w in range(len(firsts)):
         position, speed = starts[w, 0], starts[w, 1]
         for k in range(firsts[w], firsts[w] + counts[w]):
             for i in range(steps):
                 force = forces[k] + rises[k] * (i + 0.5) / steps
                 position, speed = _step(axis, position, speed, force, h / steps)
-            states[place, 0], states[place, 1] = position, speed
-            place += 1
+            states[row, 0], states[row, 1] = position, speed
+            row += 1
 
 
 #: explicit steps are at most this part of the axis's fastest time constant
@@ -173,6 +164,19 @@ class Axis:
     values: Values  #: parameters that are not there are zero
     interpolated: bool = False  #: whether the force changes evenly from row to row
 
+    @cached_property
+    def _all(self) -> dict[str, float]:
+        """The values of all parameters, those that are not there too."""
+        return {**dict.fromkeys(PARAMETERS, 0.0), "stribeck_speed": 1.0, **self.values}
+
+    @property
+    def _law(self) -> Classical:
+        """The friction without asymmetry and load."""
+        b, c, s, v_s = (self._all[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
+        return Classical(
+            viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=1.0, terms=NO_TERMS
+        )
+
     def windows(
         self,
         force: NDArray[np.float64],
@@ -186,32 +190,24 @@ class Axis:
         The force (N,) [N] is that of rows that last h [s]. Each window has its first row (w,), how many rows it runs
         over (w,), and position and speed at its first row (w, 2).
         """
-        acting = force - self._value("offset")
+        values = self._all
+        acting = force - values["offset"]
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         states = np.empty((int(counts.sum()), 2))
         numbers = _AxisNumbers(
-            law=self._law,
-            asymmetry=self._value("asymmetry"),
-            inertia=Inertia(inv_J=1.0 / self.values["mass"], stall=UNLIMITED, inv_no_load=0.0),
-            sine=self._value("gravity_sine"),
-            cosine=self._value("gravity_cosine"),
-            mu=self._value("load"),
+            law=self._law.numbers(),
+            asymmetry=values["asymmetry"],
+            inertia=Inertia(inv_J=1.0 / values["mass"], stall=UNLIMITED, inv_no_load=0.0),
+            sine=values["gravity_sine"],
+            cosine=values["gravity_cosine"],
+            mu=values["load"],
         )
         follow_windows(numbers, firsts, counts, starts, acting, rises, h, self._steps(h), states)
         return states
 
     def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the friction without load [N] at speeds (N,)."""
-        law = self._law
-        curve = stribeck_curve(
-            speed,
-            viscous=law.b,
-            coulomb=law.c,
-            stribeck=law.s,
-            stribeck_speed=1.0 / law.inv_vs,
-            stribeck_exponent=law.delta,
-        )
-        return curve + self._value("asymmetry") * np.abs(speed)
+        return self._law.steady_friction(speed) + self._all["asymmetry"] * np.abs(speed)
 
     def other_forces(
         self,
@@ -221,27 +217,20 @@ class Axis:
         acceleration: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         """Return the part of a force (N,) that is not `friction`: of the mass, the offset, G(q) and the load."""
-        G = self._value("gravity_sine") * np.sin(position) + self._value("gravity_cosine") * np.cos(position)
-        offset = self._value("offset")
-        loaded = 0.5 * self._value("load") * np.abs(force - offset + G) * np.sign(speed)
-        return self.values["mass"] * acceleration + offset + G + loaded
-
-    @property
-    def _law(self) -> ClassicalNumbers:
-        b, c, s = (self._value(name) for name in ("viscous", "coulomb", "stribeck"))
-        return ClassicalNumbers(b, c, s, 1.0 / self.values.get("stribeck_speed", 1.0), 1.0, NO_TERMS)
-
-    def _value(self, name: str) -> float:
-        return self.values.get(name, 0.0)
+        values = self._all
+        G = values["gravity_sine"] * np.sin(position) + values["gravity_cosine"] * np.cos(position)
+        loaded = 0.5 * values["load"] * np.abs(force - values["offset"] + G) * np.sign(speed)
+        return values["mass"] * acceleration + values["offset"] + G + loaded
 
     def _steps(self, row: float) -> int:
         """Return the steps in a row that lasts `row` [s]."""
-        law, mass = self._law, self.values["mass"]
-        viscous = law.b + abs(self._value("asymmetry"))
-        wanted = row * (viscous + law.s * law.inv_vs) / mass / _LARGEST_RATE_STEP
+        values, mass = self._all, self._all["mass"]
+        viscous = values["viscous"] + abs(values["asymmetry"])
+        fading = values["stribeck"] / values["stribeck_speed"]
+        wanted = row * (viscous + fading) / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:
             # a Stribeck speed that one step passes: the law is Coulomb's but for its break-away
             wanted = row * viscous / mass / _LARGEST_RATE_STEP
-        gravity = math.hypot(self._value("gravity_sine"), self._value("gravity_cosine"))
+        gravity = math.hypot(values["gravity_sine"], values["gravity_cosine"])
         turning = row * math.sqrt(gravity / mass) / _LARGEST_GRAVITY_STEP
         return min(max(1, math.ceil(wanted), math.ceil(turning)), _MOST_STEPS)

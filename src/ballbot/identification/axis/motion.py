@@ -21,15 +21,13 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import LinearFit, fit_linear
 from ballbot.identification.axis.model import AxisModel
-from ballbot.identification.axis.record import AxisRecord
+from ballbot.identification.axis.record import LEAST_PART, AxisRecord
 
 _ORDER = 4
 #: frequencies of the filters of the position and of the regression's columns, over the motion's bandwidth
 _POSITION_FILTER, _COLUMN_FILTER = 5.0, 2.0
 #: largest bandwidth assumed for a motion; faster axes are rare [Hz]
 LARGEST_BANDWIDTH = 20.0
-#: a part between gaps with fewer rows is not used
-LEAST_PART = 30
 _START_ROWS = 15
 #: an axis slower than this share of its usual speed is at rest
 REST = 0.02
@@ -71,9 +69,9 @@ class AxisMotion:
     def moving(self) -> NDArray[np.bool_]:
         """Which rows (N,) are neither at rest nor near an end of a part; those at rest too if there is little else."""
         inside = np.zeros(len(self.speed), dtype=bool)
-        for first, end in self.record.parts:
+        for first, end in self.record.long_parts:
             near = min(round(1.0 / (self.bandwidth * self.record.sample_time)), (end - first) // 5)
-            inside[first + near : end - near] = end - first >= LEAST_PART
+            inside[first + near : end - near] = True
         moving = inside & (np.abs(self.speed) >= REST * self.usual_speed)
         return moving if moving.mean() > 0.1 else inside
 
@@ -97,7 +95,7 @@ def motion_of(record: AxisRecord) -> AxisMotion:
 
     InputError if no part is long enough.
     """
-    if all(end - first < LEAST_PART for first, end in record.parts):
+    if not record.long_parts:
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
     rate = 1.0 / record.sample_time
     band = min(LARGEST_BANDWIDTH, 0.04 * rate)
@@ -117,10 +115,9 @@ def motion_of(record: AxisRecord) -> AxisMotion:
 def _motion(record: AxisRecord, band: float) -> AxisMotion:
     position = _filtered(record, record.position, _POSITION_FILTER * band)
     speed, acceleration = np.zeros((2, len(record)))
-    for first, end in record.parts:
-        if end - first >= LEAST_PART:
-            speed[first:end] = np.gradient(position[first:end], record.sample_time)
-            acceleration[first:end] = np.gradient(speed[first:end], record.sample_time)
+    for first, end in record.long_parts:
+        speed[first:end] = np.gradient(position[first:end], record.sample_time)
+        acceleration[first:end] = np.gradient(speed[first:end], record.sample_time)
     return AxisMotion(
         record=record, bandwidth=band, position=position, speed=speed, acceleration=acceleration
     )
@@ -130,9 +127,8 @@ def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) ->
     """Return values (N,) without what is faster than a frequency [Hz], in each part that is long enough."""
     b, a = np.asarray(scipy.signal.butter(_ORDER, 2.0 * cutoff * record.sample_time), dtype=float)
     smooth = values.copy()
-    for first, end in record.parts:
-        if end - first >= LEAST_PART:
-            smooth[first:end] = scipy.signal.filtfilt(b, a, values[first:end], padlen=3 * _ORDER)
+    for first, end in record.long_parts:
+        smooth[first:end] = scipy.signal.filtfilt(b, a, values[first:end], padlen=3 * _ORDER)
     return smooth
 
 

@@ -1,25 +1,36 @@
-"""Records of one axis.
+"""Records of one axis, and their reading from files.
 
 The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
 [kg m^2], forces are torques [N m] and positions angles [rad].
 
 Rows are even. Where the time between two of them is more than `GAP` times the usual one, the force between them is
 unknown: the record has parts there, and no prediction runs across. Rows that came at uneven times are interpolated.
+
+A file of any format of logs holds a record, as columns or named variables (docs/logs.md). A file gives a unit in a row
+below the header, in brackets behind a column's name, or at the end of the name; it is converted unless an option gives
+the factor. Rows with a missing value are left out, so that a gap remains. A position that wraps is unwrapped. If the
+velocity is recorded and not the position, it is integrated.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
-from ballbot.errors import InputError
-from ballbot.findings import Finding
+from ballbot.errors import InputError, either, suggest
+from ballbot.findings import Finding, note, warning
+from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
+from ballbot.log.formats import read_variables
+from ballbot.log.signals import unwrapped
 
 #: rows that make a record too short for any of the methods
 LEAST_ROWS = 200
@@ -27,8 +38,10 @@ LEAST_ROWS = 200
 EVEN = 0.05
 #: an interval of so many usual ones is a gap
 GAP = 4.0
-
-Span = tuple[int, int]  #: first row and the row after the last
+#: a part between gaps with fewer rows is not used
+LEAST_PART = 30
+#: a record in which more rows than this share lack a value is refused
+MOST_MISSING = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,10 +87,15 @@ class AxisRecord:
         return self.sample_time * np.arange(len(self), dtype=np.float64)
 
     @cached_property
-    def parts(self) -> tuple[Span, ...]:
-        """The parts of the record between its gaps."""
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """First row and row after the last of the parts between gaps."""
         ends = np.flatnonzero(np.diff(self.t) > GAP * self.sample_time) + 1
         return tuple(pairwise((0, *ends.tolist(), len(self))))
+
+    @property
+    def long_parts(self) -> list[tuple[int, int]]:
+        """Those parts that are long enough to be used."""
+        return [(first, end) for first, end in self.parts if end - first >= LEAST_PART]
 
     @property
     def duration(self) -> float:
@@ -114,9 +132,9 @@ def record_of_rows(
         )
     usual = float(np.median(steps))
     gaps = steps > GAP * usual
-    h = float(np.mean(steps[~gaps]))
-    even = bool(np.abs(steps[~gaps] - h).max() <= EVEN * h)
-    h = h if even else usual
+    mean = float(np.mean(steps[~gaps]))
+    even = bool(np.abs(steps[~gaps] - mean).max() <= EVEN * mean)
+    h = mean if even else usual
     times = []
     for first, end in pairwise((0, *(np.flatnonzero(gaps) + 1).tolist(), len(t))):
         count = end - first if even else int((t[end - 1] - t[first]) / h + 1e-9) + 1
@@ -132,3 +150,219 @@ def record_of_rows(
         even=even,
         findings=findings,
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisColumns:
+    """The variables of a file. A number is written out, or is the name of a variable or of a constant column."""
+
+    time: str = "t"
+    """The variable with the time; or the time between rows [s]: a number, or a variable of one."""
+
+    time_scale: str | None = None
+    """Factor from that variable to seconds, such as 0.001 for milliseconds: a number, or a variable of the file. If not
+    given, that of the file's unit."""
+
+    position: str | None = None
+    """The variable with the position; "position" if neither it nor the velocity is given."""
+
+    velocity: str | None = None
+    """The variable with the velocity, for a file without a position."""
+
+    position_scale: str | None = None
+    """Factor from the position or the velocity to metres or radians: a number, or a variable. If not given, that of the
+    file's unit."""
+
+    force: str = "force"
+    """The variable with the force, torque, current or voltage that drives the axis."""
+
+    force_scale: str | None = None
+    """Factor from that variable to newtons or newton metres, below zero if it acts the other way: a number, or a
+    variable of the file. If not given, that of the file's unit."""
+
+    added_force: str | None = None
+    """The variable with an additional force on the axis, such as a measured disturbance, in newtons (newton metres)."""
+
+    unit: Literal["m", "rad"] = "m"
+    """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
+
+
+#: by the unit of positions, what each quantity may be in, with the factor to its unit
+_UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
+    "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _File:
+    """A file's variables and their units, and the unit of positions that the user gave."""
+
+    name: str
+    variables: Columns
+    units: Mapping[str, str]
+    unit: str
+
+    def column(self, name: str, option: str) -> NDArray[np.float64]:
+        """Return the variable of that name (N,), which an option gives."""
+        if name not in self.variables:
+            hint = suggest(name, self.variables, otherwise="it has")
+            raise InputError(f"{self.name} has no variable {name!r} for {option}; {hint}")
+        return self.variables[name]
+
+    def number(self, text: str, option: str) -> float:
+        """Return a factor, written out or that of a constant variable; only that of the time must be above zero."""
+        try:
+            value = float(text)
+        except ValueError:
+            values = np.unique(self.column(text, option))
+            if len(values) != 1:
+                raise InputError(
+                    f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
+                ) from None
+            value = float(values[0])
+        of_time = option == "--time-scale"
+        if not (abs(value) <= LARGEST_CELL and (value > 0.0 or (value and not of_time))):
+            wanted = "must be above zero" if of_time else "must not be zero"
+            raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
+        return value
+
+    def factor(self, quantity: str, name: str, scale: str | None) -> float:
+        """Return the factor of a variable: the option's, or that of the file's unit."""
+        if scale is not None:
+            return self.number(scale, f"--{'position' if quantity == 'velocity' else quantity}-scale")
+        other = "rad" if self.unit == "m" else "m"
+        own, others = (_UNITS[unit].get(quantity, FACTORS["s"]) for unit in (self.unit, other))
+        given = self.unit_of(name)
+        if given in others and given not in own:
+            raise InputError(
+                f"{self.name} gives the unit of {name.partition('[')[0].strip()} as {given}, and --unit is "
+                f"{self.unit}; give --unit {other}, or correct the unit in the file."
+            )
+        return own.get(given, 1.0)
+
+    def unit_of(self, name: str) -> str:
+        """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
+
+        At the end of a name, as "deg" of "position_deg", single letters are no units: "position_m" may be the motor's.
+        """
+        text = self.units.get(name, "")
+        bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
+        if unit := (bracketed.group(1) if bracketed else text).strip():
+            return UNIT_OF.get(re.sub(r"[ ·*]", "", unit).lower(), unit)
+        parts = name.lower().split("_")
+        ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
+        return next((UNIT_OF[end] for end in ends if len(end) > 1 and end in UNIT_OF), "")
+
+    def times(self, name: str, rows: int) -> NDArray[np.float64]:
+        """Return the time of each row (N,), by a variable or the interval that is given instead."""
+        times = self.variables.get(name)
+        if times is not None and times.size != 1:
+            return times
+        try:
+            interval = float(name if times is None else times[0])
+        except ValueError:
+            return self.column(name, "--time")
+        if not 0.0 < interval <= LARGEST_CELL:
+            raise InputError(
+                f"{self.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a "
+                "number above zero."
+            )
+        return interval * np.arange(rows, dtype=np.float64)
+
+
+def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
+    """Read a record.
+
+    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+    """
+    path = Path(path)
+    variables, units = read_variables(path)
+    file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
+    motion = "velocity" if columns.position is None and columns.velocity else "position"
+    moving = (columns.velocity if motion == "velocity" else columns.position) or "position"
+    names = {"time": columns.time, motion: moving, "force": columns.force}
+    # variables that the user did not name are asked for all at once
+    defaults = {"time": "t", "position": "position", "force": "force"}.items()
+    if lacking := {
+        key: name for key, name in defaults if names.get(key) == name and name not in file.variables
+    }:
+        raise InputError(
+            f"{file.name} has no variable called {either(lacking.values())}; it has {', '.join(file.variables)}. "
+            f"Name what is meant: {' '.join(f'--{key} NAME' for key in lacking)}"
+            + (" (or --time 0.001, the time between rows)" if "time" in lacking else "")
+        )
+    scales = (columns.time_scale, columns.position_scale, columns.force_scale)
+    factors = {
+        key: file.factor(key, name, scale) for (key, name), scale in zip(names.items(), scales, strict=True)
+    }
+    values = factors[motion] * file.column(moving, f"--{motion}")
+    force = factors["force"] * file.column(columns.force, "--force")
+    added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
+    t = factors["time"] * file.times(columns.time, len(values))
+    rows = _complete_rows(file.name, {"time": t, motion: values, "force": force, "the added force": added})
+    t, values, force = t[rows], values[rows], (force + added)[rows]
+    if motion == "velocity":
+        values = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
+    position, findings = _without_wraps(values, factors[motion], columns.unit)
+    findings += [
+        note("axis-unit", f"{name} is multiplied by {factors[key]:.6g}, by its unit in the file.", name)
+        for (key, name), scale in zip(names.items(), scales, strict=True)
+        if scale is None and factors[key] != 1.0
+    ]
+    return record_of_rows(file.name, t, force, position, unit=columns.unit, findings=tuple(findings))
+
+
+def _complete_rows(name: str, columns: Columns) -> NDArray[np.bool_]:
+    """Return which rows have all values (N,)."""
+    count = len(columns["time"])
+    for key, values in columns.items():
+        if len(values) != count:
+            raise InputError(
+                f"{name}: {key} has {len(values)} values and the time has {count}; name a column of the same length."
+            )
+    missing = {key: ~np.isfinite(values) for key, values in columns.items()}
+    lacking = np.logical_or.reduce(list(missing.values()))
+    if lacking.sum() > MOST_MISSING * count:
+        worst = max(missing, key=lambda key: missing[key].sum())
+        raise InputError(
+            f"{name}: {worst} is missing or not finite in row {int(np.argmax(missing[worst])) + 1}; {lacking.sum()} of "
+            f"{count} rows lack a value, and at most {100.0 * MOST_MISSING:.0f} % may."
+        )
+    return ~lacking
+
+
+#: after what a position begins again, before its scale: a turn in either unit, and encoders' counters of 8 to 32 bits
+_TURN, _DEGREES = 2.0 * np.pi, 360.0
+_COUNTERS = tuple(2.0**bits for bits in range(8, 33))
+#: an ordinary step is at most this share of the period; a jump differs from the period by no more than such a step
+_LARGEST_STEP = 0.25
+#: noise and rounding let a position that wraps cover so much more than its period, and a jump that much more, too
+_BEYOND = 0.01
+
+
+def _without_wraps(
+    position: NDArray[np.float64], scale: float, unit: str
+) -> tuple[NDArray[np.float64], list[Finding]]:
+    """Return a position (N,), recorded in `scale` of its unit, unwrapped, and findings about that."""
+    travel, steps = float(np.ptp(position)), np.abs(np.diff(position))
+    # of a jump of two periods' size only the right one is within an ordinary step
+    for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
+        jumps = steps > 0.5 * period
+        usual = float(steps[~jumps].max(initial=0.0))
+        if (
+            not (0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any())
+            or usual > _LARGEST_STEP * period
+            # the axis moves on during the step in which it wraps
+            or np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period
+        ):
+            continue
+        size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
+        findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
+        options = ["--unit rad"] if unit != "rad" else []
+        options += [f"--position-scale {np.radians(1.0):.6g}"] if period == _DEGREES else []
+        if options and period in (_TURN, _DEGREES):
+            text = f"A position that jumps by {period:.4g} is an angle: {' '.join(options)}."
+            findings.append(warning("axis-unit", text, "position"))
+        return unwrapped(position, period=period), findings
+    return position, []
