@@ -77,7 +77,7 @@ def read_bytes(path: str | Path, *, largest: int = LARGEST_TABLE) -> bytes:
     if size <= largest:
         try:
             with open(path, "rb") as stream:
-                content = stream.read(largest + 1)  # a file of /proc does not say its size
+                content = stream.read(max(size, 1_000_000) + 1)  # a file of /proc does not say its size
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
         if len(content) <= largest:

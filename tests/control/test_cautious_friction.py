@@ -96,16 +96,6 @@ def test_an_unknown_error_never_leads_to_more_than_a_known_one(seed: int, unknow
     assert (shares(cautious_friction(FRICTION, missing)) <= known + 1e-12).all()
 
 
-def test_the_dry_friction_that_is_certain_is_compensated_though_b_is_not_known():
-    covariance = np.zeros((12, 12))
-    covariance[range(3), range(3)] = 1.0
-    assert cautious_friction(FRICTION, covariance).viscous == (0.0, 0.0, 0.0)
-    covariance[range(3), range(3)] = np.nan  # within its range, from zero on
-    cautious = cautious_friction(FRICTION, covariance)
-    assert cautious.viscous == (0.0, 0.0, 0.0)
-    assert cautious.coulomb == pytest.approx(FRICTION.coulomb, rel=1e-6)
-
-
 def test_an_unknown_error_costs_what_its_interval_allows():
     covariance = np.zeros((12, 12))
     covariance[[7, 11]] = covariance[:, [7, 11]] = np.inf

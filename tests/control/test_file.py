@@ -175,15 +175,6 @@ def test_friction_inertia_s_point_and_rounding_are_no_other_values(tmp_path):
     assert warnings_of(path, robot.replace(wheels=rounded)) == []
 
 
-def test_file_without_the_values_of_its_robot_gives_no_warning_and_neither_does_its_copy(tmp_path):
-    path, robot = tmp_path / "controller.toml", alten(FRICTION)
-    write_controller(nominal_controller(robot), path)
-    path.write_text(path.read_text().split("\n# What the design depends on", maxsplit=1)[0])
-    heavy = robot.replace(body=replace(robot.body, mass=18.0))
-    assert warnings_of(path, heavy) == []
-    assert "designed_for" not in controller_text(read_controller(path, heavy))
-
-
 def test_controller_that_cannot_work_with_its_robot_is_named(tmp_path):
     path, robot = tmp_path / "controller.toml", alten()
     write_controller(Controller(robot, -nominal_controller(robot).gain), path)

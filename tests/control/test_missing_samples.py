@@ -159,15 +159,6 @@ def test_an_estimator_predicts_over_what_is_missing(kind, bad, lost):
     np.testing.assert_allclose(found[2:], expected[2:], rtol=0.0, atol=1e-3)
 
 
-def test_one_component_leaves_the_others_of_the_onboard_state():
-    estimator, whole = started("onboard"), started("onboard")
-    one = reading(50)
-    lost = replace(one, attitude=np.array([np.nan, *one.attitude[1:]]))
-    found, expected = estimator.update(lost), whole.update(one)
-    np.testing.assert_array_equal(found[[3, 4]], expected[[3, 4]])
-    assert abs(found[2] - expected[2]) < 1e-3
-
-
 @pytest.mark.parametrize("kind", ESTIMATORS)
 def test_there_is_no_state_before_the_first_whole_reading(kind):
     estimator, fresh = (ESTIMATORS[kind](ROBOT, sample_time=H) for _ in range(2))

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from ballbot import InputError, Model, Robot, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
-from ballbot.simulation.model_plant import ModelPlant
-from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.freed_mechanism import reflected_inertia
 
 pytestmark = pytest.mark.sample  # no other test compiles the pivoting model's engines
@@ -123,24 +122,6 @@ def test_a_spinning_ball_is_braked_by_exactly_the_limit_and_stops_for_good() -> 
 
 
 # --- friction's work, plants and refusals -----------------------------------------------------------
-
-
-def test_a_plant_carries_the_spin_and_its_wheels_see_it() -> None:
-    model = Model(alten(FRICTION), pivoting=0.02)
-    plant = ModelPlant(model)
-    first = plant.reset(leaning(0.02), seed=0)
-    assert first.state.shape == first.truth.shape == (10,)
-    state, torques = np.append(leaning(0.02), 0.0), np.array([0.5, 0.45, 0.55])
-    for _ in range(20):
-        measured = plant.step(torques, 5e-3)
-        state = model.advance(state, torques, 5e-3)
-    assert_array_equal(measured.truth, state[:10])
-    assert state[10] != 0.0
-    assert_allclose(
-        measured.wheel_speeds, model.wheel_speed(state[:5], state[5:]), rtol=1e-14
-    )  # fused products
-    without = Model(alten(FRICTION)).wheel_speed(state[:5], state[5:10])
-    assert np.abs(measured.wheel_speeds - without).max() > 0.1
 
 
 def test_pivoting_model_refuses_unsupported_options() -> None:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, root_scalar
+from scipy.optimize import minimize, minimize_scalar, root_scalar
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import Matrix, RobotLoop, robot_loop
@@ -318,20 +318,14 @@ def _disk_margin(
         found = mu(matrices[index])
         if found > best:
             best, place = found, int(index)
-    low, high = omega[max(place - 1, 0)], omega[min(place + 1, len(omega) - 1)]
-    frequency = omega[place]
-    for _ in range(_ZOOMS):
-        grid = np.linspace(low, high, 9)
-        values = [mu(one) for one in halves(loop.response(grid))]
-        peak = int(np.argmax(values))
-        low, high = grid[max(peak - 1, 0)], grid[min(peak + 1, 8)]
-        if values[peak] >= best:
-            best, frequency = values[peak], grid[peak]
-    return DiskMargin(alpha=min(2.0, 1.0 / best), frequency=float(frequency))
+    around = omega[max(place - 1, 0)], omega[min(place + 1, len(omega) - 1)]
+    near = minimize_scalar(
+        lambda at: -mu(halves(loop.response(np.array([at])))[0]), bounds=around, method="bounded"
+    )
+    frequency = float(near.x) if -near.fun > best else float(omega[place])
+    return DiskMargin(alpha=min(2.0, 1.0 / max(best, -near.fun)), frequency=frequency)
 
 
-#: rounds that look closer at the largest mu, each four times: it is flat there
-_ZOOMS = 5
 #: of the scales D
 _SEARCH = {"xatol": 1e-6, "fatol": 1e-10}
 

@@ -28,7 +28,6 @@ from ballbot.robot.parameters import (
     parameter,
     parameter_class,
     parameters_of,
-    stated,
     table,
 )
 
@@ -53,14 +52,15 @@ class Body:
     inertia: tuple[float, float, float, float, float, float] = components(
         'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
         {
-            "xx": stated("j_rx, about the axis that points forward", "kg m^2", most=2e4),
-            "yy": stated("j_ry, about the axis that points left", "kg m^2", most=2e4),
-            "zz": stated("j_rz, about the axis that points up", "kg m^2", most=2e4),
+            "xx": Parameter("j_rx, about the axis that points forward", "kg m^2", most=2e4),
+            "yy": Parameter("j_ry, about the axis that points left", "kg m^2", most=2e4),
+            "zz": Parameter("j_rz, about the axis that points up", "kg m^2", most=2e4),
             **{
-                axes: stated(
+                axes: Parameter(
                     f"element of the matrix, minus the integral of {axes[0]} {axes[1]} dm",
                     "kg m^2",
                     least=-math.inf,
+                    least_is_allowed=True,
                 )
                 for axes in ("xy", "xz", "yz")
             },

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ballbot.errors import InputError, suggest
-from ballbot.robot.parameters import DIMENSIONLESS, Parameter, stated
+from ballbot.robot.parameters import DIMENSIONLESS, Parameter
 from ballbot.user_files import user_module
 
 #: fields of `Friction` that a law may take
@@ -70,9 +70,12 @@ class LawParameter:
     def stated(self) -> Parameter:
         """The line of a robot file."""
         low, _ = self.usual
-        least = None if low > 0.0 else 0.0 if low == 0.0 else -math.inf
-        return replace(
-            stated(f"{self.symbol}, {self.meaning}", self.unit, least=least, usual=self.usual),
+        return Parameter(
+            f"{self.symbol}, {self.meaning}",
+            self.unit,
+            least=-math.inf if low < 0.0 else 0.0,
+            least_is_allowed=low <= 0.0,
+            usual=self.usual,
             name=f"friction.own.{self.name}",
             field="friction.own",
             place=self.name,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import KW_ONLY, MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from decimal import Decimal
 from functools import cache
 from operator import attrgetter
@@ -36,24 +36,28 @@ SOURCES = ("measured", "data sheet", "previous work", "calculated", "identified"
 DIMENSIONLESS = "1"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Parameter:
     """One line of a file: a number, a list of numbers (in a robot file one for each wheel), a truth value or a text."""
 
     meaning: str  #: symbol, then what it is
-    unit: str  #: SI, as the dataclass holds it
-    written_in: str  #: the unit that files are written in
-    least: float  #: smallest allowed value, SI units
-    least_is_allowed: bool
-    most: float  #: largest allowed magnitude, SI units: a larger one was meant in another unit
+    unit: str = DIMENSIONLESS  #: SI, as the dataclass holds it
+    _: KW_ONLY
+    written_in: str = ""  #: the unit that files are written in, if it is another
+    least: float = 0.0  #: smallest allowed value, SI units
+    least_is_allowed: bool = False
+    most: float = math.inf  #: largest allowed magnitude, SI units: a larger one was meant in another unit
     #: least and greatest value of robots of 5 to 50 kg, SI units: within them an estimate is sought, and a value beyond
     #: them is unusual; infinite where no such range is stated
-    usual: tuple[float, float]
+    usual: tuple[float, float] = (-math.inf, math.inf)
     name: str = ""  #: dotted, as in a file: "ball.radius"
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
     place: int | str | None = None  #: of the part within such a field, or its name
     shape: Shape = "number"
     default: Value | None = None  #: of a file that omits the parameter; None if it may not be omitted
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "written_in", self.written_in or self.unit)
 
     @property
     def symbol(self) -> str:
@@ -71,39 +75,20 @@ class Parameter:
         return self.name.rpartition(".")[2]
 
 
-def stated(
-    meaning: str,
-    unit: str = DIMENSIONLESS,
-    *,
-    written_in: str | None = None,  # `unit` by default
-    least: float | None = None,  # -inf if it may be negative; above zero if not given
-    most: float = math.inf,
-    usual: tuple[float, float] = (-math.inf, math.inf),
-) -> Parameter:
-    """Return a parameter without its place in a file; see `Parameter`."""
-    return Parameter(
-        meaning=meaning,
-        unit=unit,
-        written_in=written_in or unit,
-        least=0.0 if least is None else least,
-        least_is_allowed=least is not None,
-        most=most,
-        usual=usual,
-    )
-
-
 def parameter(
     meaning: str,
     unit: str = DIMENSIONLESS,
     *,
     default: object = MISSING,
-    written_in: str | None = None,
-    least: float | None = None,
+    written_in: str = "",
+    least: float | None = None,  # -inf if it may be negative; above zero if not given
     most: float = math.inf,
     usual: tuple[float, float] = (-math.inf, math.inf),
 ) -> Any:  # as `dataclasses.field`
-    """Return a field that is a parameter; the arguments are those of `stated`, and the field's default."""
-    one = stated(meaning, unit, written_in=written_in, least=least, most=most, usual=usual)
+    """Return a field that is a `Parameter`, with that default."""
+    one = Parameter(meaning, unit, written_in=written_in, most=most, usual=usual)
+    if least is not None:
+        one = replace(one, least=least, least_is_allowed=True)
     return field(default=default, metadata={"parameter": one})
 
 
@@ -202,8 +187,9 @@ def _parameters(kind: type) -> Iterator[Parameter]:
                 yield replace(part, name=f"{name}.{key}", field=name, place=index)
         elif "parameter" in one.metadata:
             default = None if one.default is MISSING else one.default
-            stated = one.metadata["parameter"]
-            yield replace(stated, name=name, field=name, shape=_shape(hint), default=default)
+            yield replace(
+                one.metadata["parameter"], name=name, field=name, shape=_shape(hint), default=default
+            )
 
 
 def _shape(hint: object) -> Shape:

@@ -81,15 +81,12 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     InputError if nearly all draws are such.
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
-    mixing = _square_root(correlations(robot)) if robot.correlation.of else None
+    mixing = _square_root(correlations(robot))
     robots: list[Robot] = []
     for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
         if len(robots) == count:
             break
-        # errors: N(0, deviation), correlated as stated
-        errors = random.standard_normal(len(numbers))
-        if mixing is not None:
-            errors = mixing @ errors
+        errors = mixing @ random.standard_normal(len(numbers))  # N(0, 1), correlated as stated
         amounts = {
             one: _within(robot, one, one.deviation * float(error))
             for one, error in zip(numbers, errors, strict=True)
@@ -162,27 +159,17 @@ def propagate(
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
     for one in uncertain(robot):
-        step = STEP * one.deviation
         ends, refusal = [], None
-        for sign in (1.0, -1.0):
+        for step in (STEP, -STEP):
             try:
-                ends.append((sign * STEP, result_of(shifted(robot, {one: sign * step}))))
+                ends.append((step, result_of(shifted(robot, {one: step * one.deviation}))))
             except InputError as error:
                 refusal = error
         if not ends:
             raise InputError(f"{one.label} cannot vary by a tenth of its standard deviation: {refusal}")
-        if refusal is not None:  # a number at what no robot goes beyond, as friction of zero
-            ends.append((0.0, value))
-        (ahead, high), (behind, low) = ends
+        # one end alone is a number at what no robot goes beyond, as friction of zero
+        (ahead, high), (behind, low) = ends if refusal is None else (*ends, (0.0, value))
         parts[one.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
-    return Propagated(value=value, deviation=_deviation(value, parts, robot), parts=parts)
-
-
-def _deviation(
-    value: NDArray[np.float64], parts: dict[str, NDArray[np.float64]], robot: Robot
-) -> NDArray[np.float64]:
-    if not robot.correlation.of:
-        return np.sqrt(sum((part**2 for part in parts.values()), np.zeros_like(value)))
-    stacked = np.array(list(parts.values()))
+    stacked = np.array([*parts.values()]).reshape(len(parts), *value.shape)
     variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
-    return np.sqrt(np.maximum(variance, 0.0))
+    return Propagated(value=value, deviation=np.sqrt(np.maximum(variance, 0.0)), parts=parts)

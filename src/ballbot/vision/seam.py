@@ -213,7 +213,7 @@ def fit_rotation(
     R = start
     for reach in reaches:
         r, n, q, w = matched(table, seen, R, reach)
-        lever = crossed(q, n)
+        lever = np.cross(q, n)
         H = (lever * w[:, None]).T @ lever
         trust = TRUST / 3.0 * max(float(np.trace(H)), 1e-9)
         g = (lever.T @ (w * r)).astype(np.float64) - trust * Rotation.from_matrix(start.T @ R).as_rotvec()
@@ -239,18 +239,9 @@ def matched(
     return r, n, q, seen.area * np.maximum(foot, np.float32(0.0)) * share * share
 
 
-def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return q x n (k, 3)."""
-    lever = np.empty_like(q)
-    lever[:, 0] = q[:, 1] * n[:, 2] - q[:, 2] * n[:, 1]
-    lever[:, 1] = q[:, 2] * n[:, 0] - q[:, 0] * n[:, 2]
-    lever[:, 2] = q[:, 0] * n[:, 1] - q[:, 1] * n[:, 0]
-    return lever
-
-
 def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> RotationFit:
     r, n, q, w = matched(table, seen, R, reach)
-    lever = crossed(q, n)
+    lever = np.cross(q, n)
     H = ((lever * w[:, None]).T @ lever).astype(np.float64)
     return RotationFit(
         R=R,
@@ -267,8 +258,13 @@ def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
     The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: what blur, shadows, a wrong view or a
     wrong curve do to one piece they do otherwise to the next.
     """
-    cell = np.minimum(((feet + 1.0) * (0.5 * _PIECES)).astype(np.intp), _PIECES - 1)
-    piece = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2]
+    piece = pieces(feet, _PIECES)
     sums = np.stack([np.bincount(piece, weights=pulls[:, axis]) for axis in range(3)])
     inverse = np.linalg.inv(H + TRUST / 3.0 * max(float(np.trace(H)), 1e-9) * np.eye(3))
     return inverse @ (sums @ sums.T) @ inverse
+
+
+def pieces(feet: NDArray[np.floating], count: int) -> NDArray[np.intp]:
+    """Return the number of the piece of the seam that each foot (k, 3) is on: cells, so many along a diameter."""
+    cell = np.minimum(((feet + 1.0) * (0.5 * count)).astype(np.intp), count - 1)
+    return (cell[:, 0] * count + cell[:, 1]) * count + cell[:, 2]

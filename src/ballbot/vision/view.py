@@ -144,8 +144,7 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
     few = np.stack(frames[:: max(1, len(frames) // 9)])
     still = np.median(few, axis=0).astype(np.uint8)
     picture = np.asarray(cv2.GaussianBlur(still, (0, 0), 1.0), np.float32)
-    size = (picture.shape[1], picture.shape[0])
-    outlines = [_refined(picture, circle, size) for circle in _turning(few)]
+    outlines = [_refined(picture, circle) for circle in _turning(few)]
     if not outlines or max(share for _, share in outlines) < _LEAST_SHARE:
         raise InputError(
             "No ball was found: no circle about what turns in the picture has an edge along "
@@ -154,8 +153,12 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
     return max(outlines, key=lambda one: one[1])[0]
 
 
-def _turning(frames: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
-    """Return circles (x, y, radius) about what changes over frames (k, height, width, 3): in light, and in colour."""
+#: as OpenCV has it: centre, both axes, and the angle of the first [degrees]
+Ellipse = tuple[Sequence[float], Sequence[float], float]
+
+
+def _turning(frames: NDArray[np.uint8]) -> list[Ellipse]:
+    """Return circles about what changes over frames (k, height, width, 3): in light, and in colour."""
     calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
     logs = np.log(calm.astype(np.float32) + np.float32(_FLOOR))
     circles = []
@@ -166,8 +169,8 @@ def _turning(frames: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
         filled = cv2.morphologyEx(changes, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
         pieces = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
         if pieces:
-            (x, y), radius = cv2.minEnclosingCircle(max(pieces, key=cv2.contourArea))
-            circles.append((float(x), float(y), float(radius)))
+            center, radius = cv2.minEnclosingCircle(max(pieces, key=cv2.contourArea))
+            circles.append((center, (2.0 * radius, 2.0 * radius), 0.0))
     return circles
 
 
@@ -180,32 +183,31 @@ def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> 
             f"The circle is {x:g},{y:g},{radius:g}; it must lie in the picture, which is {width} x {height} pixels, "
             "and have a radius of at least 8 pixels."
         )
-    return _on_circle(circle)
+    return _on_ellipse(((x, y), (2.0 * radius, 2.0 * radius), 0.0))
 
 
-def _on_circle(circle: tuple[float, float, float]) -> Floats:
-    x, y, radius = circle
-    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
-    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
+def _on_ellipse(ellipse: Ellipse) -> Floats:
+    center, axes, degrees = ellipse
+    angle, turn = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False), np.radians(degrees)
+    along = np.column_stack([0.5 * axes[0] * np.cos(angle), 0.5 * axes[1] * np.sin(angle)])
+    c, s = np.cos(turn), np.sin(turn)
+    return center + along @ np.array([[c, s], [-s, c]])
 
 
-def _refined(
-    picture: NDArray[np.float32], circle: tuple[float, float, float], size: tuple[int, int]
-) -> tuple[Floats, float]:
-    """Return points (k, 2) of the outline near a circle, and the fraction of its rays whose edge agrees with it."""
-    points = _on_circle(circle)
-    view, share = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS), 0.0
+def _refined(picture: NDArray[np.float32], ellipse: Ellipse) -> tuple[Floats, float]:
+    """Return points (k, 2) of the outline near an ellipse, and the fraction of its rays whose edge agrees with it."""
+    points, share = _on_ellipse(ellipse), 0.0
     for search in _SEARCHES:
-        outline = view.outline(_RAYS)
-        outward = outline - np.array([view.x, view.y])
-        seen = ((outline > 0.0) & (outline < np.array(size) - 1.0)).all(axis=1)
+        outline = _on_ellipse(ellipse)
+        outward = outline - np.array(ellipse[0])
+        seen = ((outline > 0.0) & (outline < np.array(picture.shape[1::-1]) - 1.0)).all(axis=1)
         edges, strength = _edges(picture, outline, outward, search)
         off = np.where(seen & (strength > _EDGE), edges, np.nan)
         if np.isfinite(off).sum() < 0.3 * _RAYS:
             return points, 0.0
         good = np.abs(off - np.nanmedian(off)) < max(0.3 * search, _EDGE_TOLERANCE)
         points, share = (outline + off[:, None] * outward)[good], float(good.sum() / seen.sum())
-        view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
+        ellipse = cv2.fitEllipse(points.astype(np.float32))
     return points, share
 
 

@@ -25,7 +25,7 @@ from ballbot.control.parts.part import LawSettings, Part, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.robot.parameters import parameter, stated
+from ballbot.robot.parameters import Parameter, parameter
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +96,7 @@ class IntegralAction(Part):
     state = IntegralState
 
     gain: Annotated[NDArray[np.float64], _ROWS] = field(
-        metadata={"matrix": stated("K_I for the integrals of x, y and psi", "N m/(m s)")}
+        metadata={"matrix": Parameter("K_I for the integrals of x, y and psi", "N m/(m s)")}
     )
     limit: float = parameter("of the integral of x, and of y", "m s", default=0.3)
     yaw_limit: float = parameter("of the integral of psi", "rad s", default=0.5)
