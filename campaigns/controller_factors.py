@@ -33,9 +33,9 @@ from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
 from ballbot.workflows.controller_choice import SQUARE, candidates, compensated_robot
-from ballbot.workflows.grid import Condition, Grid, GridRun, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, GridRun, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import Score
-from ballbot.workflows.statistics import Estimate, MedianEstimate, Paired, median_with_interval
+from ballbot.workflows.statistics import Estimate, MedianEstimate, mean_ratio, median_with_interval
 from campaigns.section import Section, compared, markdown_table
 from campaigns.twin_logs import identified
 
@@ -153,7 +153,7 @@ def effect(peaks: Peaks, factor: str, *, given: Mapping[str, bool]) -> Effect:
     stood = [pair for pair in pairs if np.isfinite(pair).all()]
     falls = (sum(int(np.isnan(pair[side]).sum()) for pair in pairs) for side in (0, 1))
     before, after = np.array(stood or [(np.full(1, np.nan),) * 2]).swapaxes(0, 1)
-    return Effect(ratio=Paired(before, after).ratio, cells=len(stood), falls=(next(falls), next(falls)))
+    return Effect(ratio=mean_ratio(before, after), cells=len(stood), falls=(next(falls), next(falls)))
 
 
 def strongest_interaction(peaks: Peaks, factor: str) -> str:
@@ -181,7 +181,7 @@ def campaign() -> Section:
                 "Kalman" if cell.filter else "thesis's",
                 *("yes" if has else "–" for has in (cell.shaping, cell.observer)),
                 *(_millimetres(peaks[key]) for key in (cell, with_it)),
-                _ratio(Paired(peaks[cell], peaks[with_it]).ratio),
+                _ratio(mean_ratio(peaks[cell], peaks[with_it])),
                 f"{fell[0]} and {fell[1]}",
             ]
         )
@@ -250,16 +250,14 @@ def choice() -> Section:
         for course, (_, duration) in COURSES.items()
         for seed in COURSE_SEEDS
     ]
-    table = run_grid(
-        Grid(controllers={name: known[name] for name in ("none", "precise")}, conditions=conditions)
-    )
+    table = run_grid(grid_runs({name: known[name] for name in ("none", "precise")}, conditions))
     rows = []
     for course in COURSES:
         scores = [table.of(name, course) for name in ("none", "precise")]
         none, precise = map(_peaks, scores)
         falls = [sum(run.ended is not None for run in runs) for runs in scores]
         medians = [_interval(median_with_interval(peaks), 1e3) for peaks in (none, precise)]
-        ratio = _interval(Paired(none, precise).median_ratio)
+        ratio = _interval(median_with_interval(none / precise))
         worst = f"{1e3 * max(precise):.1f}"
         rows.append([course, *medians, worst, ratio, f"{falls[0]} and {falls[1]} of {len(COURSE_SEEDS)}"])
     return Section(

@@ -16,7 +16,7 @@ from ballbot.robot.components import scaled_body
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows.controller_choice import SQUARE
-from ballbot.workflows.grid import Condition, Grid, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import SETTLE, Score
 from ballbot.workflows.robust_design import Effort, PerturbationRanges, RobustDesign, robust_design
 from campaigns.section import Section
@@ -98,7 +98,7 @@ def _on_twin(
         Condition(plant=plant, reference=square, duration=SQUARE.duration, seed=seed) for seed in SEEDS
     ]
     asked = {design: law.with_estimator(state) for design, law in controllers.items()}
-    made = run_grid(Grid(controllers=asked, conditions=conditions))
+    made = run_grid(grid_runs(asked, conditions))
     return [f"{name}, {ESTIMATORS[state]}: peak error [mm]", *(_cell(made.of(design)) for design in _ORDER)]
 
 

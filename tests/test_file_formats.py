@@ -16,7 +16,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.workflows.controller_prediction import checksum_of
-from ballbot.workflows.courses import read_courses
+from ballbot.workflows.courses import choose_courses
 from tests.support.log_examples import smooth_log
 
 VERSION = ballbot.__version__
@@ -35,7 +35,7 @@ READERS: dict[Kind, Callable[[Path], object]] = {
     "controller": lambda path: controller_text(read_controller(path, ALTEN)),
     "scenario": lambda path: load_scenario(path, ALTEN),
     "mapping": read_mapping,
-    "courses": lambda path: read_courses(path, ALTEN, "model"),
+    "courses": lambda path: choose_courses(str(path.rename(f"{path}.toml")), ALTEN, "model"),
     "results": read_results,
 }
 #: by the kind: a text that reads, of the present version
@@ -85,7 +85,7 @@ def test_newer_format_is_refused_with_what_to_do(kind: Kind, tmp_path: Path) -> 
     text = TEXTS[kind].replace(format_name(kind), newer)
     path.write_text(text, encoding="utf-8")
     with pytest.raises(
-        InputError, match=rf"newer_{kind}: format is '{newer}'.*pip install --upgrade ballbot"
+        InputError, match=rf"newer_{kind}(\.toml)?: format is '{newer}'.*pip install --upgrade ballbot"
     ):
         READERS[kind](path)
 

@@ -23,7 +23,7 @@ from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.courses import read_courses
+from ballbot.workflows.courses import choose_courses
 from tests.support.log_examples import smooth_log
 
 ALTEN = Robot.load("alten")
@@ -32,7 +32,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "robot": Robot.load,
     "scenario": lambda path: load_scenario(path, ALTEN),
     "controller": lambda path: read_controller(path, ALTEN),
-    "courses": lambda path: read_courses(path, ALTEN, "twin"),
+    "courses": lambda path: choose_courses(str(path), ALTEN, "twin"),
     "bounds": read_bounds,
     "mapping": read_mapping,
     "sweep": lambda path: read_sweep(path, wheel_count=3),

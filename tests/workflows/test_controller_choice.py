@@ -27,7 +27,7 @@ from ballbot.workflows.controller_choice import (
     equal_best,
     smoothest_of_best,
 )
-from ballbot.workflows.grid import Condition, Grid, run_grid
+from ballbot.workflows.grid import Condition, grid_runs, run_grid
 from ballbot.workflows.metrics import QUANTITIES, Performance, Score
 from ballbot.workflows.statistics import median_with_interval
 from ballbot.workflows.study import sampled_at
@@ -140,12 +140,12 @@ def test_a_draw_on_the_loop_is_the_plant_one_period_at_a_time_and_another_with_a
         )
         for one in (plant, plant, replace(plant, seed=4))
     ]
-    grid = Grid(controllers={"precise": precise_controller(robot)}, conditions=conditions)
+    grid = grid_runs({"precise": precise_controller(robot)}, conditions)
     one, again, other = run_grid(grid, lambda _, log: log).answers
     np.testing.assert_array_equal(one.states, again.states)
     assert (one.states != other.states).any()
     # rounding differs, and sticking and play part the two later; for a second they are the same
-    np.testing.assert_allclose(one.states[:200], grid.runs[0].log().states[:200], atol=1e-9)
+    np.testing.assert_allclose(one.states[:200], grid[0].log().states[:200], atol=1e-9)
     with pytest.raises(InputError, match="nothing to compare"):
         run_grid([])
 

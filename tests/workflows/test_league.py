@@ -11,7 +11,7 @@ from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
-from ballbot.workflows.statistics import Paired, fraction_with_interval, mean_with_interval
+from ballbot.workflows.statistics import fraction_with_interval, mean_ratio, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
 from tests.support.league_examples import OWN
 from tests.support.screen import assert_fits_a_screen
@@ -104,7 +104,7 @@ def test_league_intervals_cover_at_their_level():
     of_seed = draw.normal(0.0, 1.0, (2000, 10))  # what a seed does to both
     ours = 0.3 + of_seed + draw.normal(0.0, 0.2, (2000, 10))
     theirs = of_seed + draw.normal(0.0, 0.2, (2000, 10))
-    found = [Paired(one, other).difference for one, other in zip(ours, theirs, strict=True)]
+    found = [mean_with_interval(one - other) for one, other in zip(ours, theirs, strict=True)]
     share = np.mean([one.low <= 0.3 <= one.high for one in found])
     assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
     apart = np.array([mean_with_interval(one).high - mean_with_interval(one).low for one in ours[:200]])
@@ -123,18 +123,18 @@ def test_fall_interval_covers_at_least_its_level(runs):
 
 
 def test_few_seeds_have_no_interval():
-    one = Paired(np.array([2.0, np.nan]), np.array([1.0, 0.0])).difference
+    one = mean_with_interval([1.0, np.nan])
     assert one.mean == 1.0
     assert one.runs == 1
     assert np.isnan([one.low, one.high]).all()
     assert one.sign == 0
     assert mean_with_interval([]).runs == 0
-    assert Paired(np.array([2.0, 3.0]), np.array([1.0, 2.0])).difference.sign == 1
+    assert mean_with_interval([1.0, 1.0]).sign == 1
 
 
 def test_paired_ratio_over_courses_has_one_value_for_each_run():
     """Twice as far off on one course and half as far on the other: one in all, in each of the runs."""
     ones = np.ones((2, 5))
-    found = Paired(ones * [[2.0], [0.5]], ones).ratio
+    found = mean_ratio(ones * [[2.0], [0.5]], ones)
     assert found.mean == pytest.approx(1.0)
     assert found.runs == 5

@@ -150,7 +150,7 @@ def test_margins_name_infeasible_references_and_the_reason():
     assert not fast.can_be_followed
     torque = fast.uses[0]
     assert torque.value > torque.limit == 6.0
-    assert f"wheel {torque.wheel} needs {torque.value:.3g} N m" in words
+    assert f"torque, wheel {torque.wheel} reaches {torque.value:.3g} N m" in words
     jumps = check_reference(robot, controller, square(), duration=17.0)
     assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
     assert jumps.can_be_followed

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Annotated, cast
+from typing import Annotated, NamedTuple, cast
 
 from cyclopts import App, Group, Parameter
 
@@ -32,27 +32,21 @@ START = """Ballbot models, identifies, validates and controls ball-balancing rob
 """
 
 
-@dataclass(frozen=True)
-class Command:
-    """One command of `ballbot`: the function of its name, with _ for -, in the module of that name or in `home`."""
+class Command(NamedTuple):
+    """One command of `ballbot`: the function of its name, with _ for -, in the module of that name."""
 
     name: str
     group: str  #: its heading in `ballbot --help`
     summary: str  #: its line in `ballbot --help`
-    home: str = ""  #: its module, if others stand in it too
 
     @property
-    def module(self) -> str:
-        """Its module, which is imported only if the command is named."""
-        return f"ballbot.cli.{self.home or self.function}"
-
-    @property
-    def function(self) -> str:
-        """The function, or an App of several."""
-        return self.name.replace("-", "_")
+    def target(self) -> tuple[str, str]:
+        """Its module, which is imported only if the command is named, and in it the function, or an App of several."""
+        function = self.name.replace("-", "_")
+        module = "identify_parts" if self.name.startswith("identify-") else function
+        return f"ballbot.cli.{module}", function
 
 
-_PARTS = "identify_parts"
 #: in the order of `ballbot --help`; a command is a function of its name and a line here
 COMMANDS = (
     Command("study", "Main job", "Robot and logs in; friction, report and controller out."),
@@ -67,17 +61,10 @@ COMMANDS = (
     Command("align", "Logs", "Compare a log's sensors with motion capture."),
     Command("spin", "Logs", "Measure the ball's velocity in a video of its seam."),
     Command("identify", "Identification", "Identify a robot's friction from its logs."),
-    Command(
-        "identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep.", _PARTS
-    ),
-    Command(
-        "identify-upside-down",
-        "Identification",
-        "Identify friction of the robot clamped upside down.",
-        _PARTS,
-    ),
-    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs.", _PARTS),
-    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis.", _PARTS),
+    Command("identify-driveline", "Identification", "Identify driveline friction from a free-wheel sweep."),
+    Command("identify-upside-down", "Identification", "Identify friction of the robot clamped upside down."),
+    Command("identify-geometry", "Identification", "Identify geometry and IMU mounting from logs."),
+    Command("identify-axis", "Identification", "Identify the mass and friction of any single axis."),
     Command("validate", "Validation", "Validate a model or a controller against logs."),
     Command("design", "Control", "Design a controller for a robot."),
     Command("export", "Control", "Write a controller as C firmware for its robot."),
@@ -133,20 +120,20 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         suppress_keyboard_interrupt=False,
     )
     for place, command in enumerate(COMMANDS):
-        group = _GROUPS[command.group]
-        if command.name in unavailable:
-            app.command(_unavailable, name=command.name, help=command.summary, group=group, sort_key=place)
-        elif command.name in tokens[:1]:
-            module = importlib.import_module(command.module)
-            loaded = getattr(module, command.function)
+        module, function = command.target
+        if command.name not in tokens[:1] or command.name in unavailable:
+            target = _unavailable if command.name in unavailable else f"{module}:{function}"
+            group = _GROUPS[command.group]
+            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
+        else:
+            loaded = getattr(importlib.import_module(module), function)
             if isinstance(loaded, App):  # a group of commands has its name already
-                loaded.help = module.ABOUT  # a list of all commands made earlier has left its line there
+                loaded.help = importlib.import_module(
+                    module
+                ).ABOUT  # a list of all commands has left its line there
                 app.command(loaded)
             else:
                 app.command(loaded, name=command.name, sort_key=place)
-        else:
-            target = f"{command.module}:{command.function}"
-            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
 
     app.meta.suppress_keyboard_interrupt = False  # it does not take the app's
 

@@ -75,26 +75,21 @@ def check_log(
     """
     files, described = (file, *others), Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
-    given = {
-        "--columns": columns,
-        "--command": command,
-        "--full-scale": full_scale,
-        "--counts-per-turn": counts_per_turn,
-    }
-    for option, value in given.items():
+    stated = Stated(
+        command=command,
+        full_scale=full_scale,
+        counts_per_turn=counts_per_turn,
+        columns=_column_names(columns),
+    )
+    for name, value in vars(stated).items():
         if value is not None and not proposes:
+            option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option} is for a foreign table and needs --robot, without --mapping.")
     if out and others and not proposes:
         raise InputError("--out takes one log in Ballbot's format; give the others commands of their own.")
     writes = ("mapping.toml", "log.csv") if proposes else ()
     with open_result(out, writes=writes) as result:
         if robot and described and proposes:
-            stated = Stated(
-                command=command,
-                full_scale=full_scale,
-                counts_per_turn=counts_per_turn,
-                columns=_column_names(columns),
-            )
             _show(files, described, stated, source=robot, result=result)
         else:
             for one in files:
@@ -107,12 +102,12 @@ def _column_names(columns: str | None) -> list[str] | None:
         return None
     names = [name.strip() for name in columns.split(",")]
     named = [
-        name if any(map(str.isalnum, name)) else f"unused_{place}"
-        for place, name in enumerate(names, start=1)
+        name if any(map(str.isalnum, name)) else f"unused_{column}"
+        for column, name in enumerate(names, start=1)
     ]
-    twice = next((name for name in named if named.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"--columns has the name {twice} twice.")
+    for name in named:
+        if named.count(name) > 1:
+            raise InputError(f"--columns has the name {name} twice.")
     return named
 
 

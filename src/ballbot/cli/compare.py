@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words, workers
+from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
-from ballbot.fitting.run import Run
+from ballbot.fitting.run import Processes, Run
 from ballbot.report.comparison import league_report
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
@@ -65,7 +65,7 @@ def compare(
     doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
     with (
         open_result(out, doing=doing, beside=beside, seed=seeds) as result,
-        workers(cluster, processes=processes) as made_by,
+        cluster_or(cluster, Processes(count=processes)) as made_by,
     ):
         league = run_league(
             described,

@@ -35,7 +35,7 @@ def completion(shell: Shell, /) -> None:
 
 def _is_importable(command: Command) -> bool:
     try:
-        importlib.import_module(command.module)
+        importlib.import_module(command.target[0])
     except ModuleNotFoundError:  # of an extra
         return False
     return True

@@ -25,7 +25,7 @@ from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
-from ballbot.fitting.run import Executor, Processes, Threads
+from ballbot.fitting.run import Executor
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
 from ballbot.printable import shell_line
@@ -36,7 +36,6 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
-    from ballbot.fitting.cluster import Cluster
     from ballbot.identification.verdict import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
@@ -170,24 +169,10 @@ def open_result(
         suggest_page()
 
 
-def executor(cluster: str | None) -> AbstractContextManager[Executor]:
-    """Return the workers of a Dask scheduler at an address, or the threads of this process.
-
-    InputError if there is no such cluster.
-    """
-    return nullcontext(Threads()) if cluster is None else dask_cluster(cluster)
-
-
-def workers(cluster: str | None, *, processes: int | None = None) -> AbstractContextManager[Executor]:
-    """Return who make runs: the workers of a Dask scheduler at an address, or so many processes.
-
-    InputError if there is no such cluster.
-    """
-    return nullcontext(Processes(count=processes)) if cluster is None else dask_cluster(cluster)
-
-
-def dask_cluster(address: str) -> Cluster:
-    """Return the workers of a Dask scheduler; InputError if there is none."""
+def cluster_or(address: str | None, otherwise: Executor) -> AbstractContextManager[Executor]:
+    """Return the workers of a Dask scheduler at an address, or others without one; InputError if it is not there."""
+    if address is None:
+        return nullcontext(otherwise)
     from ballbot.fitting.cluster import Cluster
 
     return Cluster(address)

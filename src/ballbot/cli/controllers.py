@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from ballbot.cli.output import notice_output
+from ballbot.cli.output import notice
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
-from ballbot.control.presets import nominal_controller
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.robot import Robot
@@ -30,15 +29,18 @@ class ControllerOptions:
     given."""
 
     def read(self, robot: Robot) -> Controller:
-        """Return the controller for a robot."""
-        if self.controller in (None, "nominal"):
-            return nominal_controller(robot, compensation=self.compensation or "none")
-        if self.compensation is not None:
+        """Return the controller for a robot; print if its compensation does nothing."""
+        name = self.controller or "nominal"
+        if name != "nominal" and self.compensation is not None:
             raise InputError(
-                f"--compensation belongs to the nominal controller, and --controller names {self.controller}; leave "
-                "one of them out."
+                f"--compensation belongs to the nominal controller, and --controller names {name}; leave one of them "
+                "out."
             )
-        return named_controller(self.controller, robot)
+        made = named_controller(name, robot)
+        if self.compensation is not None:
+            made = made.with_compensation(self.compensation)
+        warn_of_idle_compensation({self.controller or "nominal controller": made})
+        return made
 
 
 #: the nominal one, without compensation
@@ -56,4 +58,4 @@ def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
             f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
             "friction. Identify it with `ballbot identify`, or write it into the robot file."
         )
-        notice_output().print(sentence, style="yellow", markup=False, soft_wrap=True)
+        notice(sentence, style="yellow")

@@ -9,9 +9,9 @@ from cyclopts import Parameter
 
 from ballbot.arguments import numbers_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, open_result, robot_words
+from ballbot.cli.context import open_result, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import check_robot
+from ballbot.cli.findings import checked_robot
 from ballbot.control.file import controller_text
 from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
@@ -91,8 +91,7 @@ def design(
     fresh
         Number of other robots on which the result is compared with the nominal weights.
     """
-    described, words = changed_robot(robot, change), robot_words(robot, change)
-    findings = check_robot(described, accept=accept)
+    described, findings = checked_robot(robot, change, accept=accept)
     ten = "ten numbers with commas between"
     gain = GainOptions(
         kind=kind,
@@ -130,6 +129,6 @@ def design(
             found = design_controller(described, gain=gain, parts=parts)
             page, text = controller_design_report(found, findings), ""
         files = {"controller.toml": text + controller_text(found.controller)}
-        step = f"`ballbot compare {words} none {result.path('controller.toml')} --out compared`"
+        step = f"`ballbot compare {robot_words(robot, change)} none {result.path('controller.toml')} --out compared`"
         result.write(page, files=files, named=_WRITTEN, next_step=step)
     warn_of_idle_compensation({"controller.toml": found.controller})

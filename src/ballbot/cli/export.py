@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, open_result
+from ballbot.cli.context import open_result
 from ballbot.cli.controllers import warn_of_idle_compensation
-from ballbot.cli.findings import check_robot
+from ballbot.cli.findings import checked_robot
 from ballbot.control.file import read_controller
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
@@ -45,8 +45,7 @@ def export(
         Clock of the processor [Hz], for the share of the period that an update takes.
     """
     check_clock(clock)
-    described = changed_robot(robot, change)
-    findings = check_robot(described, accept=accept)
+    described, findings = checked_robot(robot, change, accept=accept)
     check_belongs(controller, described)
     read = read_controller(controller, described)
     with open_result(out, doing="writing the firmware", writes=exported_names()) as result:

@@ -7,7 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballbot.cli.output import notice_output
+from ballbot.cli.context import changed_robot
+from ballbot.cli.output import notice
 from ballbot.findings import Finding, by_severity, check_codes, stop_on_errors
 from ballbot.report.blocks import finding_line
 from ballbot.robot import Robot
@@ -41,13 +42,16 @@ def check_input(
     return stop_or_show(findings, accept=accept, others="`ballbot check-log`", show=show)
 
 
-def check_robot(robot: Robot, *, accept: Sequence[str] | None) -> tuple[Finding, ...]:
-    """Check a robot's numbers against one another, print accepted errors and warnings, and return all findings.
+def checked_robot(
+    source: str, changes: Sequence[str] | None, *, accept: Sequence[str] | None
+) -> tuple[Robot, tuple[Finding, ...]]:
+    """Return a robot and what the check of its numbers against one another finds; see `changed_robot`.
 
-    InputError if there is an error whose code is not accepted, or a code is unknown.
+    Prints accepted errors and warnings. InputError if there is another error, or a code is unknown.
     """
+    robot = changed_robot(source, changes)
     findings = robot_findings(robot, file=f"robot {robot.name}")
-    return stop_or_show(findings, accept=accept, others="`ballbot check`")
+    return robot, stop_or_show(findings, accept=accept, others="`ballbot check`")
 
 
 def in_file(path: Path, findings: Iterable[Finding]) -> list[Finding]:
@@ -81,8 +85,6 @@ def show_findings(
     accept: Collection[str] | None = None,
 ) -> None:
     """Print errors and warnings, a line each; notes stand in the report."""
-    console = notice_output()
     for finding in findings:
         if finding.severity != "note":
-            accepted = accept is None or finding.code in accept
-            console.print(finding_line(finding, accepted=accepted), soft_wrap=True)
+            notice(finding_line(finding, accepted=accept is None or finding.code in accept))

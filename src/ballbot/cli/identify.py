@@ -9,11 +9,11 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_log
+from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_log
 from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.fitting.fit import Search
-from ballbot.fitting.run import Run
+from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions, identify_by_law
@@ -101,7 +101,7 @@ def identify(
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     with (
         open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
-        executor(cluster) as made_by,
+        cluster_or(cluster, Threads()) as made_by,
     ):
         found, selection = identify_by_law(
             described,

@@ -9,7 +9,7 @@ from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.fitting.run import Run, check_seed
+from ballbot.fitting.run import Run
 from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.twin.scenario_file import load_scenario
@@ -56,7 +56,6 @@ def limits(
     chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
-    check_seed(seed)
     truth = load_scenario(scenario, described)
     models: dict[str, RobotLimits] = {}
     twins: dict[str, Sequence[TwinLimit]] = {}

@@ -11,7 +11,8 @@ from typing import Annotated
 from cyclopts import Parameter, Token
 
 from ballbot.errors import either
-from ballbot.log.formats import WRITTEN_FORMATS
+from ballbot.fitting.run import check_seed
+from ballbot.log.formats import WRITTEN_FORMATS, check_format
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
@@ -89,17 +90,22 @@ Mapping = Annotated[Path | None, Parameter(help=_MAPPING)]
 #: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
 
+#: every random seed
+SeedNumber = Annotated[int, Parameter(converter=_whole_number, validator=lambda _, seed: check_seed(seed))]
+
 #: the option --seed
-Seed = Annotated[
-    int, Parameter(converter=_whole_number, help="Random seed. The same seed gives the same result.")
-]
+Seed = Annotated[SeedNumber, Parameter(help="Random seed. The same seed gives the same result.")]
 
 #: each log of a command that needs one or more
 Log = Annotated[Path, Parameter(required=True)]
 
-#: the option --format of the commands that write logs, checked by `ballbot.log.formats.check_format`
+#: the option --format of the commands that write logs
 LogFormat = Annotated[
-    str, Parameter(help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.")
+    str,
+    Parameter(
+        validator=lambda _, word: check_format(word) and None,
+        help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.",
+    ),
 ]
 
 #: the option --cluster of the commands whose work or runs can be spread

@@ -49,9 +49,10 @@ def standard_output() -> PlainConsole:
     return console if console.is_terminal else _Console(width=PLAIN_WIDTH)
 
 
-def notice_output() -> PlainConsole:
-    """Return the console of warnings and questions, which neither --json nor --quiet hides."""
-    return _Console(file=sys.stderr) if _is_silent() else standard_output()
+def notice(text: RenderableType, *, style: str = "") -> None:
+    """Print a warning or a question, which neither --json nor --quiet hides."""
+    console = _Console(file=sys.stderr) if _is_silent() else standard_output()
+    console.print(text, style=style, markup=False, soft_wrap=True)
 
 
 def _is_silent() -> bool:
@@ -81,7 +82,7 @@ def suggest_page() -> None:
 def open_page(address: str) -> None:
     """Open a page in the browser."""
     if not webbrowser.open(address):
-        notice_output().print("No browser could be opened; open the page in one.")
+        notice("No browser could be opened; open the page in one.")
 
 
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from ballbot.cli import options
-from ballbot.cli.context import Content, changed_robot, open_result, parse_seeds, workers
-from ballbot.cli.controllers import NOMINAL, ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import check_robot
+from ballbot.cli.context import Content, cluster_or, open_result, parse_seeds
+from ballbot.cli.controllers import NOMINAL, ControllerOptions
+from ballbot.cli.findings import checked_robot
 from ballbot.control.references import as_reference
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import check_seed
-from ballbot.log.formats import check_format
+from ballbot.fitting.run import Processes
 from ballbot.progress import in_stage
 from ballbot.report.run import recording_report, recordings_report
 from ballbot.simulation.run import sample_count
@@ -63,11 +62,9 @@ def record(
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
     """
-    described = changed_robot(robot, change)
-    findings = check_robot(described, accept=accept)
+    described, findings = checked_robot(robot, change, accept=accept)
     # refused before anything is run or made
     as_reference(reference)
-    check_seed(seed)
     several = None if seeds is None else parse_seeds(seeds)
     controller = chosen.read(described)
     job = RecordJob(
@@ -78,16 +75,14 @@ def record(
         reference=reference,
         duration=DURATIONS[experiment] if duration is None else duration,
         seed=seed,
-        log_format=check_format(format),
+        log_format=format,
     )
-    if experiment == "balance":
-        warn_of_idle_compensation({chosen.controller or "nominal controller": job.controller})
     sample_count(job.duration, job.controller.sample_time)
     doing = f"recording {job.duration:g} s"
     if seeds is not None and several is not None:
         doing = f"recording {counted(len(several), 'run')} of {job.duration:g} s"
         with (
-            workers(cluster) as made_by,
+            cluster_or(cluster, Processes()) as made_by,
             open_result(out, command="record --seeds", doing=doing, seed=seeds) as result,
         ):
             runs = record_runs(job, several, out, workers=made_by, progress=result.report)

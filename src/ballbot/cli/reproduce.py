@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.fitting.run import check_seed
 from ballbot.report.blocks import Sheet, verdict_lines
 
 
@@ -22,7 +21,6 @@ def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed =
     only
         One figure or table by its name in the thesis, such as "Table 4.1". If not given, all, and the mistakes.
     """
-    check_seed(seed)
     # imported late: the twin is an extra
     from ballbot.thesis.reproduce.campaign import items_named
     from ballbot.thesis.reproduce.campaign import reproduce as remake

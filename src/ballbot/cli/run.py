@@ -12,11 +12,10 @@ from cyclopts import App, Parameter
 
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.context import Content, open_result
-from ballbot.cli.output import emit, notice_output, standard_output
+from ballbot.cli.output import emit, notice, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs, export_controller
-from ballbot.fitting.run import check_seed
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
 from ballbot.link.connection import Connection, Monitor, connect_emulated, connect_port
 from ballbot.link.live import Commander, FollowReference, LiveRun, TorqueProgram
@@ -70,7 +69,7 @@ class LinkOptions:
 
     scenario: options.Scenario = "nominal"
 
-    seed: options.WholeNumber = 1
+    seed: options.SeedNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
     @property
@@ -94,8 +93,7 @@ class LinkOptions:
             both = f", not both: {port} would be a port" if port else ""
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
         if port is not None:
-            return connect_port(port, self.described, say=_notice)
-        check_seed(self.seed)
+            return connect_port(port, self.described, say=notice)
         described = Robot.load(self.name)
         return connect_emulated(
             described,
@@ -252,11 +250,8 @@ def sweep(
         Its largest torque [N m].
     """
     with link.connect(port, hold="in_air") as connection, held_parameters(connection.robot):
-        commander = TorqueProgram(
-            sweep_of(connection.robot, torque), sample_time=connection.robot.sample_time
-        )
         then = f"identify-driveline {link.name} LOG --out driveline"
-        _record(connection, commander, duration, out, then, seed=link.seed)
+        _record(connection, sweep_of(connection.robot, torque), duration, out, then, seed=link.seed)
 
 
 @run.command
@@ -278,9 +273,8 @@ def upside_down(
         Length of the run [s].
     """
     with link.connect(port, hold="upside_down") as connection, held_parameters(connection.robot):
-        commander = TorqueProgram(stir(connection.robot, link.seed), sample_time=connection.robot.sample_time)
         then = f"identify-upside-down {link.name} LOG --out identified"
-        _record(connection, commander, duration, out, then, seed=link.seed)
+        _record(connection, stir(connection.robot, link.seed), duration, out, then, seed=link.seed)
 
 
 @run.command
@@ -410,11 +404,7 @@ def _monitor() -> Monitor:
     return Monitor(None if OUTPUT.get().quiet else standard_output())
 
 
-def _notice(sentence: str) -> None:
-    notice_output().print(sentence, soft_wrap=True)
-
-
 def _finish(connection: Connection, made: LiveRun) -> None:
     """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
     for trouble in connection.troubles(made):
-        notice_output().print(trouble, style="yellow", soft_wrap=True)
+        notice(trouble, style="yellow")

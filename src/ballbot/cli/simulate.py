@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from ballbot.cli import options
-from ballbot.cli.context import Content, changed_robot, open_result
-from ballbot.cli.controllers import NOMINAL, ControllerOptions, warn_of_idle_compensation
-from ballbot.cli.findings import check_robot
-from ballbot.cli.output import notice_output
+from ballbot.cli.context import Content, open_result
+from ballbot.cli.controllers import NOMINAL, ControllerOptions
+from ballbot.cli.findings import checked_robot
+from ballbot.cli.output import notice
 from ballbot.control.references import as_reference
-from ballbot.fitting.run import check_seed
-from ballbot.log.formats import WRITTEN_SUFFIXES, check_format
+from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import in_stage
@@ -52,17 +51,12 @@ def simulate(
     formulation
         exact, or thesis (approximate equations of a published ballbot model).
     """
-    described = changed_robot(robot, change)
-    findings = check_robot(described, accept=accept)
-    check_seed(seed)
-    check_format(format)
+    described, findings = checked_robot(robot, change, accept=accept)
     path = as_reference(reference)
     controller = chosen.read(described)
-    warn_of_idle_compensation({chosen.controller or "nominal controller": controller})
     truth = None if scenario is None else load_scenario(scenario, described)
     if truth is not None:
-        words = f"Left out: {', '.join(left_out(truth, identified=True))}."
-        notice_output().print(words, markup=False, soft_wrap=True)
+        notice(f"Left out: {', '.join(left_out(truth, identified=True))}.")
     with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=seed) as result:
         log = run(
             Model(described, formulation),

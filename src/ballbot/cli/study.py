@@ -9,10 +9,10 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, executor, open_result, read_balancing_logs
+from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_logs
 from ballbot.cli.findings import check_input
-from ballbot.cli.output import notice_output
-from ballbot.fitting.run import Run
+from ballbot.cli.output import notice
+from ballbot.fitting.run import Run, Threads
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
@@ -75,13 +75,13 @@ def study(
     back_emf, excluded = back_emf_of([mapping] if mapping else []), names_listed(exclude_states)
     truth = load_scenario(scenario, described)
     if draws < MIN_RUNS:
-        notice_output().print(
+        notice(
             f"{counted(draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
             f"both need --draws {MIN_RUNS} or more."
         )
     with (
         open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result,
-        executor(cluster) as made_by,
+        cluster_or(cluster, Threads()) as made_by,
     ):
         assert result.folder is not None
         found = run_study(

@@ -14,7 +14,7 @@ from ballbot.cli.findings import check_input, show_findings
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.findings import by_severity
-from ballbot.fitting.run import Run, check_seed
+from ballbot.fitting.run import Run
 from ballbot.report.prediction import next_steps, prediction_report
 from ballbot.report.run import over_time
 from ballbot.report.validation import validation_report
@@ -120,7 +120,6 @@ def validate(
         return
     if out is None:
         raise InputError("--out is missing; name the folder to write into, such as --out checked.")
-    check_seed(seed)
     models = ModelPair.load(robot, against=against)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)

@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ballbot.cli import options
-from ballbot.cli.output import notice_output, open_page, progress_bar, show_written, standard_output
+from ballbot.cli.output import notice, open_page, progress_bar, show_written, standard_output
 from ballbot.errors import InputError, every
 from ballbot.files import check_file, write_text
 from ballbot.robot import Robot
@@ -96,7 +96,7 @@ def view(
                 browser=browser,
             )
             return
-        notice_output().print("A live view needs: pip install 'ballbot[view]'", markup=False)
+        notice("A live view needs: pip install 'ballbot[view]'")
     logs = read_parts(paths, mapping=mapping, start=start, end=end)
     given = None if robot is None else Robot.load(robot)
     owners = robots or {name: given or robot_beside(path) for name, path in paths.items()}
@@ -132,8 +132,7 @@ def show_live(
         world.prepare()
 
     def announce(address: str) -> None:
-        words = f"The live view is at {address}\nCtrl-C ends it."
-        notice_output().print(words, markup=False, highlight=False, soft_wrap=True)
+        notice(f"The live view is at {address}\nCtrl-C ends it.")
         if browser:
             open_page(address)
 

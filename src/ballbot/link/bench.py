@@ -8,7 +8,7 @@ these until it is switched off, and `check_balancing_parameters` refuses to bala
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.firmware.records import ESTIMATORS
-from ballbot.link.live import LiveRobot
+from ballbot.link.live import LiveRobot, TorqueProgram
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -29,8 +29,8 @@ _ANY_LEAN = 10.0
 def sweep_of(
     robot: LiveRobot,
     torque: float,  # the largest [N m]
-) -> Callable[[float], NDArray[np.float64]]:
-    """Return the sweep of a robot's wheels: torques (n,) at a time [s].
+) -> TorqueProgram:
+    """Return the sweep of a robot's wheels.
 
     InputError if it is not above zero, or beyond the robot's torque limit.
     """
@@ -39,12 +39,16 @@ def sweep_of(
             f"The sweep's torque is {torque:g} N m; it must be above zero and at most the robot's torque limit, "
             f"{robot.torque_limit:g} N m."
         )
-    return lambda t: torque * sweep_at(np.array([t]), robot.wheel_count)[0]
+    return TorqueProgram(
+        lambda t: torque * sweep_at(np.array([t]), robot.wheel_count)[0], sample_time=robot.sample_time
+    )
 
 
-def stir(robot: LiveRobot, seed: int) -> Callable[[float], NDArray[np.float64]]:
-    """Return torques (n,) at a time [s] that stir the ball on a robot upside down; the seed gives their phases."""
-    return lambda t: multisine_at(np.array([t]), robot.wheel_count, seed=seed)[0]
+def stir(robot: LiveRobot, seed: int) -> TorqueProgram:
+    """Return torques that stir the ball on a robot upside down; the seed gives their phases."""
+    return TorqueProgram(
+        lambda t: multisine_at(np.array([t]), robot.wheel_count, seed=seed)[0], sample_time=robot.sample_time
+    )
 
 
 @contextmanager

@@ -43,10 +43,8 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
         named = list(sources.items())
     else:
         # tables iterate over their columns, and are refused as logs
-        several = isinstance(sources, Iterable) and not (
-            isinstance(sources, Log | str) or hasattr(sources, "__array__")
-        )
-        listed = list(sources) if several else [sources]
+        alone = isinstance(sources, Log | str | Path) or hasattr(sources, "__array__")
+        listed = list(sources) if isinstance(sources, Iterable) and not alone else [sources]
         files = [Path(source) for source in listed if isinstance(source, str | Path)]
         names = iter(named_files(files) if files else ())
         numbers = [f"log {k}" if len(listed) > 1 else "" for k in range(1, len(listed) + 1)]
@@ -60,7 +58,7 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
             raise InputError(f"A log is named {name!r}; the names of logs are texts, such as 'square'.")
         if name in logs:
             raise InputError(f"Two logs are called {name!r}; name them in a dict.")
-        logs[name] = as_log(source)
+        logs[name] = as_log(source)  # pyright: ignore[reportArgumentType] - which refuses a table
     if not logs:
         raise InputError("No log is given; give one or more.")
     return logs

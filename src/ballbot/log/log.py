@@ -228,9 +228,8 @@ class Log:
         InputError if one is no column, or no row is left.
         """
         self._need(names)
-        known: Bools = np.isfinite(np.column_stack([self.columns[name] for name in ("t", *names)])).all(
-            axis=1
-        )
+        values = np.column_stack([self.columns[name] for name in ("t", *names)])
+        known = np.asarray(np.isfinite(values).all(axis=1), np.bool_)
         if not known.any():
             raise InputError(f"No row of the log has a value in all of {', '.join(names)}.")
         return self if known.all() else self._of_rows(known, self.ended)

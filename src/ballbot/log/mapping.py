@@ -31,7 +31,7 @@ An example with everything in it::
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
     delay = 0.016
-    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign and delay
+    rates = { from = ["gx", "gy", "gz"], unit = "deg/s" }   # its gyro; may have scale, sign, delay
 
     [wheels]
     order = [1, 3, 2]             # Ballbot's wheels 1, 2, 3 are the 1st, 3rd and 2nd of each list here
@@ -67,13 +67,12 @@ an IMU's roll, pitch and yaw. The motors' columns become wheel torques [N m].
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
-The steps of the application, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
-when the rows were sampled, shift and resample, convert an IMU's angles into Ballbot's, differentiate, compute torques,
-keep the intervals of the mapping. Delays are undone: a sensor's value that reached the log `delay` late describes the
-time t - delay, and a command logged at t acts at t + delay, held until the next. Rows at the ends for which a delayed
-column has no value are cut off. Rows at even intervals get sensors interpolated between the file's rows, and each
-command's mean over the time to the next row, so that its impulse is kept. For that, missing cells between known ones
-that are near in time (`without_holes`) are filled; rows in longer holes stay without a value.
+The steps of `apply_mapping`, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
+when the rows were sampled, shift and resample, convert an IMU's angles, differentiate, compute torques, keep intervals.
+Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a command logged
+at t acts at t + delay, held until the next. Rows for which a delayed column has no value are cut off. Rows at even
+intervals get sensors interpolated between the file's rows, and each command's mean over the time to the next row, so
+that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones stay without a value.
 """
 
 from __future__ import annotations
@@ -509,7 +508,7 @@ def _series(
         values = given if isinstance(given, tuple) else (given,) * count
         if count and len(values) != count:
             raise InputError(
-                f"{where} {key} has {len(values)} values; it needs one for each of {count} columns"
+                f"{where}: {key} has {len(values)} values; it needs one for each of {count} columns"
             )
         return values
 
@@ -635,33 +634,34 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | None) -> Columns:
     """Return the columns at the log's rows, those of the file or even ones, without their delays."""
-    even = mapping.time.sample_time
-    rows, sampled = t, _sampled(mapping, t, raw)
+    even, rows = mapping.time.sample_time, t
     if even is not None:
         count = len(raw) + len(mapping.derivatives) + 10
-        rows = _even_rows(t, even, t[0] if even_from is None else even_from, columns=count)
-    # even rows get values between the file's, and for its missing cells
-    shift = even is not None or mapping.time.repair
+        rows_between(float(t[-1] - t[0]), even, columns=count, source="By the mapping's t, the file")
+        start = t[0] if even_from is None else even_from
+        # a part of an interval more at either end, so that a row that rounding moved is kept
+        first, last = math.ceil((t[0] - start) / even - 1e-6), math.floor((t[-1] - start) / even + 1e-6)
+        rows = start + even * np.arange(first, last + 1)
+    sampled, new = t, np.ones(len(t), dtype=np.bool_)
+    if mapping.time.repair:
+        sampled = sampling_times(t, _angles_to_repair_by(t, raw))
+    if (
+        even is not None or mapping.time.repair
+    ):  # rows get values between the file's, and for its missing cells
+        new = new_messages(sampled)
     columns: Columns = {"t": rows}
     for name, values in raw.items():
         delay = mapping.sources[mapping.integrals.get(name, name)].delay
-        if name not in mapping.commands:
-            columns[name] = _measured_at(rows, sampled, values, delay, shift=shift)
-        elif even is not None:
+        if name in mapping.commands and even is not None:
             columns[name] = _mean_acting(t, rows, values, delay)
-        else:  # the last one logged at t - delay or before
+        elif name in mapping.commands:  # the last one logged at t - delay or before
             latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
             columns[name] = values[np.maximum(latest, 0)] if delay else values
+        elif even is None and not (mapping.time.repair or delay):
+            columns[name] = values
+        else:  # a sensor's value reported `delay` after the row's time
+            columns[name] = np.interp(rows + delay, sampled[new], without_holes(sampled[new], values[new]))
     return columns
-
-
-def _even_rows(t: Floats, interval: float, counted_from: float, *, columns: int) -> Floats:
-    """Return the times within the table that are whole intervals from `counted_from`; refuse too many."""
-    rows_between(float(t[-1] - t[0]), interval, columns=columns, source="By the mapping's t, the file")
-    # a part of an interval more at either end, so that a row that rounding moved is kept
-    first = math.ceil((t[0] - counted_from) / interval - 1e-6)
-    last = math.floor((t[-1] - counted_from) / interval + 1e-6)
-    return counted_from + interval * np.arange(first, last + 1)
 
 
 def _scaled(name: str, source: Source, table: Table) -> Floats:
@@ -680,35 +680,25 @@ def _wheel_angles(columns: Columns) -> tuple[str, ...]:
     return numbered_names(columns, prefix="wheel") if "wheel1" in columns else ()
 
 
-def _sampled(mapping: LogMapping, t: Floats, raw: Columns) -> Floats:
-    """Return the times (N,) at which the rows' sensors were read [s]."""
-    if not mapping.time.repair:
-        return t
+def _angles_to_repair_by(t: Floats, raw: Columns) -> Floats:
+    """Return the wheels' angles (N, n), by which the times are found at which sensors were read."""
     names = _wheel_angles(raw)
     if len(names) < 2:
         raise InputError("[time] repair needs the angles of at least two wheels.")
     angles = np.column_stack([without_holes(t, raw[name]) for name in names])
     if not np.isfinite(angles).all():
         raise InputError("[time] repair needs wheel angles without long holes.")
-    return sampling_times(t, angles)
+    return angles
 
 
 def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
     """Return the rows for which every delayed column has a value in the file, whose times are t."""
-    rows, ahead = columns["t"], [0.0]
-    ahead += [-one.delay if name in mapping.commands else one.delay for name, one in mapping.sources.items()]
+    rows, commands = columns["t"], mapping.commands
+    ahead = [source.delay * (-1 if name in commands else 1) for name, source in mapping.sources.items()]
     kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
     if not kept.any():
         raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
     return {name: values[kept] for name, values in columns.items()}
-
-
-def _measured_at(rows: Floats, sampled: Floats, values: Floats, delay: float, *, shift: bool) -> Floats:
-    """Return a sensor's values (N,) reported `delay` after the rows' times, interpolated linearly."""
-    if not (shift or delay):
-        return values
-    first = new_messages(sampled) if shift else slice(None)
-    return np.interp(rows + delay, sampled[first], without_holes(sampled[first], values[first]))
 
 
 def _mean_acting(t: Floats, rows: Floats, values: Floats, delay: float) -> Floats:

@@ -56,11 +56,11 @@ def _stays_back(t: Floats, back: NDArray[np.intp]) -> Bools:
     deviation = 1.4826 * float(np.nanmedian(np.abs(middle))) / np.sqrt(1.5)
     even = t - usual * np.arange(len(t))
     allowed = _INTERVALS * usual + _DEVIATIONS * deviation
-    found = []
-    for row in back:
-        before, after = even[max(row + 1 - _BESIDE, 0) : row + 1], even[row + 1 : row + 1 + _BESIDE]
-        found.append(not float(np.median(after) - np.median(before)) > -allowed)
-    return np.array(found)
+    steps = [
+        np.median(even[row + 1 : row + 1 + _BESIDE]) - np.median(even[max(row + 1 - _BESIDE, 0) : row + 1])
+        for row in back
+    ]
+    return ~(np.array(steps) > -allowed)
 
 
 def increasing_rows(t: Floats) -> Bools:
@@ -69,20 +69,16 @@ def increasing_rows(t: Floats) -> Bools:
         return np.ones(len(t), dtype=np.bool_)
     last: list[float] = []  # by length, the least time that a series ends with
     ends: list[int] = []  # and the row of that time
-    before = np.full(len(t), -1)
+    before: list[int] = []  # by row, the one before it in its series
     for row, time in enumerate(t.tolist()):
-        place = bisect_left(last, time)
-        if place == len(last):
-            last.append(time)
-            ends.append(row)
-        else:
-            last[place], ends[place] = time, row
-        before[row] = ends[place - 1] if place else -1
+        length = bisect_left(last, time)
+        last[length : length + 1], ends[length : length + 1] = [time], [row]
+        before.append(ends[length - 1] if length else -1)
     kept = np.zeros(len(t), dtype=np.bool_)
-    row = ends[-1] if ends else -1
+    row = ends[-1]
     while row >= 0:
         kept[row] = True
-        row = int(before[row])
+        row = before[row]
     return kept
 
 
@@ -91,37 +87,28 @@ def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) ->
 
     Sentences on what is left out or changed are added to `notes`.
     """
-    untimed = ~np.isfinite(table[time])
-    if untimed.all():
+    untimed = np.flatnonzero(~np.isfinite(table[time]))
+    if len(untimed) == len(table[time]):
         return {**table}
-    repeated = _repeated_rows(table, time)
+    repeated = np.flatnonzero(np.diff(table[time]) == 0.0) + 1
+    for values in table.values():
+        value, before = values[repeated], values[repeated - 1]
+        repeated = repeated[(value == before) | (np.isnan(value) & np.isnan(before))]
     for rows, what in (
         (untimed, "without a time"),
         (repeated, "with the time and all values of the row before"),
     ):
-        if rows.any():
-            count = counted(int(rows.sum()), "row")
-            notes.append(f"Left out: {count} {what}, first row {int(np.argmax(rows)) + 1}.")
-    kept = ~(untimed | repeated)
-    found = {name: values[kept] for name, values in table.items()}
-    found[time], again = continuous_clock(found[time])
+        if rows.size:
+            notes.append(f"Left out: {counted(rows.size, 'row')} {what}, first row {rows[0] + 1}.")
+    left_out = np.concatenate([untimed, repeated])
+    rest = {name: np.delete(values, left_out) for name, values in table.items()}
+    rest[time], again = continuous_clock(rest[time])
     if again.size:
         notes.append(
             f"{time} begins again {counted(again.size, 'time')}, first at row {again[0] + 1}, as a counter that "
             "overflows or a time of day at midnight: it is continued there."
         )
-    return found
-
-
-def _repeated_rows(table: Mapping[str, Floats], time: str) -> Bools:
-    """Return which rows (N,) repeat the time and every other value of the row before."""
-    repeated = np.zeros(len(table[time]), dtype=np.bool_)
-    repeated[1:] = np.diff(table[time]) == 0.0
-    if repeated.any():
-        for values in table.values():
-            missing = np.isnan(values)
-            repeated[1:] &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
-    return repeated
+    return rest
 
 
 def check_time(t: Floats) -> None:

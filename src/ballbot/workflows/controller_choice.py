@@ -41,9 +41,17 @@ from ballbot.robot.variations import draw_robots
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import ReferenceSpec
-from ballbot.workflows.grid import Condition, Grid, GridRun, LoopRobot, Name, TwinRobot, run_grid
-from ballbot.workflows.metrics import Performance, Score
-from ballbot.workflows.statistics import MedianEstimate, Paired, median_with_interval
+from ballbot.workflows.grid import (
+    Condition,
+    GridRun,
+    LoopRobot,
+    Name,
+    TwinRobot,
+    grid_runs,
+    run_grid,
+)
+from ballbot.workflows.metrics import Performance, Score, falls_of, values_of
+from ballbot.workflows.statistics import MedianEstimate, median_with_interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,12 +128,12 @@ class Trial:
     @property
     def falls(self) -> int:
         """Number of runs that ended early."""
-        return sum(score.ended is not None for score in self.scores)
+        return falls_of(self.scores)
 
     @property
     def peaks(self) -> NDArray[np.float64]:
         """Peak position errors (draws,) [m]; NaN of a run that ended early."""
-        return np.array([one.peak_position_error if one.ended is None else np.nan for one in self.scores])
+        return values_of(self.scores, "peak_position_error")
 
     @property
     def peak(self) -> MedianEstimate:
@@ -135,7 +143,7 @@ class Trial:
     @property
     def rms(self) -> MedianEstimate:
         """Median RMS error of the runs that did not end early, with its 95 % interval [m]."""
-        return median_with_interval([one.rms_position_error for one in self.scores if one.ended is None])
+        return median_with_interval(values_of(self.scores, "rms_position_error"))
 
     @property
     def roughness(self) -> MedianEstimate:
@@ -144,7 +152,7 @@ class Trial:
 
     def ratio_to(self, other: Trial) -> MedianEstimate:
         """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
-        return Paired(self.peaks, other.peaks).median_ratio
+        return median_with_interval(self.peaks / other.peaks)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -249,7 +257,7 @@ def run_trials(
         kept = log if logged and one.condition is conditions[0] else None
         return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
 
-    table = run_grid(Grid(controllers=controllers, conditions=conditions), ask, workers=Threads(), run=run)
+    table = run_grid(grid_runs(controllers, conditions), ask, workers=Threads(), run=run)
     trials = {}
     for name, controller in controllers.items():
         scores, performances, logs = zip(*table.of(name), strict=True)

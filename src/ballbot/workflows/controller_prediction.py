@@ -23,7 +23,6 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -68,18 +67,16 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 
 
 #: the quantities of a `Performance`
-SHOWN: Mapping[str, Metric] = MappingProxyType(
-    {
-        one.key: one
-        for one in (
-            Metric("peak_error", "peak error", "mm", 1e3, 1),
-            Metric("rms_error", "RMS error", "mm", 1e3, 1),
-            Metric("roughness", "torque roughness", "N m", 1.0, 3),
-            Metric("lean", "lean", "rad", 1.0, 3),
-            Metric("torque_margin", "torque margin", "%", 1e2, 0, better="above"),
-        )
-    }
-)
+SHOWN: Mapping[str, Metric] = {
+    metric.key: metric
+    for metric in (
+        Metric("peak_error", "peak error", "mm", 1e3, 1),
+        Metric("rms_error", "RMS error", "mm", 1e3, 1),
+        Metric("roughness", "torque roughness", "N m", 1.0, 3),
+        Metric("lean", "lean", "rad", 1.0, 3),
+        Metric("torque_margin", "torque margin", "%", 1e2, 0, better="above"),
+    )
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -122,57 +122,49 @@ class CourseTable(BaseModel):
 
 
 def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Course, ...]:
-    """Return the courses that a text names, each once: sets, courses and course files, with commas between."""
-    robot, sets = as_robot(robot), built_in_sets()
-    found: dict[str, Course] = {}
-    for word in (one.strip() for one in words.split(",")):
-        for course in _of_word(word, sets, robot, plant):
-            if found.setdefault(course.name, course) != course:
-                raise InputError(f"There are two courses {course.name!r}; rename the one in {word}.")
+    """Return the courses that a text names, each once: sets, courses and course files, with commas between.
+
+    InputError if there is no such course, a file cannot be read or describes no courses, or two have one name.
+    """
+    robot, found = as_robot(robot), dict[str, Course]()
+    for word in (part.strip() for part in words.split(",")):
+        is_file = Path(word).suffix == ".toml"
+        for place, name, table in _in_file(word) if is_file else _built_in(word):
+            beside = Path(word).parent if is_file else Path()
+            course = _course(name, table, robot, plant, place=place, beside=beside)
+            if found.setdefault(name, course) != course:
+                raise InputError(f"There are two courses {name!r}; rename the one in {word}.")
     return tuple(found.values())
 
 
-def built_in_sets() -> dict[str, _Tables]:
-    """Return the tables of courses.toml, sets of courses by name; the first is `league`."""
-    text = files("ballbot.workflows").joinpath("courses.toml").read_text(encoding="utf-8")
-    sets = cast("dict[str, _Tables]", take_format(parse_toml(text, source="courses.toml"), "courses"))
-    return {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
-
-
-def read_courses(path: str | Path, robot: Robot, plant: PlantName) -> list[Course]:
-    """Return the courses of all sets of a course file; InputError if it cannot be read or describes no courses."""
-    path = Path(path)
-    tree = read_toml(path)
+def _in_file(path: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
+    """Yield the place, the name and the table of each course in a file."""
+    tree = read_toml(Path(path))
     try:
         sets = take_format(tree, "courses")
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    courses = []
-    for group, tables in sets.items():
-        if not (isinstance(tables, dict) and all(isinstance(one, dict) for one in tables.values())):
-            raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
-        for name, table in tables.items():
-            place = f"{path}: [{group}.{name}]"
-            courses.append(_course(name, table, robot, plant, place=place, beside=path.parent))
-    if not courses:
+    if not any(sets.values()):
         raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
-    return courses
+    for group, tables in sets.items():
+        if not (isinstance(tables, dict) and all(isinstance(table, dict) for table in tables.values())):
+            raise InputError(f"{path}: {group} holds no courses; write each under a line [{group}.NAME].")
+        yield from ((f"{path}: [{group}.{name}]", name, table) for name, table in tables.items())
 
 
-def _of_word(word: str, sets: Mapping[str, _Tables], robot: Robot, plant: PlantName) -> list[Course]:
-    if Path(word).suffix == ".toml":
-        return read_courses(word, robot, plant)
+def _built_in(word: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
+    """Yield the place, the name and the table of each course of a set in courses.toml, or of one course."""
+    text = files("ballbot.workflows").joinpath("courses.toml").read_text(encoding="utf-8")
+    sets = cast("dict[str, _Tables]", take_format(parse_toml(text, source="courses.toml"), "courses"))
+    sets = {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
     known = {name: table for tables in sets.values() for name, table in tables.items()}
     if word not in sets and word not in known:
         hint = suggest(
             word, [*sets, *known], otherwise="the name of a course file ends in .toml; sets and courses are"
         )
         raise InputError(f"There is no set or course {word!r}; {hint}")
-    tables = sets[word] if word in sets else {word: known[word]}
-    return [
-        _course(name, table, robot, plant, place=f"the course {name!r}", beside=Path())
-        for name, table in tables.items()
-    ]
+    named = sets[word] if word in sets else {word: known[word]}
+    yield from ((f"the course {name!r}", name, table) for name, table in named.items())
 
 
 def _course(

@@ -52,7 +52,7 @@ from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.grid import Condition, Grid, LoopRobot, run_grid
+from ballbot.workflows.grid import Condition, LoopRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import lean_of, true_place
 
 #: the laws whose parameters an experiment can be designed for
@@ -183,9 +183,7 @@ def _follow(
         for plant in map(plant_of, FRICTIONS)
         for seed in seeds
     ]
-    logs = run_grid(
-        Grid(controllers={"": controller}, conditions=conditions), lambda _, log: log, run=run
-    ).answers
+    logs = run_grid(grid_runs({"": controller}, conditions), lambda _, log: log, run=run).answers
     extents = [list(vars(Extent.of(true_place(log).states, log.torques)).values()) for log in logs]
     return ReferenceRuns(
         log=logs[0],

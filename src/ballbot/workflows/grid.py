@@ -130,21 +130,13 @@ Name = TypeVar("Name", bound=Hashable)
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Grid(Generic[Name]):
-    """Every controller under every condition."""
-
-    controllers: Mapping[Name, Feedback]
-    conditions: Sequence[Condition]
-
-    @property
-    def runs(self) -> list[GridRun]:
-        """All runs, controller by controller."""
-        return [
-            GridRun(candidate=name, controller=controller, condition=condition)
-            for name, controller in self.controllers.items()
-            for condition in self.conditions
-        ]
+def grid_runs(controllers: Mapping[Name, Feedback], conditions: Sequence[Condition]) -> list[GridRun]:
+    """Return a run of every controller under every condition, controller by controller."""
+    return [
+        GridRun(candidate=name, controller=controller, condition=condition)
+        for name, controller in controllers.items()
+        for condition in conditions
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -164,7 +156,7 @@ class GridTable(Generic[Answer]):
 
 
 def run_grid(
-    grid: Grid[Name] | Sequence[GridRun],
+    runs: Sequence[GridRun],
     ask: Callable[[GridRun, Log], Answer] = GridRun.score,
     *,
     workers: Executor = ALL_CORES,
@@ -175,8 +167,8 @@ def run_grid(
 
     Parameters
     ----------
-    grid : Grid, or sequence of GridRun
-        Runs of one course, by its name and duration, follow one reference.
+    runs : sequence of GridRun
+        See `grid_runs`. Runs of one course, by its name and duration, follow one reference.
     ask : callable, optional
         From a run and its log to what is kept of it; its score by default. Pickled if there is more than one process.
     workers : Executor, optional
@@ -191,29 +183,25 @@ def run_grid(
     ExecutorError
         If a process was killed.
     """
-    runs = grid.runs if isinstance(grid, Grid) else list(grid)
     if not runs:
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
-    blocks = _loop_blocks(runs)
-    alone = sorted({*range(len(runs))}.difference(*blocks))
+    together = _loop_blocks(runs)
+    alone = [[index] for index in sorted({*range(len(runs))}.difference(*together))]
     found: dict[int, Answer] = {}
-
-    def keep(places: Sequence[int], answers: Sequence[Answer]) -> None:
-        found.update(zip(places, answers, strict=True))
-        run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
-
-    together = [[runs[place] for place in block] for block in blocks]
-    with closing(Threads(count=threads).each(partial(_ask_block, ask), together)) as made:
-        for place, answers in made:
-            keep(blocks[place], answers)
-    with closing(workers.each(partial(_ask_alone, ask), [runs[place] for place in alone])) as made:
-        for place, answer in made:
-            keep([alone[place]], [answer])
-    return GridTable(runs=tuple(runs), answers=tuple(found[place] for place in range(len(runs))))
+    for makers, make, blocks in (
+        (Threads(count=threads), _logs_of_block, together),
+        (workers, _logs_alone, alone),
+    ):
+        pieces = [[runs[index] for index in block] for block in blocks]
+        with closing(makers.each(partial(_asked, ask, make), pieces)) as made:
+            for piece, answers in made:
+                found.update(zip(blocks[piece], answers, strict=True))
+                run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
+    return GridTable(runs=tuple(runs), answers=tuple(found[index] for index in range(len(runs))))
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
-    """Return the places of the runs that go through the compiled loop, as many together as it steps side by side.
+    """Return the indices of the runs that go through the compiled loop, as many together as it steps side by side.
 
     Those of one controller lie together: what sticks in one lane and slides in the next takes longer.
     """
@@ -236,8 +224,8 @@ def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
     return [places[k : k + LANES] for places in grouped for k in range(0, len(places), LANES)]
 
 
-def _ask_block(ask: Callable[[GridRun, Log], Answer], runs: Sequence[GridRun]) -> list[Answer]:
-    """Make runs of one course on the loop, and ask each."""
+def _logs_of_block(runs: Sequence[GridRun]) -> list[Log]:
+    """Make runs of one course on the loop."""
     conditions = [one.condition for one in runs]
     plants = [one.plant for one in conditions if isinstance(one.plant, LoopRobot)]
     batch = simulate_batch(
@@ -251,8 +239,16 @@ def _ask_block(ask: Callable[[GridRun, Log], Answer], runs: Sequence[GridRun]) -
         ],
         threads=1,
     )
-    return [ask(one, batch.log(lane)) for lane, one in enumerate(runs)]
+    return [batch.log(lane) for lane in range(len(runs))]
 
 
-def _ask_alone(ask: Callable[[GridRun, Log], Answer], run: GridRun) -> Answer:
-    return ask(run, run.log())
+def _logs_alone(runs: Sequence[GridRun]) -> list[Log]:
+    return [one.log() for one in runs]
+
+
+def _asked(
+    ask: Callable[[GridRun, Log], Answer],
+    make: Callable[[Sequence[GridRun]], list[Log]],
+    runs: Sequence[GridRun],
+) -> list[Answer]:
+    return [ask(one, log) for one, log in zip(runs, make(runs), strict=True)]

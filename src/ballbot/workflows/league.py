@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.interface import Feedback
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
@@ -20,9 +19,9 @@ from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Reported
 from ballbot.workflows.courses import Course
-from ballbot.workflows.grid import Condition, Grid, GridRun, run_grid
-from ballbot.workflows.metrics import Metric, Score, score_results, true_place
-from ballbot.workflows.statistics import Estimate, Paired, fraction_with_interval, mean_with_interval
+from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
+from ballbot.workflows.metrics import Metric, Score, falls_of, score_results, true_place, values_of
+from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_ratio, mean_with_interval
 
 #: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
@@ -116,9 +115,8 @@ def run_league(
         for seed in seeds
         for course in courses
     ]
-    grid = Grid(controllers=controllers, conditions=conditions)
     ask = partial(_scored, seeds[0] if seeds else 0)
-    found = run_grid(grid, ask, workers=workers, threads=threads, run=run)
+    found = run_grid(grid_runs(controllers, conditions), ask, workers=workers, threads=threads, run=run)
     answers = {(course.name, name): found.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,
@@ -176,16 +174,16 @@ def standing(league: League, course: str, controller: str) -> Standing:
     """Return how a controller did on a course."""
     scores = league.scores[course, controller]
     first = league.scores[course, league.controllers[0]]
-    falls = _falls(scores)
+    falls = falls_of(scores)
     numbers = [name for name in Score.__dataclass_fields__ if name not in ("ended", "arrived")]
     return Standing(
         runs=len(scores),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(scores)),
         arrived=sum(score.arrived for score in scores),
-        means={name: mean_with_interval(_values(scores, name)) for name in numbers},
+        means={name: mean_with_interval(values_of(scores, name)) for name in numbers},
         differences={
-            name: Paired(_values(scores, name), _values(first, name)).difference
+            name: mean_with_interval(values_of(scores, name) - values_of(first, name))
             for name in numbers
             if controller != league.controllers[0]
         },
@@ -201,24 +199,16 @@ def overall(league: League, controller: str) -> Overall:
     mine = [league.scores[course.name, controller] for course in league.courses]
     first = [league.scores[course.name, league.controllers[0]] for course in league.courses]
     everything = [score for scores in mine for score in scores]
-    falls = _falls(everything)
+    falls = falls_of(everything)
     return Overall(
         runs=len(everything),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(everything)),
         ratios={
-            name: Paired(
-                *(np.array([_values(scores, name) for scores in part]) for part in (mine, first))
-            ).ratio
+            name: mean_ratio(
+                *(np.array([values_of(scores, name) for scores in part]) for part in (mine, first))
+            )
             for name in RATIOS
             if controller != league.controllers[0]
         },
     )
-
-
-def _values(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
-    return np.array([getattr(score, name) if score.ended is None else np.nan for score in scores], np.float64)
-
-
-def _falls(scores: Sequence[Score]) -> int:
-    return sum(score.ended is not None for score in scores)

@@ -165,6 +165,16 @@ class Score:
     ended: str | None  #: why the run stopped early, as in a fall
 
 
+def values_of(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
+    """Return a number of runs by its name (runs,); NaN of a run that ended early."""
+    return np.array([getattr(score, name) if score.ended is None else np.nan for score in scores], np.float64)
+
+
+def falls_of(scores: Sequence[Score]) -> int:
+    """Return the number of runs that ended early."""
+    return sum(score.ended is not None for score in scores)
+
+
 def score_results(one: Score) -> dict[str, object]:
     """Return a score as results.json holds it; without arrival there is only a lower bound of the settling time."""
     results = to_results(one)

@@ -131,26 +131,10 @@ def _lean_equation(model: Model, rows: int, sample_time: float) -> NDArray[np.fl
 
 #: change of a reference within a sample that is a jump [m, rad], as where runs are scored
 JUMP = 0.02
-#: share of a limit from which a margin is thin
-THIN = 0.8
 _STEP = 1e-3  # inner step of the closed loop [s]
 _RUNS = 5  # of the closed loop
 _GRIP = 1.0  # friction coefficient of the wheels on the ball, as of the loop
 _NO_LOAD = 100.0  # a wheel that needs a larger friction coefficient carries no load
-
-#: what exceeds a limit, by the quantity
-_REASONS = {
-    "torque": "wheel {wheel} needs {value:.3g} N m at t = {t:.2f} s, and its motor gives {limit:.3g} N m",
-    "wheel speed": (
-        "wheel {wheel} has to turn at {value:.3g} rad/s at t = {t:.2f} s, and the supply allows {limit:.3g} rad/s"
-    ),
-    "lean": (
-        "the robot has to lean by {value:.3g} degrees at t = {t:.2f} s, and beyond {limit:.3g} degrees full torque "
-        "does not bring it back"
-    ),
-    "grip": "a wheel needs a friction coefficient of {value:.3g} on the ball at t = {t:.2f} s, and has {limit:.3g}",
-    "no load": "a wheel lifts off the ball at t = {t:.2f} s",
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,25 +156,24 @@ class Use:
     @property
     def reason(self) -> str:
         """What exceeds the limit."""
-        lifted = self.quantity == "grip" and self.value > _NO_LOAD
-        value, limit, _ = self._in_degrees
-        return _REASONS["no load" if lifted else self.quantity].format(
-            value=value, limit=limit, t=self.t, wheel=self.wheel
-        )
+        name, value, limit, unit = self._shown
+        if value > _NO_LOAD:
+            return f"a wheel lifts off the ball at t = {self.t:.2f} s"
+        return f"{name} reaches {value:.3g} {unit} at t = {self.t:.2f} s, with a limit of {limit:.3g} {unit}"
 
     def row(self) -> list[str]:
         """Return its row of a table: see `MARGIN_HEADINGS`."""
-        value, limit, unit = self._in_degrees
-        name = self.quantity if self.wheel is None else f"{self.quantity}, wheel {self.wheel}"
+        name, value, limit, unit = self._shown
         shown, share = ("lifted", "-") if value > _NO_LOAD else (f"{value:.3g}", percent(self.share))
         return [unit_heading(name, unit), shown, f"{limit:.3g}", share, f"{self.t:.2f}"]
 
     @property
-    def _in_degrees(self) -> tuple[float, float, str]:
-        """Value, limit and unit, of an angle in degrees."""
+    def _shown(self) -> tuple[str, float, float, str]:
+        """Name, value, limit and unit, of an angle in degrees."""
+        name = self.quantity if self.wheel is None else f"{self.quantity}, wheel {self.wheel}"
         if self.unit != "rad":
-            return self.value, self.limit, self.unit
-        return np.degrees(self.value), np.degrees(self.limit), "deg"
+            return name, self.value, self.limit, self.unit
+        return name, np.degrees(self.value), np.degrees(self.limit), "deg"
 
 
 MARGIN_HEADINGS = ("quantity", "at most", "limit", "used", "when [s]")
@@ -235,9 +218,8 @@ class ReferenceMargins:
         lines[-1] = f"{lines[-1][:-1]}."
         if self.can_be_followed:
             tightest = max(self.uses, key=lambda use: use.share)
-            margin = "a thin margin" if tightest.share > THIN else "its tightest margin"
             used = f"{tightest.quantity}, {percent(tightest.share)} used"
-            lines = [f"The robot can follow {self.name}; {margin} is {used}."]
+            lines = [f"The robot can follow {self.name}; its tightest margin is {used}."]
         if self.ended == np.inf:
             lines.append(
                 f"With this controller its largest distance from the reference is {self.peak_error:.3f} m, and its "

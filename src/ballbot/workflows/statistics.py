@@ -1,6 +1,6 @@
 """Statistics of a few runs: means, medians and fractions with their 95 % intervals, and controllers run by run.
 
-What a seed does to two controllers, it does not do to their difference or ratio (`Paired`): the interval is narrower
+What a seed does to two controllers, it does not do to their difference or ratio, seed by seed: the interval is narrower
 than that of two means.
 """
 
@@ -82,33 +82,15 @@ def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Media
     )
 
 
-@dataclass(frozen=True, eq=False)
-class Paired:
-    """One number of two controllers on the same runs, (runs,) or (courses, runs).
+def mean_ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> Estimate:
+    """Return the geometric mean of values / others, (runs,) or (courses, runs); the interval is over the runs.
 
-    A run is what both have in common: a seed, or a plant. One with NaN for either does not count.
+    What both have in common is a run: a seed, or a plant. One with NaN for either does not count.
     """
-
-    values: NDArray[np.float64]
-    others: NDArray[np.float64]
-
-    @property
-    def difference(self) -> Estimate:
-        """Mean of values - others, with Student's interval."""
-        return mean_with_interval(self.values - self.others)
-
-    @property
-    def ratio(self) -> Estimate:
-        """Geometric mean of values / others, over courses and runs; the interval is over the runs."""
-        logs = np.ma.masked_invalid(np.atleast_2d(np.log(self.values / self.others)))
-        found = mean_with_interval(logs.mean(axis=0).filled(np.nan))
-        mean, low, high = np.exp([found.mean, found.low, found.high]).tolist()
-        return Estimate(mean=mean, low=low, high=high, runs=found.runs)
-
-    @property
-    def median_ratio(self) -> MedianEstimate:
-        """Median of values / others, with the interval between two of them by rank."""
-        return median_with_interval(self.values / self.others)
+    logs = np.ma.masked_invalid(np.atleast_2d(np.log(values / others)))
+    found = mean_with_interval(logs.mean(axis=0).filled(np.nan))
+    mean, low, high = np.exp([found.mean, found.low, found.high]).tolist()
+    return Estimate(mean=mean, low=low, high=high, runs=found.runs)
 
 
 def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:

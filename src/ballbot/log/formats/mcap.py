@@ -13,7 +13,6 @@ import json
 import math
 from collections.abc import Mapping
 from importlib.metadata import version
-from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +56,7 @@ def read_mcap(path: Path) -> Columns:
 
 
 def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
-    """Write columns (N,) to an MCAP file, whole or not at all."""
+    """Write columns (N,), whose t increases, to an MCAP file, whole or not at all."""
     from mcap.writer import Writer
 
     properties = {name: {"type": "number"} for name in columns}
@@ -65,11 +64,8 @@ def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
         if unit := unit_of(name):
             properties[name] |= {"unit": unit, "description": f"[{unit}]"}
     definition = {"title": "log", "type": "object", "properties": properties}
-    rows = np.column_stack(list(columns.values()))
-    t = columns.get("t", np.arange(len(rows), dtype=np.float64))
-    # the file's clock has no times below zero
-    known = np.nan_to_num(t - min(0.0, float(np.min(t, initial=0.0, where=np.isfinite(t)))))
-    times = [min(max(int(one), 0), _LATEST) for one in np.rint(1e9 * known).tolist()]
+    t = columns["t"] - min(0.0, float(columns["t"][0]))  # the file's clock has no times below zero
+    times = [min(int(time), _LATEST) for time in np.rint(1e9 * t).tolist()]
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(library=f"ballbot {version('ballbot')}")
@@ -77,7 +73,7 @@ def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
         name="ballbot.log", encoding="jsonschema", data=json.dumps(definition).encode()
     )
     channel = writer.register_channel(_LOG, message_encoding="json", schema_id=schema)
-    for time, row in sorted(zip(times, rows.tolist(), strict=True), key=itemgetter(0)):
+    for time, row in zip(times, np.column_stack(list(columns.values())).tolist(), strict=True):
         row_values = {name: value for name, value in zip(columns, row, strict=True) if math.isfinite(value)}
         writer.add_message(channel, log_time=time, data=json.dumps(row_values).encode(), publish_time=time)
     units = {name: unit_of(name) or "" for name in columns}
