@@ -36,12 +36,6 @@ def only(log: Log, kind: str) -> Finding:
     return found[0]
 
 
-def spoiled(log: Log, name: str, rows: slice | int, value: float) -> Log:
-    values = log[name].copy()
-    values[rows] = value
-    return log.with_columns({name: values})
-
-
 @pytest.mark.parametrize("log", [CLEAN, NOISY, ROLLING], ids=["clean", "noisy", "rolling"])
 def test_a_clean_log_is_found_clean(log):
     assert kinds(log, robot=ALTEN) == []
@@ -136,15 +130,19 @@ def test_the_mapping_that_the_wheel_check_proposes_is_the_true_one(order, signs,
         assert f"order = {[k + 1 for k in order]} and sign = {in_files_order}" in errors[0].text
 
 
-@pytest.mark.parametrize("name", ["hold_soft", "square_soft"])
-def test_the_shared_balancing_logs_are_found_clean(shared_data, name):
-    assert kinds(Log.read(shared_data / "bbr" / f"{name}.csv"), robot=ALTEN) == []
-
-
-def test_falling_shared_log_is_reported_as_saturated(shared_data):
-    found = kinds(Log.read(shared_data / "bbr" / "square_stiff.csv"), robot=ALTEN)
-    assert found.count("saturation") == 3
-    assert "speed-limit" in found
+@pytest.mark.parametrize(
+    ("name", "codes"),
+    [
+        ("hold_soft", set()),
+        ("square_soft", set()),
+        ("thesis_step_soft", set()),
+        ("square_stiff", {"saturation", "speed-limit", "wheels"}),  # it falls
+    ],
+)
+def test_the_shared_balancing_logs_are_not_stopped(shared_data, name, codes):
+    found = check(Log.read(shared_data / "bbr" / f"{name}.csv"), robot=ALTEN)
+    assert not [one for one in found if one.severity == "error"]
+    assert {one.code for one in found if one.severity == "warning"} - {"physics"} == codes
 
 
 def test_continuous_pushes_are_reported():

@@ -10,19 +10,14 @@ from ballbot.log.mapping_search.names import read_name, read_names, roles_by_nam
 #: words, and what they say: kind, axis, number
 KNOWN = {
     ("time",): ("time", None, None),
-    ("timestamp",): ("time", None, None),
     ("roll",): ("attitude", "x", None),
     ("imu", "pitch"): ("attitude", "y", None),
     ("yaw",): ("attitude", "z", None),
     ("gyro", "x"): ("gyro", "x", None),
-    ("gyro", "z"): ("gyro", "z", None),
     ("enc", "1"): ("wheel angle", None, 1),
-    ("encoder", "3"): ("wheel angle", None, 3),
     ("wheel", "2", "speed"): ("wheel speed", None, 2),
     ("motor", "1", "current"): ("command", None, 1),
-    ("torque", "2"): ("command", None, 2),
     ("motor", "3", "pwm"): ("command", None, 3),
-    ("voltage", "1"): ("command", None, 1),
     ("loop", "count"): ("other", None, None),
     ("battery",): ("other", None, None),
 }

@@ -49,7 +49,7 @@ def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None)
         },
         {
             "order": (0, 2, 1),
-            "signs": (-1, -1, -1),
+            "signs": (-1,) * 3,
             "turn": -1.57,
             "lean_unit": "rad",
             "command_signs": (-1,) * 3,
@@ -66,12 +66,9 @@ def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
     inside = truth.between(float(log.t[0]), float(log.t[-1]))
     np.testing.assert_allclose(speeds, np.sort(inside.wheel_speeds.std(axis=0)), rtol=0.05)
     # size and direction of lean by the ball's path, which only right signs, order and turn give
-    tilt, path = (np.hypot(log[a], log[b]).std() for a, b in (("theta", "phi"), ("x_dot", "y_dot")))
-    true_tilt, true_path = (
-        np.hypot(inside[a], inside[b]).std() for a, b in (("theta", "phi"), ("x_dot", "y_dot"))
-    )
-    assert tilt == pytest.approx(true_tilt, rel=0.1)
-    assert path == pytest.approx(true_path, rel=0.1)
+    for a, b in (("theta", "phi"), ("x_dot", "y_dot")):
+        true = np.hypot(inside[a], inside[b]).std()
+        assert np.hypot(log[a], log[b]).std() == pytest.approx(true, rel=0.1)
     assert len(answer_lines(found)) <= MOST_LINES
     assert answer_lines(found)[0].startswith("run.txt: balancing")
 

@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballbot.log import Log
 from ballbot.log.checks import check_logs
 from ballbot.log.checks.physics import examine, torque_scale_errors
 from ballbot.log.checks.torque_balance import USUAL
-from ballbot.robot import Robot
 from tests.support.physics_examples import FRICTION, balancing, scaled
 
 
@@ -33,12 +31,6 @@ def test_torque_scale_that_no_log_shows_has_the_usual_error():
     np.testing.assert_array_equal(torque_scale_errors([short], robot), USUAL)
     # one log that shows it is enough, and knows more than what is usual
     assert (torque_scale_errors([short, log], robot) < USUAL).all()
-
-
-@pytest.mark.parametrize("name", ["thesis_step_soft", "square_stiff"])
-def test_measured_logs_are_not_stopped(shared_data, name):
-    found = examine(Log.read(shared_data / "bbr" / f"{name}.csv"), Robot.load("alten")).findings
-    assert all(one.severity != "error" for one in found)
 
 
 def test_friction_in_the_robot_s_file_changes_nothing():

@@ -189,10 +189,8 @@ def test_torques_of_another_log_or_of_another_motor_are_named(logs):
     [
         (PLACE, 0.6, "lean-scale"),
         (PLACE, 1.4, "lean-scale"),
-        (("theta",), -1.0, "lean-axes"),
         (("phi",), -1.0, "lean-axes"),
         (("theta_dot",), -1.0, "lean-axes"),
-        (LEAN, -1.0, "lean-axes"),
         ((*SPEEDS, *WHEELS), 0.8, "wheels"),
     ],
 )

@@ -162,7 +162,7 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     elif not problem and found.proposal.roles.commands:
         command = "identify" if found.proposal.roles.attitude else "identify-driveline"
         tail = ["--mapping", str(result.folder.path / "mapping.toml")]
-        step = _next_step(command, source, found.proposal.file, tail)
+        step = _next_step(command, source, found.proposal.base.path, tail)
     page = proposal_report(found, evaluated, robot, kept=result.folder is not None)
     result.write(page, files=files, printed=printed, named=[*files], next_step=step)
     if problem:
@@ -172,11 +172,11 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
 def _problem(evaluated: Sequence[Evaluation], surest: Proposal) -> str:
     """Return why no mapping can be used for these logs; empty if one can."""
     for other, words in contradictions([one.proposal for one in evaluated], surest):
-        return f"{other.file} contradicts the other logs by its {words}: it is of another robot or firmware."
+        return f"{other.base.path} contradicts the other logs by its {words}: it is of another robot or firmware."
     for one in evaluated:
         if one.proposal.base.layout.names != surest.base.layout.names:
             return (
-                f"{one.proposal.file} has other columns than {surest.file}: the logs agree, but each needs "
+                f"{one.proposal.base.path} has other columns than {surest.base.path}: the logs agree, but each needs "
                 "a mapping of its own, by a check of its own."
             )
-    return next((f"{one.proposal.file}: {one.refusal}" for one in evaluated if one.refusal), "")
+    return next((f"{one.proposal.base.path}: {one.refusal}" for one in evaluated if one.refusal), "")

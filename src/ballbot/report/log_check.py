@@ -166,7 +166,7 @@ def proposal_report(
     evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
 ) -> Result:
     """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
-    file, proposal = evaluation.proposal.file, evaluation.proposal
+    file, proposal = evaluation.proposal.base.path, evaluation.proposal
     verdict = (
         evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
@@ -209,7 +209,7 @@ def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
     proposal, tested = evaluation.proposal, evaluation.proposal.tested
     return {
-        "file": str(proposal.file),
+        "file": str(proposal.base.path),
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.base.time,
@@ -222,7 +222,7 @@ def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
         "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
         "lean_lag": None if tested is None else tested.lag,
         "disturbance": None if tested is None else tested.disturbance,
-        "heading": proposal.motion.heading if proposal.motion else None,
+        "heading": None if tested is None else tested.heading,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,

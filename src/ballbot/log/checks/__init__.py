@@ -16,7 +16,6 @@ that follow from another one are left out.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -37,7 +36,7 @@ from ballbot.log.checks.values import (
     check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
-from ballbot.log.columns import STATE_NAMES, similar_column, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
 from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -77,9 +76,11 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
     return check_logs({"": log}, robot=robot)
 
 
-def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) -> tuple[Finding, ...]:
+def _log_findings(log: Log, robot: Robot | None, of_physics: Sequence[Finding]) -> tuple[Finding, ...]:
     numbers = [
-        int(one.group(1)) for name in log.names if (one := re.fullmatch(r"(?:u|wheel)([1-4])(?:_dot)?", name))
+        i
+        for i in range(1, MAX_WHEELS + 1)
+        if not {f"u{i}", f"wheel{i}", f"wheel{i}_dot"}.isdisjoint(log.names)
     ]
     wheel_count = robot.wheel_count if robot else max(numbers, default=3)
     of_columns = (
@@ -87,12 +88,10 @@ def _log_findings(log: Log, robot: Robot | None, examined: PhysicsOfLog | None) 
         check_held, check_names,
     )  # fmt: skip
     findings = [*log.changes, *check_rows(log, robot), *(one for find in of_columns for one in find(log))]
-    findings += check_uses(log, wheel_count=wheel_count)
-    findings += judged("rows", 2.0 - len(log), [], {})
+    findings += [*check_uses(log, wheel_count=wheel_count), *judged("rows", [], 2.0 - len(log))]
     # in another unit of time no motion can be checked
     if not any(one.code == "time-scale" for one in findings):
-        findings += check_stuck_encoders(log, wheel_count=wheel_count)
-        findings += examined.findings if examined else ()
+        findings += [*check_stuck_encoders(log, wheel_count=wheel_count), *of_physics]
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
     findings = _causes(findings)
     # an error would be its cause, and it takes the longest
@@ -107,18 +106,16 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
     Without a robot only the checks that need none are made.
     """
     examined: dict[str, PhysicsOfLog] = {}
-    of_all: list[Finding] = []
+    findings, of_all = list[Finding](), list[Finding]()
     if robot is not None:
         # importing the equations of motion takes time
         from ballbot.log.checks.physics import different_robots, examine, torque_bounds
 
         examined = {name: examine(log, robot) for name, log in logs.items()}
         of_all = [*different_robots(examined), *torque_bounds(examined.values(), robot)]
-    findings = [
-        replace(finding, where=replace(finding.where, file=name))
-        for name, log in logs.items()
-        for finding in _log_findings(log, robot, examined.get(name))
-    ]
+    for name, log in logs.items():
+        of_log = _log_findings(log, robot, examined[name].findings if robot else ())
+        findings += [replace(one, where=replace(one.where, file=name)) for one in of_log]
     return by_severity([*findings, *of_all])
 
 
@@ -145,12 +142,8 @@ def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     for use, missing in missing_columns(log, wheel_count=wheel_count).items():
         plural = "columns" if len(missing) > 1 else "column"
         columns = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
-        findings += judged("use", len(missing), missing, {"use": use, "columns": columns})
+        findings += judged("use", missing, len(missing), use=use, columns=columns)
     return findings
-
-
-#: codes that concern a balancing robot only
-_OF_BALANCING = ("use", "saturation")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,7 +188,8 @@ def checked_logs(
 
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
-    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in _OF_BALANCING)
+    # these codes concern a balancing robot
+    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in ("use", "saturation"))
     return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 
 

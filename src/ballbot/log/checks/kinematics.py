@@ -41,7 +41,6 @@ FEWEST_ROWS, ENOUGH_ROWS = 500, 1500
 #: another reading of columns must leave at most this fraction unexplained, so many times less than the columns as
 #: logged, and at most so many times as much as other wheels do
 UNEXPLAINED, CLEARLY_LESS, AS_GOOD = 0.3, 1.8, 1.1
-_BALL, _HEADING = ("x", "y", "x_dot", "y_dot"), ("psi", "psi_dot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,14 +117,14 @@ def wheel_agreement(log: Log, robot: Robot) -> WheelAgreement | None:
     )  # fmt: skip
 
 
-def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[Finding]:
+def _misread_axes(log: Log, robot: Robot, agreement: WheelAgreement | None) -> list[Finding]:
     """Return the error of ball or heading columns that must be negated or exchanged to fit the wheels.
 
     The wheel speeds determine the ball's velocity and the heading's rate in the body frame. x_dot, y_dot and psi are
     tried with every exchange and sign; one that fits clearly better than the columns as logged is the right one, unless
     another order or other signs of the wheels fit as well.
     """
-    from ballbot.log.checks.lean import READINGS, fault
+    from ballbot.log.checks.lean import READINGS, fault, matrix_of
 
     rolling = _rolling(log, robot)
     if rolling is None or len(rolling[0]) < FEWEST_ROWS or rolling[1].std(axis=0).min() < LEAST_MOTION:
@@ -138,23 +137,26 @@ def _misread_axes(log: Log, robot: Robot, found: WheelAgreement | None) -> list[
         gain = max(float(np.vdot(expected, logged) / max(np.vdot(expected, expected), 1e-30)), 0.0)
         return float(np.square(logged - gain * expected).sum() / np.square(logged).sum())
 
-    tried: list[tuple[float, tuple[str, ...], str]] = []
+    tried: list[tuple[float, str, tuple[str, ...], str]] = []
     for reading in READINGS[1:]:
-        changed = states.copy()
-        changed[:, 5:7] = states[:, 5:7] @ reading.T
-        tried.append((left(changed, logged), _BALL, fault(reading, _BALL[:2], with_rates=True)))
+        changed = np.column_stack([states[:, :5], states[:, 5:7] @ matrix_of(reading).T, states[:, 7:]])
+        words = fault(reading, ("x", "y"), with_rates=True)
+        tried.append((left(changed, logged), "ball-axes", ("x", "y", "x_dot", "y_dot"), words))
     if states[:, 4].std() >= TURNING_HEADING:
         changed = states * np.where(np.isin(np.arange(10), (4, 9)), -1.0, 1.0)
-        tried.append((left(changed, logged), _HEADING, "psi has the opposite sign, with its rate"))
-    least, columns, words = min(tried)
-    ordered, order = 1.0, ""
-    if found and not found.own:
-        ordered = left(states, logged[:, [i - 1 for i in found.order]] * found.signs)
-        order = f", or the wheels are in the order {list(found.order)} with signs {list(found.signs)}"
+        words = "psi has the opposite sign, with its rate"
+        tried.append((left(changed, logged), "heading-sign", ("psi", "psi_dot"), words))
+    least, key, columns, words = min(tried)
+    ordered = 1.0
+    if agreement and not agreement.own:
+        ordered = left(states, logged[:, [i - 1 for i in agreement.order]] * agreement.signs)
     if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
         return []
-    numbers = {"fault": words + (order if ordered < AS_GOOD * least else "")}
-    return judged("heading-sign" if columns is _HEADING else "ball-axes", 1.0, columns, numbers)
+    if agreement and ordered < AS_GOOD * least:
+        words += (
+            f", or the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
+        )
+    return judged(key, columns, fault=words)
 
 
 def other_wheels(log: Log, wheel_count: int) -> str:
@@ -165,7 +167,7 @@ def other_wheels(log: Log, wheel_count: int) -> str:
         for name in (f"u{number}", f"wheel{number}", f"wheel{number}_dot")
         if name in log and np.unique(log[name][np.isfinite(log[name])]).size > 1
     ]
-    text = CHECKS["wheels: others"].text.format(names=", ".join(names), count=wheel_count)
+    text = CHECKS["wheels: others"][1].format(names=", ".join(names), count=wheel_count)
     return text if names else ""
 
 
@@ -174,8 +176,8 @@ def check_sampling(log: Log, robot: Robot) -> list[Finding]:
     if len(log) < 2:
         return []
     period, written = log.sample_time, robot.sensors.sample_time
-    numbers: dict[str, object] = {"period": 1e3 * period, "written": 1e3 * written}
-    findings = judged("robot-sensors: period", abs(np.log(period / written)), ["t"], numbers)
+    off = abs(np.log(period / written))
+    findings = judged("robot-sensors: period", ["t"], off, period=1e3 * period, written=1e3 * written)
     names = [name for name in wheel_angle_names(robot.wheel_count) if name in log]
     step = encoder_step(np.column_stack([log[name] for name in names])) if names else None
     decimals = np.log10([step, np.degrees(step)]) if step else np.zeros(1)
@@ -184,36 +186,32 @@ def check_sampling(log: Log, robot: Robot) -> list[Finding]:
         counts, ratio = robot.sensors.encoder_counts, robot.drive.gear_ratio
         seen = 2.0 * np.pi / (ratio * step)
         numbers = {"step": step, "seen": seen, "ratio": ratio, "counts": counts}
-        findings += judged("robot-sensors: counts", abs(np.log(seen / counts)), names, numbers)
+        findings += judged("robot-sensors: counts", names, abs(np.log(seen / counts)), **numbers)
     return findings
 
 
 def check_wheels(log: Log, robot: Robot) -> list[Finding]:
     """Return findings on the wheels' columns for this robot: number, order, sign, gain, or that none can be checked."""
-    columns, own = wheel_speed_names(robot.wheel_count), tuple(range(1, robot.wheel_count + 1))
-    others = other_wheels(log, robot.wheel_count)
-    if others:
+    columns, own = wheel_speed_names(robot.wheel_count), range(1, robot.wheel_count + 1)
+    if others := other_wheels(log, robot.wheel_count):
         return [finding("wheels", "error", others)]
-    found = wheel_agreement(log, robot)
-    misread = _misread_axes(log, robot, found)
-    if misread or found is None:
-        return misread or judged("wheels: unseen", 1.0, [], {})
-    follows = min(found.correlations) >= CLEAR_CORRELATION
-    if follows and found.own:
-        return _gain_findings(found.gains, robot)
+    agreement = wheel_agreement(log, robot)
+    if misread := _misread_axes(log, robot, agreement):
+        return misread
+    if agreement is None:
+        return judged("wheels: unseen", [])
+    follows = min(agreement.correlations) >= CLEAR_CORRELATION
+    if follows and agreement.own:
+        return _gain_findings(agreement.gains, robot)
     # states that were computed from the wheels have the wheels' own mistake
     tested = wheel_test(log, robot)
-    if tested and tested.reversed_wheels:
-        wheels = tested.reversed_wheels
+    if tested and (wheels := tested.reversed_wheels):
         named = f"{counted(len(wheels), 'wheel')} ({', '.join(map(str, wheels))})"
-        signs = [-1 if i in wheels else 1 for i in own]
-        return judged("encoders", 1.0, columns, {"wheels": named, "signs": signs})
-    numbers = {
-        "correlations": ", ".join(f"{value:.2f}" for value in found.correlations),
-        "order": list(found.order),
-        "signs": [found.signs[found.order.index(i)] for i in own],
-    }
-    return judged("wheels: order" if follows else "wheels: weak", 1.0, columns, numbers)
+        return judged("encoders", columns, wheels=named, signs=[-1 if i in wheels else 1 for i in own])
+    correlations = ", ".join(f"{value:.2f}" for value in agreement.correlations)
+    order, signs = list(agreement.order), [agreement.signs[agreement.order.index(i)] for i in own]
+    key = "wheels: order" if follows else "wheels: weak"
+    return judged(key, columns, correlations=correlations, order=order, signs=signs)
 
 
 def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
@@ -236,9 +234,9 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
         "a radius, the tilt, the gear ratio or the encoder counts differ from the robot file or by wheel, x and y were "
         "computed with another radius, or the ball slips or pivots"
     )
-    off = max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
-    numbers = {"gains": ", ".join(f"{gain:.4g}" for gain in gains), "cause": cause}
-    return judged("wheels: gain", 2.0 if unit else off, wheel_speed_names(len(gains)), numbers)
+    off = np.inf if unit else max(max(gains), 1.0 / min(gains)) / (WRONG_GAIN if alike else IMPOSSIBLE_GAIN)
+    listed = ", ".join(f"{gain:.4g}" for gain in gains)
+    return judged("wheels: gain", wheel_speed_names(len(gains)), off, gains=listed, cause=cause)
 
 
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
@@ -284,9 +282,4 @@ def smoothed_motion(
 def check_disturbance(log: Log, robot: Robot) -> list[Finding]:
     """Return a warning if the torque that neither wheels nor gravity explain is more than gravity's."""
     tested = wheel_test(log, robot)
-    return [] if tested is None else disturbance_findings(tested.disturbance)
-
-
-def disturbance_findings(disturbance: float) -> list[Finding]:
-    """Return the warning on a disturbance, relative to gravity; nothing if it is small."""
-    return judged("disturbance", disturbance, [], {"times": disturbance})
+    return judged("disturbance", [], tested.disturbance, times=tested.disturbance) if tested else []

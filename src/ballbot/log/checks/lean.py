@@ -173,25 +173,25 @@ ROLLING = 0.005
 _LEAN, _RATES = ("theta", "phi"), ("theta_dot", "phi_dot")
 
 
-#: readings of two columns, the first as logged: rows are quantities, columns the logged ones, exchanged or not, with
-#: signs
-READINGS = [
-    np.array([a, b])[:, None] * way
-    for way in (np.eye(2), np.eye(2)[::-1])
-    for a, b in product((1, -1), repeat=2)
-]
+#: whether two columns are exchanged, and the sign of each; of all readings the first is as logged
+Reading = tuple[bool, int, int]
+READINGS: list[Reading] = list(product((False, True), (1, -1), (1, -1)))
 
 
-def fault(reading: Floats, names: Sequence[str], *, with_rates: bool = False) -> str:
+def matrix_of(reading: Reading) -> Floats:
+    """Return what turns (2, 2) the logged columns into the quantities."""
+    exchanged, *signs = reading
+    return np.diag(np.array(signs, dtype=np.float64))[:: -1 if exchanged else 1]
+
+
+def fault(reading: Reading, names: Sequence[str], *, with_rates: bool = False) -> str:
     """Return the fault of the columns of two names by a reading, and of their rates if they have the same."""
-    swapped, wrong = (
-        reading[0, 0] == 0.0,
-        [name for name, of in zip(names, reading.T, strict=True) if of.min() < 0.0],
-    )
-    parts = [f"{' and '.join(names)} are swapped"] if swapped else []
+    exchanged, *signs = reading
+    wrong = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+    parts = [f"{' and '.join(names)} are swapped"] if exchanged else []
     if wrong:
         parts.append(f"{' and '.join(wrong)} {'have' if len(wrong) > 1 else 'has'} the opposite sign")
-    rates = ", with its rate" if len(wrong) == 1 and not swapped else ", with their rates"
+    rates = ", with its rate" if len(wrong) == 1 and not exchanged else ", with their rates"
     return " and ".join(parts) + (rates if with_rates else "")
 
 
@@ -205,7 +205,7 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     gram = np.array([[block_sums((a.conj() * b).real, block) for b in terms] for a in terms])
     pairs = list(product(READINGS, READINGS))  # of the angles and of their rates
     # factors of the first column as first and as second quantity, and of the second column likewise
-    weights = np.array([[1.0, *rates.T.ravel(), *angles.T.ravel()] for angles, rates in pairs])
+    weights = np.array([[1.0, *matrix_of(w).T.ravel(), *matrix_of(g).T.ravel()] for g, w in pairs])
     left = np.einsum("hi,ijb,hj->hb", weights, gram, weights)
     total = left.sum(axis=1)
     best = int(np.argmin(total))
@@ -225,7 +225,7 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
     if explained < (EXPLAINED if usual else MOSTLY) or error >= KNOWN * size:
-        return judged("physics", 1.0, [], {}), None
+        return judged("physics", []), None
     advantage = (left[0] - left[best]) / np.maximum(left[0] + left[best], _TINY)
     if good[0] != 0 and total[0] > CLEARLY_LESS * total[best] and clarity(advantage) > CLEARLY_BETTER:
         return _misread([pairs[k] for k in good]), None
@@ -238,17 +238,16 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     off = reverse + margin < GAIN_RANGE[0] or size - margin > GAIN_RANGE[1]
     columns, side = (*_LEAN, "x", "y", "x_dot", "y_dot"), "left" if turn > 0.0 else "right"
     degrees, sure = abs(np.degrees(turn)), abs(turn) - SURE * error / size
-    findings = judged("lean-scale", float(off), columns, {"size": size, "inverse": 1.0 / size}) or judged(
-        "lean-axes: turn", sure, _LEAN, {"degrees": degrees, "side": side}
-    )
+    findings = judged("lean-scale", columns, float(off), size=size, inverse=1.0 / size)
+    findings = findings or judged("lean-axes: turn", _LEAN, sure, degrees=degrees, side=side)
     # all of the bracket: how the noise divides between lean and acceleration is unknown
     uncertain = 0.5 * abs(float(np.log(reverse / size))) + SURE * error / size
     return findings, (float(np.sqrt(size * reverse)), uncertain) if reverse < WIDEST * size else None
 
 
-def _changes(readings: Sequence[Floats]) -> int:
+def _changes(readings: Sequence[Reading]) -> int:
     """Return the number of separate faults."""
-    return sum(int(one[0, 0] == 0.0) + int(one.min() < 0.0) for one in readings)
+    return sum(exchanged + (min(signs) < 0) for exchanged, *signs in readings)
 
 
 def _terms(motion: Motion, robot: Robot) -> Complex:
@@ -272,12 +271,11 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
     return _unexplained(removed, terms).T
 
 
-def _misread(readings: Sequence[tuple[Floats, Floats]]) -> list[Finding]:
+def _misread(readings: Sequence[tuple[Reading, Reading]]) -> list[Finding]:
     """Return the finding that names every simplest reading, of those that explain the motion best, simplest first."""
     causes, columns = [], set[str]()
     for angles, rates in (one for one in readings if _changes(one) == _changes(readings[0])):
         parts = [one for one in (fault(angles, _LEAN), fault(rates, _RATES)) if one]
-        alike = np.array_equal(angles, rates)
-        causes.append(fault(angles, _LEAN, with_rates=True) if alike else " and ".join(parts))
+        causes.append(fault(angles, _LEAN, with_rates=True) if angles == rates else " and ".join(parts))
         columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
-    return judged("lean-axes", 1.0, sorted(columns), {"causes": ", or ".join(causes)})
+    return judged("lean-axes", sorted(columns), causes=", or ".join(causes))

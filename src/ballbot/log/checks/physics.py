@@ -25,7 +25,6 @@ from ballbot.log.checks.torque_balance import (
     USUAL,
     Driving,
     Gains,
-    bound_findings,
     driving_of,
     gain_findings,
     gains_of,
@@ -33,7 +32,7 @@ from ballbot.log.checks.torque_balance import (
 )
 from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
-from ballbot.log.mapping_search.commands import assign, by_wheel
+from ballbot.log.mapping_search.commands import CommandOrder, assign, by_wheel
 from ballbot.log.signals import INTERVAL
 from ballbot.robot import Robot
 
@@ -118,14 +117,19 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     if explained[best] < max(DELAY_EXPLAINED, usual + DELAY_MARGIN):
         return []
     late, before = ("late", "before") if delays[best] > 0.0 else ("early", "after")
-    numbers = {"ms": 1000.0 * abs(delays[best]), "late": late, "before": before}
-    return judged("torque-delay", abs(delays[best]), names, numbers)
+    delay = abs(delays[best])
+    return judged("torque-delay", names, delay, ms=1000.0 * delay, late=late, before=before)
 
 
 def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
     """Return how well a robot's logs together bound the scale of its torques, unless they bound it well."""
     known = [one.gains for one in examined if one.gains is not None]
-    return bound_findings(together(known), names=torque_names(robot.wheel_count)) if known else []
+    wide, names = together(known).unbounded() if known else {}, torque_names(robot.wheel_count)
+    bounds = ", ".join(
+        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
+        for i, (low, high) in wide.items()
+    )
+    return judged("torque-bound", [names[i] for i in wide], len(wide), bounds=bounds)
 
 
 def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
@@ -157,33 +161,28 @@ def _explained(driving: Driving, i: int) -> float:
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
     own = tuple(range(len(names)))
-    found = assign(driving, [1] * len(names))
-    corrected = replace(driving, torque=by_wheel(driving.torque, (found.wheels, found.signs)))
+    order = assign(driving, [1] * len(names))
+    corrected = replace(driving, torque=by_wheel(driving.torque, (order.wheels, order.signs)))
     explained, after = (np.array([_explained(one, i) for i in own]) for one in (driving, corrected))
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
-    enough = turned > LEAST_TURNING and found.explained > EXPLAINED and after.min() > UNRELATED
-    if enough and (found.wheels != own or min(found.signs) < 0):
-        numbers = {
-            "fault": _fault(names, found.wheels, found.signs),
-            "after": 100.0 * found.explained,
-            "before": 100.0 * explained.mean(),
-        }
-        key = "torque-sign" if found.wheels == own else "torque-order"
-        wrong = judged(key, found.confidence, names, numbers)
-        if wrong:
+    enough = turned > LEAST_TURNING and order.explained > EXPLAINED and after.min() > UNRELATED
+    if enough and (order.wheels != own or min(order.signs) < 0):
+        fault, key = _fault(names, order), "torque-sign" if order.wheels == own else "torque-order"
+        after, before = 100.0 * order.explained, 100.0 * explained.mean()
+        if wrong := judged(key, names, order.confidence, fault=fault, after=after, before=before):
             return wrong
     unrelated = np.full(len(names), True) if explained.mean() < UNRELATED else explained < UNRELATED
     columns = [name for name, one in zip(names, unrelated, strict=True) if one]
     if not columns or (len(columns) < len(names) and explained.max() <= EXPLAINED):
         return []
-    numbers = {"names": every(columns), "percent": 100.0 * explained[unrelated].max()}
-    return judged("torque-unrelated", 1.0, columns, numbers)
+    percent = 100.0 * explained[unrelated].max()
+    return judged("torque-unrelated", columns, names=every(columns), percent=percent)
 
 
-def _fault(names: tuple[str, ...], wheels: tuple[int, ...], signs: tuple[int, ...]) -> str:
-    """Return what is wrong with torques of which each drives that wheel (from 0) with that sign."""
-    moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(wheels) if wheel != j]
-    negated = [name for name, sign in zip(names, signs, strict=True) if sign < 0]
+def _fault(names: tuple[str, ...], order: CommandOrder) -> str:
+    """Return what is wrong with torques of this order and these signs."""
+    moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(order.wheels) if wheel != j]
+    negated = [name for name, sign in zip(names, order.signs, strict=True) if sign < 0]
     have = f"{every(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign" if negated else ""
     return " and ".join(one for one in (", ".join(moved), have) if one)
 
@@ -220,9 +219,8 @@ def different_robots(examined: Mapping[str, PhysicsOfLog]) -> Iterator[Finding]:
             continue
         other, odd = sorted(pair, key=lambda name: abs(np.log(of_logs[name][0])))
         of_odd, of_other = (f"{k:.2f} +- {k * error:.2f}" for k, error in (of_logs[odd], of_logs[other]))
-        numbers = {
-            "odd": odd, "other": other, "quantity": quantity, "factor": of_logs[odd][0] / of_logs[other][0],
-            "of_odd": of_odd, "of_other": of_other, "cause": _CAUSES[quantity],
-        }  # fmt: skip
-        for finding in judged("robots", margins[pair], [], numbers):
+        for finding in judged(
+            "robots", [], margins[pair], odd=odd, other=other, quantity=quantity, cause=_CAUSES[quantity],
+            factor=of_logs[odd][0] / of_logs[other][0], of_odd=of_odd, of_other=of_other,
+        ):  # fmt: skip
             yield replace(finding, where=replace(finding.where, file=odd))

@@ -7,7 +7,7 @@ deviations: it is 57.3 if the column is in degrees and its rate in radians.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import combinations
 
 import numpy as np
@@ -63,11 +63,12 @@ def check_rates(log: Log) -> list[Finding]:
         whole = spans < 3.0 * np.median(spans)  # not over a gap, where the rate is unknown
         return _agreement((angle[rows:] - angle[:-rows])[whole], (integral[rows:] - integral[:-rows])[whole])
 
-    found = {name: one for name in names if (one := compared(name, name))} if len(log) > 1 else {}
-    clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
-    time = _time_findings(log, {name: ratio for name, (_, ratio) in clear.items()})
-    findings = [one for name in clear for one in _verdict(name, f"{name}_dot", *clear[name])]
-    return time or [*findings, *_swapped(compared, found, (("x", "y"), ("theta", "phi")))]
+    if len(log) < 2:
+        return []
+    clear, findings = _contradictions(
+        compared, names, lambda name: f"{name}_dot", [("x", "y"), ("theta", "phi")]
+    )
+    return _time_findings(log, clear) or findings
 
 
 def check_gyro(log: Log) -> list[Finding]:
@@ -82,32 +83,46 @@ def check_gyro(log: Log) -> list[Finding]:
     def compared(name: str, other: str) -> _Agreement | None:
         return _agreement(log[name], body[:, _GYRO.index(other)])
 
-    found = {name: one for name in _GYRO if (one := compared(name, name))}
-    clear = {name: one for name, one in found.items() if abs(one[0]) >= CLEAR_CORRELATION}
-    findings = [one for n in clear for one in _verdict(n, "theta_dot, phi_dot, psi_dot", *clear[n])]
-    return [*findings, *_swapped(compared, found, tuple(combinations(_GYRO, 2)))]
+    pairs = combinations(_GYRO, 2)
+    return _contradictions(compared, _GYRO, lambda _: "theta_dot, phi_dot, psi_dot", pairs)[1]
+
+
+def _contradictions(
+    compared: Callable[[str, str], _Agreement | None],
+    names: Iterable[str],
+    rates: Callable[[str], str],
+    pairs: Iterable[tuple[str, str]],
+) -> tuple[dict[str, float], list[Finding]]:
+    """Return the clear ratios of columns to their own rates, and findings on these and on pairs that are exchanged."""
+    agreements = {name: one for name in names if (one := compared(name, name))}
+    clear = {name: one for name, one in agreements.items() if abs(one[0]) >= CLEAR_CORRELATION}
+    findings = [one for name in clear for one in _verdict(name, rates(name), *clear[name])]
+    for first, second in (pair for pair in pairs if {*pair} <= set(agreements)):
+        crossed = (compared(first, second), agreements[first]), (compared(second, first), agreements[second])
+        if all(
+            one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
+            for one, own in crossed
+        ):
+            findings += judged("swapped", [first, second], first=first, second=second)
+    return {name: ratio for name, (_, ratio) in clear.items()}, findings
 
 
 def _time_findings(log: Log, ratios: Mapping[str, float]) -> list[Finding]:
     """Return the error of the unit or the direction of time, by all clear ratios."""
     if len(ratios) >= 3 and max(ratios.values()) < 0.0:
-        return judged("time-scale: reverse", 1.0, ["t"], {})
+        return judged("time-scale: reverse", ["t"])
     of_states = {name: ratio for name, ratio in ratios.items() if not name.startswith("wheel")}
-    factor = float(np.median(list(of_states.values()) or [1.0]))
-    numbers = (
-        {"factor": factor, "by_rates": factor * log.sample_time, "by_t": log.sample_time}
-        if len(log) > 1
-        else {}
-    )
+    factor, by_t = float(np.median(list(of_states.values()) or [1.0])), log.sample_time
     both_kinds = len({name in ("x", "y") for name in of_states}) == 2
     if both_kinds and all(factor / 1.25 < ratio < factor * 1.25 for ratio in of_states.values()):
         unit = _unit(factor, _TIMES)
         cause = f"t is in {unit}, not in seconds" if unit else "t is stretched (wrong sample time or unit)"
-        return judged("time-scale", max(factor, 1.0 / factor), ["t"], numbers | {"cause": cause})
+        numbers = {"factor": factor, "by_rates": factor * by_t, "by_t": by_t, "cause": cause}
+        return judged("time-scale", ["t"], max(factor, 1.0 / factor), **numbers)
     # columns that a robot's own sensors and motors give come at the rate of its control
     of_a_run = not {"u1", "theta", "gyro_x", "wheel1"}.isdisjoint(log.names)
-    slow = len(log) >= FEWEST_ROWS and log.sample_time >= SLOW and not ratios and of_a_run
-    return judged("time-scale: slow", float(slow), ["t"], numbers)
+    slow = len(log) >= FEWEST_ROWS and by_t >= SLOW and not ratios and of_a_run
+    return judged("time-scale: slow", ["t"], float(slow), by_t=by_t)
 
 
 def _verdict(name: str, rates: str, correlation: float, ratio: float) -> Iterator[Finding]:
@@ -115,35 +130,15 @@ def _verdict(name: str, rates: str, correlation: float, ratio: float) -> Iterato
     size, of_length, is_gyro = abs(ratio), name in ("x", "y"), name.startswith("gyro")
     columns = [name] if is_gyro else [name, rates]
     numbers = {"name": name, "rates": rates, "size": size, "correlation": correlation}
-    yield from judged("sign", -ratio, columns, numbers)
-    units = _LENGTHS if of_length else _ANGLES
-    per_second = units if of_length else _ANGLES | _RPM
-    for unit, column, timed in (
-        (_unit(size, per_second if is_gyro else units), name, is_gyro),
-        (_unit(1.0 / size, per_second), rates, True),
-    ):
+    yield from judged("sign", columns, -ratio, **numbers)
+    for column, factor, timed in ((name, size, is_gyro), (rates, 1.0 / size, True)):
+        unit = _unit(factor, _LENGTHS if of_length else _ANGLES | (_RPM if timed else {}))
         if unit:
-            each = " per second" if timed else ""
-            given = {"unit": unit + each * (unit != "rpm"), "right": ("m" if of_length else "radians") + each}
-            key = "degrees" if unit == "degrees" else "scale: unit"
-            yield from judged(key, 1.0, columns, numbers | {"column": column} | given)
+            each, key = " per second" if timed else "", "degrees" if unit == "degrees" else "scale: unit"
+            numbers |= {"column": column, "unit": unit + each * (unit != "rpm")}
+            yield from judged(key, columns, right=("m" if of_length else "radians") + each, **numbers)
             return
-    yield from judged("scale", max(size, 1.0 / size), columns, numbers)
-
-
-def _swapped(
-    compared: Callable[[str, str], _Agreement | None],
-    found: Mapping[str, _Agreement],
-    pairs: tuple[tuple[str, str], ...],
-) -> Iterator[Finding]:
-    """Return an error for each pair of columns that follow each other's rates."""
-    for first, second in (pair for pair in pairs if {*pair} <= set(found)):
-        crossed = (compared(first, second), found[first]), (compared(second, first), found[second])
-        if all(
-            one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
-            for one, own in crossed
-        ):
-            yield from judged("swapped", 1.0, [first, second], {"first": first, "second": second})
+    yield from judged("scale", columns, max(size, 1.0 / size), **numbers)
 
 
 def _unit(ratio: float, units: Mapping[float, str]) -> str | None:

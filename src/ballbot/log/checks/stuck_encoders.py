@@ -64,9 +64,9 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> Iterator[Finding]:
         usual = float(np.quantile(_windows(along, free), 0.95))
         times = float(np.sqrt(np.quantile(_windows(along, inside), 0.75) / max(usual, TINY)))
         part = float(along[inside].sum() / max(float(total[inside].sum()), TINY))
-        numbers = {"name": names[wheel], "start": start, "end": end, "times": times, "percent": 100 * part}
         if part > ALONG:
-            yield from judged("stuck: encoder", times, [names[wheel]], numbers, time=start)
+            numbers = {"name": names[wheel], "end": end, "times": times, "percent": 100 * part}
+            yield from judged("stuck: encoder", [names[wheel]], times, start, start=start, **numbers)
 
 
 def _holds(log: Log, name: str) -> list[tuple[float, float]]:

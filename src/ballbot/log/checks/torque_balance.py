@@ -82,13 +82,11 @@ def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
     """Return the torques (N, n) [N m] that the motion needs of each wheel, and gravity's part of them."""
     M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
-    w, w_dot = (
-        np.column_stack([as_plane(lean[0] + 1j * lean[1]), vertical])
-        for lean, vertical in (
-            (motion.lean_rate, motion.turning),
-            (motion.lean_acceleration, motion.turning_rate),
-        )
+    lean_rate, lean_acceleration = (
+        one[0] + 1j * one[1] for one in (motion.lean_rate, motion.lean_acceleration)
     )
+    w = np.column_stack([as_plane(lean_rate), motion.turning])
+    w_dot = np.column_stack([as_plane(lean_acceleration), motion.turning_rate])
     momentum, change = (as_complex(a @ M[:2, :2].T + b @ M[:2, 2:].T) for a, b in ((v, w), (v_dot, w_dot)))
     force = change + 1j * motion.turning * momentum
     g = -motion.lean[1] + 1j * motion.lean[0]
@@ -225,18 +223,9 @@ def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     off = np.nan_to_num(np.abs(np.log(factors)))
     i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
     if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
-        return judged("torque-scale: one", 1.0, [names[i]], {"name": names[i], "factor": factors[i]})
+        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
     factor, uncertain = gains.common()
     heavier = "heavier" if factor > 1.0 else "lighter"
-    sure = abs(np.log(factor)) - SURE * uncertain
-    return judged("torque-scale", sure, names, {"factor": factor, "heavier": heavier})
-
-
-def bound_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return a warning on how far the logs of a robot bound the scale of its torques, unless they bound it well."""
-    wide = gains.unbounded()
-    bounds = ", ".join(
-        f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
-        for i, (low, high) in wide.items()
+    return judged(
+        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
     )
-    return judged("torque-bound", len(wide), [names[i] for i in wide], {"bounds": bounds})

@@ -13,14 +13,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import nearest
-from ballbot.findings import Finding, Severity, finding
-from ballbot.log.checks.table import judged
+from ballbot.findings import Finding
+from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import (
     KNOWN_NAMES,
     MAX_WHEELS,
@@ -35,7 +34,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
-from ballbot.robot import Robot
+from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
 #: an interval this many times the usual longest one is a gap; one missing row of a regular log gives 2
@@ -87,7 +86,7 @@ def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return starts, np.diff(np.concatenate((starts, [len(values)])))
 
 
-def _rows_at_top(log: Log, name: str) -> Floats:
+def _rows_at_top(log: Log, name: str, _: object) -> Floats:
     """Return for how many rows (N,) a torque stays at its largest value; zero elsewhere, or if it always does."""
     size = np.nan_to_num(np.abs(log[name]))
     top = (size == size.max()) & (size > 0.0)
@@ -95,7 +94,7 @@ def _rows_at_top(log: Log, name: str) -> Floats:
     return np.repeat(np.where(top[starts], lengths, 0), lengths) * float(not top.all())
 
 
-def _jumps(log: Log, name: str) -> Floats:
+def _jumps(log: Log, name: str, _: object) -> Floats:
     """Return the change (N,) of a position or angle that its rate does not explain, over the least jump."""
     if f"{name}_dot" not in log or len(log) < 4:
         return np.zeros(len(log))
@@ -116,86 +115,55 @@ def _longest_usual(log: Log) -> float:
     return GAP_RATIO * float(np.quantile(np.diff(log.t), 0.95, method="lower")) if len(log) > 3 else math.inf
 
 
-def _gaps(log: Log, _: str) -> Floats:
+def _gaps(log: Log, *_: object) -> Floats:
     """Return the interval (N,) [s] after each row, if rows are missing there."""
     intervals = np.append(np.diff(log.t), 0.0)
     return np.where(intervals > _longest_usual(log), intervals, 0.0)
 
 
-class RowCheck(NamedTuple):
-    """A fault that single rows of a signal show."""
-
-    code: str
-    severity: Severity
-    signals: tuple[str, ...]  #: that may have it, as far as a log has them
-    statistic: Callable[[Log, str], Floats | Bools]  #: of each row (N,)
-    limit: (
-        float | Callable[[Robot], float]
-    )  #: of the statistic; one of the robot's is not examined without it
-    #: {rows} above the limit, the first with its {row}, time and {value} in a {unit}, and the {largest} statistic
-    text: str
-
-
-_WHERE = "at row {row} (t = {t:.6g} s)"
-ROW_CHECKS = (
-    RowCheck(
-        "gap", "warning", ("t",), _gaps, 0.0,
-        "Rows are missing in {rows}, first for {first:.4g} s after row {row} (t = {t:.6g} s), at most for {largest:.4g}"
-        " s, while rows come every {period:.4g} s; windows must not span them.",
+#: faults that single rows of a signal show: the key, the signals that may have it, and the statistic of each row (N,)
+ROW_CHECKS: tuple[tuple[str, tuple[str, ...], Callable[[Log, str, Drive | None], Floats | Bools]], ...] = (
+    ("gap", ("t",), _gaps),
+    (  # accelerometers measure shocks, and references may jump
+        "spike", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
+        lambda log, name, _: spikes(log[name]),
     ),
-    RowCheck(  # accelerometers measure shocks, and references may jump
-        "spike", "warning", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
-        lambda log, name: spikes(log[name]), 0.0,
-        "{name} jumps away and back in {rows}, to {value:.6g} " + _WHERE + ", further than it moves otherwise: a "
-        "corrupted message, or a marker of missing values, which a mapping file can name.",
+    (
+        "wrap", wheel_angle_names(MAX_WHEELS),
+        lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
     ),
-    RowCheck(
-        "wrap", "warning", wheel_angle_names(MAX_WHEELS),
-        lambda log, name: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5, 0.0,
-        "{name} jumps by a full turn in {rows}, first " + _WHERE + ": it is wrapped. Unwrap it (numpy.unwrap) "
-        "before use.",
+    ("jump", POSITION_NAMES, _jumps),
+    ("saturation", _TORQUES, _rows_at_top),
+    (
+        "torque-limit", _TORQUES,
+        lambda log, name, drive: np.abs(log[name]) / (drive.torque_limit if drive else math.inf),
     ),
-    RowCheck(
-        "jump", "error", POSITION_NAMES, _jumps, 1.0,
-        "{name} jumps in {rows}, first to {value:.3g} {unit} " + _WHERE + ", which its rate does not explain: "
-        "joined logs, a restart, or a sensor that was reset. Split the log there.",
-    ),
-    RowCheck(
-        "saturation", "warning", _TORQUES, _rows_at_top, 2.0,
-        "{name} stays at its largest value, {value:.4g} N m, in {rows}, first " + _WHERE + ": it is saturated "
-        "there, or the recording clips it, and it does not follow the control law.",
-    ),
-    RowCheck(
-        "torque-limit", "warning", _TORQUES,
-        lambda log, name: np.abs(log[name]) / 1.01,  # 1 %: rounding in the file
-        lambda robot: robot.drive.torque_limit,
-        "{name} is above the robot's limit of {limit:.4g} N m in {rows}, first " + _WHERE + ": the input may not "
-        "be a torque, or the limit in the robot file is too low.",
-    ),
-    RowCheck(
-        "speed-limit", "warning", wheel_speed_names(MAX_WHEELS),
-        lambda log, name: np.abs(log[name]), lambda robot: robot.drive.top_speed,
-        "{name} is above {limit:.4g} rad/s, the limit of the robot's supply and motors, in {rows}, first "
-        + _WHERE + ": the commanded torque is not the torque that acted.",
+    (
+        "speed-limit", wheel_speed_names(MAX_WHEELS),
+        lambda log, name, drive: np.abs(log[name]) / (drive.top_speed if drive else math.inf),
     ),
 )  # fmt: skip
 
 
 def check_rows(log: Log, robot: Robot | None) -> Iterator[Finding]:
-    """Return a finding for each column with rows above the limit of one of `ROW_CHECKS`."""
-    for code, severity, signals, statistic, bound, text in ROW_CHECKS:
-        limit = bound if isinstance(bound, float | int) else bound(robot) if robot else math.inf
-        for name in (n for n in signals if n in log):
-            size = statistic(log, name)
-            rows = np.flatnonzero(size > limit)
-            if rows.size:
-                k, time = int(rows[0]), float(log.t[rows[0]])
-                sentence = text.format(
-                    name=name, rows=counted(rows.size, "row" if code != "gap" else "place"), row=k + 1, t=time,
-                    value=float(log[name][k]), unit=unit_of(name), limit=limit, period=log.sample_time,
-                    first=size[k], largest=size.max(),
-                )  # fmt: skip
-                yield finding(code, severity, sentence, name, time=time)
+    """Return a finding for each column with rows beyond the limit of one of `ROW_CHECKS`."""
+    drive = robot.drive if robot else None
+    for key, name, statistic in (
+        (key, name, f) for key, signals, f in ROW_CHECKS for name in signals if name in log
+    ):
+        size = statistic(log, name, drive)
+        over = np.flatnonzero(size > min(CHECKS[key][0].values()))
+        if over.size:
+            k, times = int(over[0]), counted(over.size, "row" if key != "gap" else "place")
+            limits = {"torque": drive.torque_limit, "speed": drive.top_speed} if drive else {}
+            yield from judged(
+                key, [name], size.max(), float(log.t[k]), name=name, rows=times, place=_place(log, k), first=size[k],
+                value=float(log[name][k]), unit=unit_of(name), period=log.sample_time, largest=size.max(), **limits,
+            )  # fmt: skip
+
+
+def _place(log: Log, row: int) -> str:
+    return f"row {row + 1} (t = {log.t[row]:.6g} s)"
 
 
 def check_jitter(log: Log) -> list[Finding]:
@@ -204,9 +172,9 @@ def check_jitter(log: Log) -> list[Finding]:
         return []
     usual = np.diff(log.t)
     usual = usual[usual <= _longest_usual(log)]
-    scatter = float(usual.std() / np.median(usual))
-    numbers = {"percent": 100 * scatter, "period": log.sample_time, "least": usual.min(), "most": usual.max()}
-    return judged("jitter", scatter, ["t"], numbers)
+    scatter, period = float(usual.std() / np.median(usual)), log.sample_time
+    numbers = {"percent": 100 * scatter, "period": period, "least": usual.min(), "most": usual.max()}
+    return judged("jitter", ["t"], scatter, **numbers)
 
 
 def check_missing_values(log: Log) -> Iterator[Finding]:
@@ -216,9 +184,10 @@ def check_missing_values(log: Log) -> Iterator[Finding]:
         columns.setdefault(np.isfinite(log[name]).tobytes(), []).append(name)
     for known, names in columns.items():
         bad = np.flatnonzero(~np.frombuffer(known, dtype=np.bool_))
-        row, t = (int(bad[0]), float(log.t[bad[0]])) if bad.size else (0, 0.0)
-        numbers = {"names": ", ".join(names), "count": bad.size, "rows": len(log), "row": row + 1, "t": t}
-        yield from judged("missing", bad.size, names, numbers, time=t)
+        if bad.size:
+            place, t = _place(log, int(bad[0])), float(log.t[bad[0]])
+            numbers = {"names": ", ".join(names), "count": bad.size, "rows": len(log), "place": place}
+            yield from judged("missing", names, bad.size, t, **numbers)
 
 
 def check_names(log: Log) -> list[Finding]:
@@ -226,7 +195,7 @@ def check_names(log: Log) -> list[Finding]:
     unknown = [name for name in log.names if name not in KNOWN_NAMES]
     meant = {name: nearest(name, KNOWN_NAMES, likeness=0.8) for name in unknown}
     listed = [f"{name} (did you mean {near[0]}?)" if near else name for name, near in meant.items()]
-    return judged("unknown", len(unknown), unknown, {"listed": ", ".join(listed)})
+    return judged("unknown", unknown, len(unknown), listed=", ".join(listed))
 
 
 def check_constant(log: Log) -> Iterator[Finding]:
@@ -239,18 +208,18 @@ def check_constant(log: Log) -> Iterator[Finding]:
     still = [name for name in names if len(log) > 1 and np.all(log[name] == log[name][0])]
     sensors = [name for name in names if not name.startswith(_NOT_MEASURED)]
     if len(sensors) > 1 and set(sensors) <= set(still):
-        yield from judged("constant: all", 1.0, sensors, {"duration": log.t[-1] - log.t[0]})
+        yield from judged("constant: all", sensors, duration=log.t[-1] - log.t[0])
         return
     moves = {*STATE_NAMES} <= set(names) and float(np.nanstd([log["x_dot"], log["y_dot"]])) > LEAST_SPEED
     dead = [name for name in still if name in _TORQUES and moves]
     values = ", ".join(f"{name} is {log[name][0] + 0.0:.3g} N m" for name in dead)
-    yield from judged("dead-motor", len(dead), dead, {"values": values})
+    yield from judged("dead-motor", dead, len(dead), values=values)
     for name in (name for name in still if name not in dead):
         other = name.removesuffix("_dot") if name.endswith("_dot") else f"{name}_dot"
         wrong = name in STATE_NAMES and other in log and float(np.nanstd(log[other])) > LEAST_MOVING
         key = "constant: reference" if name.startswith("ref_") else "constant"
         though = f" though {other} changes" if wrong else ""
-        yield from judged(key, 1.0 + wrong, [name], {"name": name, "value": log[name][0], "though": though})
+        yield from judged(key, [name], 1.0 + wrong, name=name, value=log[name][0], though=though)
 
 
 def check_lean(log: Log) -> Iterator[Finding]:
@@ -262,17 +231,16 @@ def check_lean(log: Log) -> Iterator[Finding]:
     fallen, peak = np.flatnonzero(lean > FALLEN_LEAN), float(lean.max())
     if fallen.size:
         times, t = 1 + int(np.count_nonzero(np.diff(fallen) > 1)), float(log.t[fallen[0]])
+        key = "degrees: lean" if times >= 3 or peak > np.pi / 2 else "fall"
         numbers = {"limit": FALLEN_LEAN, "times": times, "peak": peak, "t": t, "row": fallen[0] + 1}
-        yield from judged(
-            "degrees: lean" if times >= 3 or peak > np.pi / 2 else "fall", 1.0, _LEAN, numbers, time=t
-        )
+        yield from judged(key, _LEAN, math.inf, t, **numbers)
     rows: Bools = np.all(np.isfinite([log[name] for name in (*_LEAN, "psi") if name in log]), axis=0)
     rows[fallen[0] if fallen.size else len(rows) :] = False
     # over shorter times a balancing robot's lean has a mean
     if "psi" in log and rows.sum() >= 2 and np.ptp(log.t[rows]) >= 8.0:
         mean = _resting_lean(log, rows)
-        numbers = {"theta": np.degrees(mean.real), "phi": np.degrees(mean.imag)}
-        yield from judged("lean-offset", abs(mean), _LEAN, numbers)
+        theta, phi = np.degrees(mean.real), np.degrees(mean.imag)
+        yield from judged("lean-offset", _LEAN, abs(mean), theta=theta, phi=phi)
 
 
 def _resting_lean(log: Log, rows: Bools) -> complex:
@@ -310,16 +278,14 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
         starts, lengths = runs_of(values)
         start, rows = int(starts[np.argmax(lengths)]), int(lengths.max())
-        live = len(starts) - 1 >= LIVE_FRACTION * (len(log) - rows) > 0
+        end, live = start + rows, len(starts) - 1 >= LIVE_FRACTION * (len(log) - rows) > 0
         extreme = name in torques and 0.999 * np.nanmax(np.abs(values)) <= abs(values[start]) > 0.0
-        if rows < max(STUCK_ROWS, shortest / log.sample_time) or not live or extreme:
-            continue
-        ends = start, start + rows
-        near = (names for a, b, names in together if max(abs(a - ends[0]), abs(b - ends[1])) <= 2)
-        if (names := next(near, None)) is not None:
-            names.append(name)
-        else:
-            together.append((*ends, [name]))
+        if rows >= max(STUCK_ROWS, shortest / log.sample_time) and live and not extreme:
+            near = (names for a, b, names in together if max(abs(a - start), abs(b - end)) <= 2)
+            if (names := next(near, None)) is not None:
+                names.append(name)
+            else:
+                together.append((start, end, [name]))
     for start, end, names in together:
         of_motors, parts = set(names) <= set(torques), {name: log[name][start:end] for name in log.names}
         others = [name for name in STATE_NAMES[2:] if name in log and name not in names]
@@ -327,15 +293,14 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         moved |= any(abs(parts[n][0]) > MOVING * np.nanstd(log[n]) for n in _RATES if n in names)
         off, half = of_motors and not any(parts[name].any() for name in torques), (end - start) / 2
         moved |= of_motors and any(runs_of(parts[n])[1].max() < half for n in torques if n not in names)
-        if of_motors and not moved:
-            continue
-        lost = (
-            f"messages were lost, or {'a motor is dead' if of_motors else 'the sensor or the logger froze'}"
-        )
-        cause = ("the motors were off" if off else lost) + ("" if moved else ", or everything was at rest")
-        t, last = log.t[[start, end - 1]].tolist()
-        numbers = {"names": ", ".join(names), "lasting": last - t, "row": start + 1, "t": t, "cause": cause}
-        yield from judged("stuck", last - t if moved and not off else 0.0, names, numbers, time=t)
+        if moved or not of_motors:
+            what = "a motor is dead" if of_motors else "the sensor or the logger froze"
+            cause = "the motors were off" if off else f"messages were lost, or {what}"
+            cause += "" if moved else ", or everything was at rest"
+            lasting, t = float(log.t[end - 1] - log.t[start]), float(log.t[start])
+            numbers = {"names": ", ".join(names), "lasting": lasting, "cause": cause}
+            size = lasting if moved and not off else 0.0
+            yield from judged("stuck", names, size, t, place=_place(log, start), **numbers)
 
 
 def check_held(log: Log) -> list[Finding]:
@@ -358,5 +323,5 @@ def check_held(log: Log) -> list[Finding]:
     if not duplicated and delay < 0.08 and held.keys().isdisjoint(STATE_NAMES):
         return []  # a controller slower than its log
     cause = "rows were duplicated" if duplicated else "a slower sensor, or resampling without interpolation"
-    numbers = {"names": ", ".join(held), "rows": rows, "delay": delay, "cause": cause}
-    return judged("held", math.inf if duplicated else delay, list(held), numbers)
+    size = math.inf if duplicated else delay
+    return judged("held", [*held], size, names=", ".join(held), rows=rows, delay=delay, cause=cause)

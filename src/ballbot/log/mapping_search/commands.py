@@ -34,11 +34,11 @@ from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     MOST,
-    PRIOR_POWER,
     TINY,
     behind,
     correlations,
     gains_over,
+    posterior,
     probabilities,
     vertex_with_error,
 )
@@ -53,10 +53,10 @@ KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 SAME_TORQUES = 0.1
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
-#: logarithm of the ratio of squared errors, twice that of rolling and once that of turning, from which it counts, and
-#: its weight for each second (`behind`), set on half of the robots of the campaign (135 logs); of the 121 logs of the
-#: others 97 % then have an order with confidence, and none a wrong one
-LEAST_RATIO, EACH_SECOND = 0.2, 1.0
+#: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
+#: turning (`behind`), set on half of the robots of the campaign (135 logs); of the 121 logs of the others 97 % then
+#: have an order with confidence, and none a wrong one
+EACH_SECOND = 1.0
 #: shares of the commands' power that are left anyway: of rolling and turning, and of what does neither
 LEAST_LEFT, LEAST_IDLE = 1e-3, 3e-4
 #: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
@@ -104,12 +104,6 @@ class CommandOrder:
     def description(self) -> str:
         """The assignment in words."""
         return f"for wheels {[wheel + 1 for wheel in self.wheels]}, signs {list(self.signs)}"
-
-    @property
-    def evidence(self) -> str:
-        """How well the motion explains the commands, in words."""
-        better = f"{self.advantage:.1f} standard errors better than any other order or signs"
-        return f"the motion explains {100.0 * self.explained:.0f} % of them, {better}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,16 +193,15 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     score = np.log(totals + floors) @ weights
     without = totals[None] - np.moveaxis(np.array(list(left.values())), 2, 0)
     gained, z = gains_over(score, np.log(np.maximum(without, 0.0) + floors) @ weights)
-    rest = behind(z, gained, len(without), least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
     usual, least = [_usual(one, counted) for one in every], int(np.argmin(score))
-    prior = [min(one, usual[least]) for one in usual]
-    found = probabilities({h: PRIOR_POWER * math.log(prior[h]) - float(rest[h]) for h in range(len(every))})
-    torques = {h: by_wheel(driving.torque, every[h]) for h, p in found.items() if p > 1e-3}
+    odds = behind(z, gained, len(without), each_second=EACH_SECOND)
+    probability = posterior([min(one, usual[least]) for one in usual], odds)
+    torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
     alike = [h for h, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
     best = max(alike, key=lambda h: usual[h])
-    other = next((h for h in found if h not in alike), best)
+    other = next((h for h in probability if h not in alike), best)
     explained = 1.0 - float(totals[best, :2].sum())
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
@@ -218,7 +211,7 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
         explained=explained,
         advantage=float(z[other] - z[best]),
         next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
-        confidence=min(sum(found[h] for h in alike), MOST) * enough,
+        confidence=min(sum(probability[h] for h in alike), MOST) * enough,
     )
 
 
@@ -252,18 +245,19 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     fitted, with either sign. A motor weaker than the others by more than a third can be taken for another if the robot
     moves along one line.
     """
-    n, u = driving.torque.shape[1], driving.torque - driving.torque.mean(axis=0)
-    count = 4 + 2 * n
-    terms = np.zeros((n, len(u), count))  # the terms of each wheel
-    heading = driving.friction[:, :, 1].mean(axis=1)
-    for i in range(n):
-        terms[i, :, 0], terms[i, :, 1] = driving.needed[:, i], driving.friction[:, i, 1]
-        terms[i, :, 2], terms[i, :, 3] = heading, -heading
-        terms[i, :, 4 + 2 * i], terms[i, :, 5 + 2 * i] = driving.friction[:, i, 0], driving.friction[:, i, 2]
-    terms = terms - terms.mean(axis=1, keepdims=True)
+    n, u, speed = (
+        driving.torque.shape[1],
+        driving.torque - driving.torque.mean(axis=0),
+        driving.friction[:, :, 1],
+    )
+    heading = np.broadcast_to(speed.mean(axis=1, keepdims=True), u.shape)
+    dry = np.einsum("tik,ij->tijk", driving.friction[:, :, [0, 2]], np.eye(n)).reshape(len(u), n, -1)
+    # (N, n, k), the terms of each wheel
+    terms = np.concatenate([np.stack([driving.needed, speed, heading, -heading], axis=-1), dry], axis=-1)
+    terms, count = terms - terms.mean(axis=0), terms.shape[-1]
     plane = np.column_stack([np.ones(n), np.cos(driving.azimuths), np.sin(driving.azimuths)])
     basis = np.linalg.qr(plane, mode="complete")[0]
-    parts = np.einsum("im,itk->mtk", basis[:, :3], terms)
+    parts = np.einsum("im,tik->mtk", basis[:, :3], terms)
     parts = parts / np.maximum(np.sqrt(np.square(parts).sum(axis=(0, 1))), 1e-30)
     table = np.concatenate([u, *parts], axis=1)
     seconds = [table[driving.block == b] for b in range(int(driving.block[-1]) + 1)]
@@ -330,27 +324,14 @@ def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Float
     return vertex_with_error(DELAYS, np.array(left))
 
 
-@dataclass(frozen=True, kw_only=True)
-class DeadBand:
-    """A dead band of a likely size, and what it is worth."""
+def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, float]:
+    """Return a dead band of a likely size [of full duty], and what it is worth; zeros if one is stated or none shows.
 
-    size: float  #: of full duty
-    off: float  #: by which share of their size it changes the torques if it does not count as less dry friction
-
-    @property
-    def evidence(self) -> str:
-        """What such a dead band would change, in words."""
-        return (
-            f"{self.size:.2g} of full duty that the firmware adds would change the torques by {100.0 * self.off:.0f} % "
-            "of their size, because wheels turn against their duties"
-        )
-
-
-def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> DeadBand | None:
-    """Return a dead band of a likely size if none is stated; None if one is, or the log shows no motion."""
+    It is worth the share of their size by which it changes the torques if it does not count as less dry friction.
+    """
     needs = needs_of(log, robot) if drive.dead_band is None else None
     if needs is None:
-        return None
+        return 0.0, 0.0
     moved, driving = needs
     full, torque = float(drive.torque(np.ones(1), np.zeros(1))[0]), driving.torque
     duty_sign = np.sign(log.torques + drive.back_emf * log.wheel_speeds)
@@ -362,18 +343,7 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> DeadBand | Non
         factors = np.linalg.lstsq(table, weight * (torque[:, i] - driving.needed[:, i]), rcond=1e-6)[0]
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
-    return DeadBand(size=likely, off=likely * full * float((against.std(axis=0) / size).max()))
-
-
-def _standstill(kind: InputKind, robot: Robot) -> float:
-    """Return the torque [N m] at standstill of one N m, A, V or full duty: full duty gives the torque limit."""
-    drive = robot.drive
-    return {
-        "torque": 1.0,
-        "current": drive.gear_ratio * drive.torque_constant,
-        "voltage": drive.torque_limit / drive.supply_voltage,
-        "duty": drive.torque_limit,
-    }[kind]
+    return likely, likely * full * float((against.std(axis=0) / size).max())
 
 
 def _scale_of(
@@ -391,13 +361,19 @@ def _scale_of(
             f"{base.path}: the heading of {base.roles.commands[0]} has the unit {named}, which is a {of_unit}; "
             f"--command says {kind}. Correct one of them."
         )
-    ratios: dict[InputKind, tuple[float, float]] = {}
-    alike: tuple[str, ...] = ()
-    for one in KINDS:
+    drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), ()
+    # torque [N m] at standstill of one N m, A, V or full duty, which gives the torque limit
+    standstill: dict[InputKind, float] = {
+        "torque": 1.0,
+        "current": drive.gear_ratio * drive.torque_constant,
+        "voltage": drive.torque_limit / drive.supply_voltage,
+        "duty": drive.torque_limit,
+    }
+    for one, torque in standstill.items():
         scales = _scales(one, base)
         if not scales:
             continue
-        size = gain * _standstill(one, base.robot)
+        size = gain * torque
         logs = {name: math.log(max(size * scale, 1e-12)) for name, scale in scales.items()}
         deviation = math.hypot(error, RATIO_DEVIATION)
         likely = probabilities({name: -0.5 * (off / deviation) ** 2 for name, off in logs.items()})

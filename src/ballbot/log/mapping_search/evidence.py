@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -15,6 +15,8 @@ CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
 #: fits better by chance
 ERRORS_WEIGHT = 0.6
+#: logarithm of the ratio of what two explanations leave from which it counts
+LEAST_RATIO = 0.2
 #: power of the prior in a confidence: what is usual is preferred among explanations that fit alike, but does not make
 #: one certain
 PRIOR_POWER = 0.7
@@ -42,15 +44,20 @@ def advantage_confidence(z: float) -> float:
     return min(0.5 * math.erfc(-ERRORS_WEIGHT * max(z, -10.0) / math.sqrt(2.0)), MOST)
 
 
-def behind(z: Floats, log_ratio: Floats, seconds: float, *, least_ratio: float, each_second: float) -> Floats:
+def behind(z: Floats, log_ratio: Floats, seconds: float, *, each_second: float) -> Floats:
     """Return by how much (logarithm of odds) explanations are less likely than one that is z standard errors better.
 
     Either the difference repeats in every block of a second, or it is so large that few blocks are enough: then the
-    logarithm of the ratio of what the two leave counts from `least_ratio`, with a weight for each second. These are
+    logarithm of the ratio of what the two leave counts from `LEAST_RATIO`, with a weight for each second. These are
     chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence.
     """
     repeated = ERRORS_WEIGHT * np.clip(z, 0.0, 60.0)
-    return np.maximum(0.5 * repeated**2, each_second * seconds * np.maximum(log_ratio - least_ratio, 0.0))
+    return np.maximum(0.5 * repeated**2, each_second * seconds * np.maximum(log_ratio - LEAST_RATIO, 0.0))
+
+
+def posterior(prior: Sequence[float], odds: Floats) -> dict[int, float]:
+    """Return the probabilities of explanations by their numbers, the likeliest first; `odds` as `behind` gives them."""
+    return probabilities({h: PRIOR_POWER * math.log(p) - float(odds[h]) for h, p in enumerate(prior)})
 
 
 def gains_over(score: Floats, left_out: Floats) -> tuple[Floats, Floats]:

@@ -16,7 +16,7 @@ from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.placement import HeadingTest, LeanTest, heading_test, lean_test
+from ballbot.log.mapping_search.placement import LeanTest, lean_test
 from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
@@ -61,7 +61,7 @@ class Stated:
     columns: Sequence[str] | None = None  #: names in the file's order
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Columned:
     """The columns that have a role."""
 
@@ -119,6 +119,10 @@ class Gyro:
     #: logarithm of the odds that roll, pitch and yaw are of the gyro's handedness (`_shared_handedness`)
     handedness: float = 0.0
 
+    def rates(self, values: Floats) -> Floats:
+        """Return the rates (N, 3) [rad/s] of roll, pitch and yaw by the gyro's columns (N, 3)."""
+        return values[:, list(self.order)] * (FACTORS["rad/s"][self.unit] * np.asarray(self.signs))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
@@ -146,7 +150,6 @@ class SensedMotion:
     signals: Signals
     gyro: Gyro | None
     tested: LeanTest | None
-    heading: HeadingTest | None
 
 
 def motion_of_file(base: Columned) -> SensedMotion:
@@ -168,7 +171,7 @@ def motion_of_file(base: Columned) -> SensedMotion:
             break
         found = _with_units(base, raw, wrap, units)
         gain = found.tested.gain if found.tested else None
-        turning = found.heading.turning if found.heading else None
+        turning = found.tested.heading.turning if found.tested and found.tested.heading else None
         likely = likeliest_units(
             leans, wheels, units, gain=gain, turning=turning, heading_named=heading_named
         )
@@ -209,9 +212,6 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         ),
         default=(tried[0], None),
     )
-    heading = None
-    if tested is not None and signals.heading is not None:
-        heading = heading_test(robot, signals.wheels, signals.heading, tested)
     return SensedMotion(
         units=units,
         likely={},
@@ -223,7 +223,6 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         signals=signals,
         gyro=gyro,
         tested=tested,
-        heading=heading,
     )
 
 
@@ -261,8 +260,7 @@ def _signals(
         if attitude.shape[1] > 2:
             heading = smoothed(np.unwrap(attitude[:, 2:], axis=0))
     if gyro is not None and tilt is not None:
-        factors = FACTORS["rad/s"][gyro.unit] * np.asarray(gyro.signs)
-        found = smoothed(base.stacked(base.roles.gyro)[:, list(gyro.order)] * factors)
+        found = smoothed(gyro.rates(base.stacked(base.roles.gyro)))
         tilt = Smooth(value=tilt.value, rate=found.value[:, :2], acceleration=found.rate[:, :2])
         if heading is None:
             value = INTERVAL * np.cumsum(found.value[:, 2:], axis=0)
@@ -276,20 +274,15 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
     rows, kept, with_yaw = even_rows(base.t), new_messages(sampled), attitude.shape[1] > 2
     yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
     angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
-    named, found = base.roles.unit(base.roles.gyro), list[Gyro]()
-    for width in WIDTHS:
-        turned = smooth(rows, sampled[kept], angles[kept], width=width)
-        turning = smooth(rows, sampled[kept], gyro[kept], width=width).value
-        one = _gyro_fit(turning, _body_rates(turned), named, with_yaw=with_yaw)
-        if one is not None:
-            factors = FACTORS["rad/s"][one.unit] * np.asarray(one.signs)
-            shown = _shared_handedness(turned, turning[:, list(one.order)] * factors, with_yaw=with_yaw)
-            found.append(replace(one, handedness=shown))
-    return max(found, key=lambda one: min(one.correlations[:2]), default=None)
+    named = base.roles.unit(base.roles.gyro)
+    smoothed = [[smooth(rows, sampled[kept], one[kept], width=w) for one in (angles, gyro)] for w in WIDTHS]
+    fits = [_gyro_fit(turned, turning.value, named, with_yaw=with_yaw) for turned, turning in smoothed]
+    return max((fit for fit in fits if fit), key=lambda fit: min(fit.correlations[:2]), default=None)
 
 
-def _gyro_fit(a: Floats, b: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
-    """Return how a gyro (N, 3) fits rates (N, 3) [rad/s]; None if it does not."""
+def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -> Gyro | None:
+    """Return how a gyro (N, 3) fits the rates of angles (N, 3) [rad]; None if it does not."""
+    b = _body_rates(angles)
     R = correlations(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
@@ -307,7 +300,8 @@ def _gyro_fit(a: Floats, b: Floats, named: str | None, *, with_yaw: bool) -> Gyr
     unit = min(names, key=lambda one: abs(math.log(gain * table[one])))
     if abs(math.log(gain * table[unit])) > GYRO_GAIN:
         return None
-    return Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
+    gyro = Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
+    return replace(gyro, handedness=_shared_handedness(angles, gyro.rates(a), with_yaw=with_yaw))
 
 
 def _shared_handedness(angles: Smooth, turning: Floats, *, with_yaw: bool) -> float:

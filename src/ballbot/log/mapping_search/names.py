@@ -174,42 +174,35 @@ def _kind(
 ) -> tuple[Kind, float, str | None]:
     """Return the kind, the weight and the axis of words, and of these without axis and number (`bare`)."""
     present = set(bare) - ({"cycle"} if "duty" in bare else set())
+    says = {group for group, spelled in _WORDS.items() if present & spelled}
     after_lean = "d" in words[1:] and bool(set(words[: words.index("d", 1)]) & (_LEAN | {"theta"}))
-    asked = bool(present & _WORDS["asked"]) and bool(set(words) & (_WORDS["of the body"] | _LEAN))
-    if present & _WORDS["other"] or after_lean or asked or bare[:1] in (["e"], ["p"]):
+    asked = "asked" in says and bool(set(words) & (_WORDS["of the body"] | _LEAN))
+    if "other" in says or after_lean or asked or bare[:1] in (["e"], ["p"]):
         return "other", 0.0, axis
-    if index is None and axis is None:
-        of_time = all(UNIT_OF.get(word) in _UNITS_OF_KIND["time"] and word != "s" for word in words)
-        if present & _WORDS["time"] or present - _WORDS["empty"] == {"t"} or (words and of_time):
-            return "time", 0.8 if present & _WORDS["time"] else 0.7, None
-    if not present & _WORDS["no inertial"]:
-        found, weight, of_axis = _inertial(present, axis, index, unit)
-        if found:
-            return found, weight, of_axis
+    plain = index is None and axis is None
+    of_time = bool(words) and all(
+        UNIT_OF.get(word) in _UNITS_OF_KIND["time"] and word != "s" for word in words
+    )
+    if plain and ("time" in says or present - _WORDS["empty"] == {"t"} or of_time):
+        return "time", 0.8 if "time" in says else 0.7, None
+    if "no inertial" not in says:
+        named = next((one for one in "xyz" if one in says), None)
+        changing = "changing" in says or unit in _RATES
+        euler = present & set(_EULER)
+        if "gyro" in says and (axis or named):
+            return "gyro", 0.85, axis or named
+        if named:
+            return ("gyro", 0.8, named) if changing else ("attitude", 0.85, named)
+        if axis and index is None and not present & {"phi", "psi", "pos"}:
+            if "rate" in says or ("attitude" in says and changing):
+                return "gyro", 0.6, axis
+            if "attitude" in says:
+                return "attitude", 0.7, axis
+        if len(euler) == 1 and plain and present <= euler | _WORDS["changing"]:
+            return "gyro" if changing else "attitude", 0.6, _EULER[euler.pop()]
     if index is not None and axis is None:
         return *_of_wheel(present - _WORDS["empty"], unit), None
     return "other", 0.0, axis
-
-
-def _inertial(
-    present: set[str], axis: str | None, index: int | None, unit: str | None
-) -> tuple[Kind | None, float, str | None]:
-    """Return a kind, weight and axis of roll, pitch, yaw or gyro; None if the words are none of them."""
-    named = next((one for one in "xyz" if present & _WORDS[one]), None)
-    if present & _WORDS["gyro"] and (axis or named):
-        return "gyro", 0.85, axis or named
-    changing = bool(present & _WORDS["changing"]) or unit in _RATES
-    if named:
-        return ("gyro", 0.8, named) if changing else ("attitude", 0.85, named)
-    if axis and index is None and not present & {"phi", "psi", "pos"}:
-        if present & _WORDS["rate"] or (present & _WORDS["attitude"] and changing):
-            return "gyro", 0.6, axis
-        if present & _WORDS["attitude"]:
-            return "attitude", 0.7, axis
-    euler = present & set(_EULER)
-    if len(euler) == 1 and index is None and axis is None and present <= euler | _WORDS["changing"]:
-        return "gyro" if changing else "attitude", 0.6, _EULER[euler.pop()]
-    return None, 0.0, None
 
 
 def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:

@@ -62,14 +62,13 @@ from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
-    PRIOR_POWER,
     TINY,
     advantage_confidence,
     behind,
     correlations,
     gains_over,
     jackknife_error,
-    probabilities,
+    posterior,
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
@@ -103,8 +102,8 @@ LEAST_TOGETHER = 0.003
 UNKNOWN_HEADING = 0.3
 #: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
-#: logarithm of the ratio of two misfits from which it counts, and its weight for each second (`behind`)
-LEAST_RATIO, EACH_SECOND = 0.2, 0.6
+#: weight for each second of the logarithm of the ratio of two misfits (`behind`)
+EACH_SECOND = 0.6
 #: placements whose wheels differ by less than this part of their angles count as one; a mapping whose wheels are off by
 #: 0.03 is still right (campaigns/mapping_corpus.py). Less probable ones would add little to the confidence
 SAME_WHEELS, TINY_PROBABILITY = 0.028, 1e-3
@@ -150,6 +149,20 @@ RIGHT_TOGETHER, WRONG_TOGETHER = 0.05, 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
+class HeadingTest:
+    """How the sum of the wheels' speeds follows the heading's rate, in the rows of balancing."""
+
+    correlation: float  #: negative if the wheels count as the robot's do
+    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
+    confidence: float  #: in the sign of the correlation
+
+    @property
+    def turning(self) -> float | None:
+        """The gain; None if the wheels do not plainly follow the heading."""
+        return self.gain if abs(self.correlation) > FOLLOWS and self.confidence >= CONFIDENT else None
+
+
+@dataclass(frozen=True, kw_only=True)
 class LeanTest:
     """What the torque-free test found."""
 
@@ -164,6 +177,7 @@ class LeanTest:
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
     balancing: Bools  #: (N,), the even rows that were judged
     pushed: Bools  #: (N,), rows left out because something pushed the robot
+    heading: HeadingTest | None  #: None without a yaw
 
     @property
     def gain(self) -> float | None:
@@ -258,6 +272,9 @@ def lean_test(
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
+        heading=None
+        if heading is None
+        else _heading_test(robot, best, wheels.rate[usable], heading.rate[usable]),
     )
 
 
@@ -316,12 +333,27 @@ class _LeanLaw:
         return block_sums(rest, _blocks(len(rest)))
 
 
+def _turns(robot: Robot) -> float:
+    """Return the sum of the wheels' speeds over the heading's rate, of a ball that does not spin."""
+    wheel = robot.wheels
+    return robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
+
+
 def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
-    wheel = robot.wheels
-    turns = robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
-    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / turns
+    way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / _turns(robot)
     return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
+
+
+def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
+    """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1)."""
+    total = (speeds @ np.asarray(placement.signs, dtype=np.float64))[:, None]
+    correlation = float(correlations(total, rate)[0, 0])
+    seconds = max(len(rate) * INTERVAL, 1.0)
+    # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
+    z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
+    gain = abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / _turns(robot)
+    return HeadingTest(correlation=correlation, gain=gain, confidence=advantage_confidence(z))
 
 
 def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
@@ -336,9 +368,7 @@ def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
         return 0.0
     repeated = -float(ndtri(stdtr(len(gained) - 1, -abs(clarity(gained)))))
     ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
-    odds = behind(
-        np.array(repeated), np.array(abs(ratio)), len(gained), least_ratio=LEAST_RATIO, each_second=0.5
-    )
+    odds = behind(np.array(repeated), np.array(abs(ratio)), len(gained), each_second=0.5)
     return math.copysign(math.sqrt(2.0 * float(odds)) / ERRORS_WEIGHT, ratio)
 
 
@@ -407,28 +437,37 @@ def _every_way(robot: Robot) -> list[_Way]:
     orders = [p for p in permutations(range(n)) if p[0] == 0 or not even]
     # the fewest wheels are reversed; of half of them, not the first
     signs = [s for s in product((1, -1), repeat=n) if 2 * sum(s) + s[0] > 0]
-    return [(p, s) for p in orders for s in signs]
+    return list(product(orders, signs))
 
 
 def _ranked_placements(
     robot: Robot, law: _LeanLaw, heading: Smooth | None, weights: Floats, gamma: float
 ) -> tuple[list[Placement], float]:
-    """Return all placements, the best first, and the confidence in the best; `law` gives each wheel its own gains."""
-    every, beta, wheels = _every_way(robot), np.asarray(robot.wheels.azimuths), law.wheels
+    """Return all placements, the best first, and the confidence in the best; `law` gives each wheel its own gains.
+
+    A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
+    """
+    every, wheels, n = _every_way(robot), law.wheels, robot.wheel_count
     lean_sums = _sums(np.column_stack([law.columns, law.driven]) * weights[:, None], weights)
     rate = np.zeros(len(weights)) if heading is None else heading.rate[:, 0]
     table = np.column_stack([wheels.rate, rate])
     table = np.where(weights[:, None] > 0.0, table - table[weights > 0.0].mean(axis=0), 0.0)
     wheel_sums = _sums(table.astype(np.complex128), weights).real
     of_lean, of_wheels = lean_sums.sum(axis=0), wheel_sums.sum(axis=0)
-    gain, unexplained, together, score = _scores(every, of_lean, of_wheels, beta)
-    blocks = _scores(every, of_lean - lean_sums, of_wheels - wheel_sums, beta)[-1]
-    found = _weighed(every, score, blocks)
-    ranked = sorted(found, key=lambda h: (-found[h], score[h]))
-    likely, first = [h for h in ranked if found[h] > TINY_PROBABILITY], every[ranked[0]]
-    shown = sum(found[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
+    gain, unexplained, together, score = _scores(robot, every, of_lean, of_wheels)
+    gained, z = gains_over(score, _scores(robot, every, of_lean - lean_sums, of_wheels - wheel_sums)[-1])
+    seconds = len(lean_sums) * BLOCK
+    if seconds < SHORT_TIME:
+        z = np.where(gained < math.log(SHORT_MARGIN), np.minimum(z, 1.0 / ERRORS_WEIGHT), z)
+    usual = {tuple(range(n)): OWN_ORDER, (0, *range(n - 1, 0, -1)): MIRRORED_ORDER}
+    rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / len({order for order, _ in every})
+    of_signs = (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1), EQUAL_SIGNS
+    prior = [usual.get(order, rare) * of_signs[len(set(signs)) == 1] for order, signs in every]
+    probability = posterior(prior, behind(z, gained, seconds, each_second=EACH_SECOND))
+    ranked = sorted(probability, key=lambda h: (-probability[h], score[h]))
+    likely, first = [h for h in ranked if probability[h] > TINY_PROBABILITY], every[ranked[0]]
+    shown = sum(probability[h] for h in likely if _same_wheels(wheels.value, first, every[h]))
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
-    confidence = min(shown, MOST) * min(max(explained, 0.0), 1.0)
     placements = [
         Placement(
             positions=tuple(place + 1 for place in every[h][0]),
@@ -441,27 +480,7 @@ def _ranked_placements(
         )
         for h in ranked
     ]
-    return placements, confidence
-
-
-def _weighed(every: Sequence[_Way], score: Floats, blocks: Floats) -> dict[int, float]:
-    """Return the probability of each placement, by its place in `every`.
-
-    A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
-    """
-    seconds, n = len(blocks) * BLOCK, len(every[0][0])
-    own, mirrored = tuple(range(n)), (0, *range(n - 1, 0, -1))
-    rare = (1.0 - OWN_ORDER - MIRRORED_ORDER) / len({order for order, _ in every})
-    gained, z = gains_over(score, blocks)
-    if seconds < SHORT_TIME:
-        z = np.where(gained < math.log(SHORT_MARGIN), np.minimum(z, 1.0 / ERRORS_WEIGHT), z)
-    rest = behind(z, gained, seconds, least_ratio=LEAST_RATIO, each_second=EACH_SECOND)
-    weights = {}
-    for other, (order, signs) in enumerate(every):
-        p = OWN_ORDER if order == own else MIRRORED_ORDER if order == mirrored else rare
-        p *= EQUAL_SIGNS if len(set(signs)) == 1 else (1.0 - EQUAL_SIGNS) / (2 ** (n - 1) - 1)
-        weights[other] = PRIOR_POWER * math.log(p) - float(rest[other])
-    return probabilities(weights)
+    return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
 
 
 def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
@@ -481,14 +500,14 @@ def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
 
 
 def _scores(
-    every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats, beta: Floats
+    robot: Robot, every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats
 ) -> tuple[Complex, Floats, Floats, Floats]:
     """Return gain, what is unexplained and together, and the score (.., H) of every placement.
 
     They are by products of columns (.., k, k): each wheel's and the lean's; the wheels' and the heading's.
     """
-    signs = np.array([signs for _, signs in every], dtype=np.float64)
-    angles = np.array([beta[list(order)] for order, _ in every])
+    orders, signs = (np.array(part) for part in zip(*every, strict=True))
+    angles = np.asarray(robot.wheels.azimuths)[orders]
     ways, (H, n) = signs * np.exp(1j * angles), signs.shape
     C = np.zeros((H, 2 * n + 1, 3), dtype=np.complex128)
     C[:, :n, 0], C[:, n : 2 * n, 1], C[:, 2 * n, 2] = ways, ways, 1.0
@@ -505,53 +524,21 @@ def _scores(
     return found[..., 0].astype(np.complex128), unexplained, together, score
 
 
-def _together(signs: Floats, angles: Floats, sums: Floats) -> Floats:
+def _together(signs: NDArray[np.intp], angles: Floats, sums: Floats) -> Floats:
     """Return the share (.., H) of the wheels' motion that is neither lean nor, together, heading.
 
     By the signs and azimuths (H, n) of placements, and products (.., n + 1, n + 1) of wheels and heading.
     """
     n = signs.shape[1]
     columns = np.stack([np.full_like(angles, n**-0.5), np.cos(angles), np.sin(angles)], axis=-1)
-    basis = np.linalg.qr(columns)[0] * signs[..., None]
-    G, rate = sums[..., None, :n, :n], sums[..., n, n, None]
+    basis = np.linalg.qr(columns)[0] * signs[..., None]  # of what all share, and of the lean
+    G, crossed, rate = sums[..., None, :n, :n], sums[..., None, :n, n:], sums[..., n, n, None]
+    shared, *leans = np.moveaxis(np.sum(basis * (G @ basis), axis=-2), -1, 0)
+    of_heading = np.sum(basis[..., :1] * crossed, axis=(-2, -1)) ** 2 / np.maximum(rate, TINY)
+    without = (1.0 - UNKNOWN_HEADING) * shared if n > 3 else 0.0
     whole = np.trace(G, axis1=-2, axis2=-1)
-    outside = whole - np.sum(basis * (G @ basis), axis=(-2, -1))
-    ones = n**-0.5 * signs[..., None]
-    total = np.sum(ones * (G @ ones), axis=(-2, -1))
-    shared = np.sum(ones[..., 0] * sums[..., None, :n, n], axis=-1) ** 2 / np.maximum(rate, TINY)
-    total = np.where(rate > 0.0, total - shared, (UNKNOWN_HEADING if n > 3 else 1.0) * total)
-    return np.maximum(outside + total, 0.0) / np.maximum(whole, TINY)
-
-
-@dataclass(frozen=True, kw_only=True)
-class HeadingTest:
-    """How the sum of the wheels' speeds follows the heading's rate."""
-
-    correlation: float  #: negative if the wheels count as the robot's do
-    gain: float  #: size of the sum of the speeds over psi_dot, over that of a ball that does not pivot
-    confidence: float  #: in the sign of the correlation
-
-    @property
-    def turning(self) -> float | None:
-        """The gain; None if the wheels do not plainly follow the heading."""
-        return self.gain if abs(self.correlation) > FOLLOWS and self.confidence >= CONFIDENT else None
-
-
-def heading_test(robot: Robot, wheels: Smooth, heading: Smooth, tested: LeanTest) -> HeadingTest:
-    """Compare the sum of the wheels' speeds (N, n) with the heading's rate (N, 1), in the rows of balancing."""
-    rows, wheel = tested.balancing, robot.wheels
-    total = (wheels.rate @ np.asarray(tested.placements[0].signs, dtype=np.float64))[rows, None]
-    rate = heading.rate[rows]
-    correlation = float(correlations(total, rate)[0, 0])
-    without_pivoting = robot.wheel_count * robot.ball.radius / wheel.radius * np.sin(wheel.tilt)
-    seconds = max(float(rows.sum()) * INTERVAL, 1.0)
-    # over the standard error sqrt((1 - r^2) / n) of a correlation r of n independent seconds
-    z = abs(correlation) * math.sqrt(seconds) / math.sqrt(max(1.0 - correlation**2, 0.01))
-    return HeadingTest(
-        correlation=correlation,
-        gain=abs(correlation) * float(np.std(total)) / max(float(np.std(rate)), TINY) / without_pivoting,
-        confidence=advantage_confidence(z),
-    )
+    left = whole - sum(leans) - np.where(rate > 0.0, of_heading, without)
+    return np.maximum(left, 0.0) / np.maximum(whole, TINY)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -567,9 +554,7 @@ class SensorFrame:
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
-def frame_of(
-    robot: Robot, tested: LeanTest | None, heading: HeadingTest | None, gyro_shows: float = 0.0
-) -> SensorFrame:
+def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> SensorFrame:
     """Return the frame that the tests speak for; the robot's own if there is no lean to test.
 
     `gyro_shows` is the logarithm of the odds that the gyro shows lean and yaw of one handedness by.
@@ -578,12 +563,10 @@ def frame_of(
     own = tuple(range(1, count + 1))
     if tested is None:
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
-    best, beta = tested.placements[0], robot.wheels.azimuths
+    best, heading, beta = tested.placements[0], tested.heading, robot.wheels.azimuths
     weight = STILL_WEIGHT if tested.headings < STILL_HEADING else 1.0
     shown = (
-        0.0
-        if heading is None
-        else math.copysign((weight * tested.handedness) ** 2, tested.handedness) + gyro_shows
+        math.copysign((weight * tested.handedness) ** 2, tested.handedness) + gyro_shows if heading else 0.0
     )
     same = 1.0 / (1.0 + math.exp(-max(min(shown, MOST_ODDS), -MOST_ODDS)))
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)

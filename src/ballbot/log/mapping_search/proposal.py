@@ -19,8 +19,9 @@ from ballbot.errors import InputError
 from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity, note, warning
 from ballbot.log.checks import check
-from ballbot.log.checks.kinematics import disturbance_findings
+from ballbot.log.checks.table import judged
 from ballbot.log.formats import read_foreign_table
+from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.log import Log
 from ballbot.log.mapping import DutyTable, apply_mapping, parse_mapping
 from ballbot.log.mapping_search.commands import (
@@ -105,16 +106,11 @@ class Proposal:
     lean: Unit | None
     motion: SensedMotion | None  #: None without wheels
     frame: SensorFrame
-    keep: tuple[tuple[float, float], ...] | None  #: spans of balancing [s]
     what: What
+    keep: tuple[tuple[float, float], ...] | None = None  #: spans of balancing [s]
     drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
-    contradiction: str = ""  #: why it is not this robot's log, in a sentence; empty if nothing says so
     findings: tuple[Finding, ...] = ()
-
-    @property
-    def file(self) -> Path:
-        return self.base.path
 
     @property
     def roles(self) -> Roles:
@@ -136,38 +132,28 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     if motion and roles.commands and roles.attitude and _on_a_stand(base, motion):
         base = replace(base, roles=replace(roles, attitude=(), gyro=(), quaternion=(), half_turn=None))
         motion = motion_of_file(base)
-    tested = motion.tested if motion else None
-    spans = ()
-    if motion and tested:
-        spans = row_spans(motion.signals.rows, motion.signals.usable & ~tested.pushed)
-    lean = motion.units[0] if motion else lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
+    what = _what(base.roles, motion)
+    if motion is None:
+        lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
+        frame = frame_of(robot, None)
+        return Proposal(base=base, lean=lean, motion=None, frame=frame, what=what, findings=tuple(notes))
+    tested, signals = motion.tested, motion.signals
     proposal = Proposal(
         base=base,
-        lean=lean if base.roles.attitude else None,
+        lean=motion.units[0] if base.roles.attitude else None,
         motion=motion,
-        frame=frame_of(
-            robot,
-            tested,
-            motion.heading if motion else None,
-            motion.gyro.handedness if motion and motion.gyro else 0.0,
-        ),
-        keep=spans or None,
-        what=_what(base.roles, motion),
+        frame=frame_of(robot, tested, motion.gyro.handedness if motion.gyro else 0.0),
+        keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
+        what=what,
     )
-    if motion is None:
-        return replace(proposal, findings=tuple(notes))
     if roles.commands:
         try:
             needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
         except InputError:  # too short, or rows without a value
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
-    return replace(
-        proposal,
-        questions=() if proposal.what == "held by hand" else tuple(_questions(proposal, motion)),
-        contradiction=_contradiction(proposal, motion),
-        findings=(*notes, *_findings(proposal, motion)),
-    )
+    questions = () if what == "held by hand" else tuple(_questions(proposal, motion))
+    return replace(proposal, questions=questions, findings=(*notes, *_findings(proposal, motion)))
 
 
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
@@ -193,30 +179,7 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     if (first, last) != (0, len(clock)):
         notes.append(warning("time", f"The longest run is rows {first + 1} to {last}; others are left out."))
         layout = replace(layout, rows=(first + 1, last))
-    base = Columned(
-        path=Path(path),
-        layout=layout,
-        cut=cut,
-        roles=roles,
-        time=time,
-        robot=robot,
-        stated=stated,
-    )
-    return base, notes
-
-
-def _contradiction(proposal: Proposal, motion: SensedMotion) -> str:
-    """Return why it is not this robot's log; empty if nothing says so."""
-    tested = motion.tested
-    if proposal.what != "balancing" or tested is None or tested.confidence < CONFIDENT:
-        return ""
-    gain = tested.placements[0].gain
-    if GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
-        return ""
-    return (
-        f"the lean responds to the wheels {gain:.3g} times as strongly as this robot's should: a unit, the counts per "
-        "turn, a radius or the height of the centre of mass is another."
-    )
+    return Columned(Path(path), layout, cut, roles, time, robot, stated), notes
 
 
 def _what(roles: Roles, motion: SensedMotion | None) -> What:
@@ -382,12 +345,9 @@ class Evaluation:
 
 def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
     """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
-
-    def order(one: Evaluation) -> tuple[int, float]:
-        tested = one.proposal.tested
-        return len(one.proposal.questions) + bool(one.refusal), -(tested.margin if tested else 0.0)
-
-    return min(evaluated, key=order)
+    asked = [len(one.proposal.questions) + bool(one.refusal) for one in evaluated]
+    margins = [one.proposal.tested.margin if one.proposal.tested else 0.0 for one in evaluated]
+    return evaluated[min(range(len(evaluated)), key=lambda k: (asked[k], -margins[k]))]
 
 
 def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
@@ -397,8 +357,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     """
     if common is not None:
         proposal = _answered(proposal, common)
-    findings, log, refusal = proposal.findings, None, _refusal(proposal, robot)
-    text = mapping_text(proposal, robot)
+    findings, log, refusal = list(proposal.findings), None, _refusal(proposal, robot)
     if not refusal:
         try:
             log = mapped(proposal, robot)
@@ -407,26 +366,26 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
     if log is not None:
         errors = [one for one in check(log, robot=robot) if one.severity == "error"]
         wrong = [one.text for one in errors if one.code not in OF_THE_RECORDING]
-        findings = (*findings, *errors)
+        findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        drive = parse_mapping(text, source="the mapping").input
-        band = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else None
-        if band is not None and band.off > LARGEST_BAND and not refusal:
-            answers = f"{band.size:.2g}", "0, if the firmware adds none"
-            question = Question(_BAND_KEY, "dead band of the firmware", answers, band.evidence)
+        drive = parse_mapping(mapping_text(proposal, robot), source="the mapping").input
+        band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
+        evidence = (
+            f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
+            "size, because wheels turn against their duties"
+        )
+        if off > LARGEST_BAND and not refusal:
+            answers = f"{band:.2g}", "0, if the firmware adds none"
+            question = Question(_BAND_KEY, "dead band of the firmware", answers, evidence)
             proposal, log = replace(proposal, questions=(*proposal.questions, question)), None
-            text, refusal = mapping_text(proposal, robot), _refusal(proposal, robot)
-        elif band is not None and band.off > NOTABLE_BAND:
-            findings = (*findings, warning("dead-band", f"No dead band is stated: {band.evidence}."))
+            refusal = _refusal(proposal, robot)
+        elif off > NOTABLE_BAND:
+            findings.append(warning("dead-band", f"No dead band is stated: {evidence}."))
     if proposal.tested is not None:
-        findings = (*findings, *disturbance_findings(proposal.tested.disturbance))
-    return Evaluation(
-        proposal=proposal,
-        findings=by_severity(findings),
-        text=text,
-        log=log,
-        refusal=refusal,
-    )
+        disturbance = proposal.tested.disturbance
+        findings += judged("disturbance", [], disturbance, times=disturbance)
+    text = mapping_text(proposal, robot)
+    return Evaluation(proposal=proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
 
 
 def mapped(proposal: Proposal, robot: Robot) -> Log:
@@ -441,11 +400,11 @@ def _too_coarse(log: Log) -> str:
     u = log.torques if "u1" in log else np.zeros((2, 1))
     power = 2.0 * float(np.var(u, axis=0).sum())
     share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
-    if share <= MOST_CHANGE:
-        return ""
     return (
         f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
         "ms apart, which is too coarse to show when they act. Log every control period."
+        if share > MOST_CHANGE
+        else ""
     )
 
 
@@ -456,14 +415,15 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
     answered = replace(proposal, questions=questions, keep=None, base=base)
     if proposal.questions and proposal.tested is not None and common.tested is not None:
-        answered = replace(answered, frame=common.frame)
-        if proposal.drive is not None and common.drive is not None:
-            drive = replace(proposal.drive, assigned=common.drive.assigned, ratios=common.drive.ratios)
+        answered, drive, other = replace(answered, frame=common.frame), proposal.drive, common.drive
+        if drive is not None and other is not None:
+            drive = replace(drive, assigned=other.assigned, ratios=other.ratios)
             answered = replace(answered, drive=drive)
     return answered
 
 
 def _refusal(proposal: Proposal, robot: Robot) -> str:
+    """Return why a proposal makes no log of the robot; empty if nothing says so."""
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -474,24 +434,26 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
             "the wheels do not explain how the robot leans: it is held by hand, stands on a bench, or is not this "
             "robot. Record it while it balances, with every wheel's angle."
         )
-    if proposal.contradiction:
-        return f"the log contradicts the robot {robot.name}: {proposal.contradiction}"
-    if proposal.questions:
-        names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
-        return f"cannot determine: {names}; the lines to fill in are in the mapping file."
-    return ""
+    tested = proposal.tested
+    gain = tested.placements[0].gain if tested and tested.confidence >= CONFIDENT else 1.0
+    if proposal.what == "balancing" and not GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
+        return (
+            f"the log contradicts the robot {robot.name}: the lean responds to the wheels {gain:.3g} times as strongly "
+            "as this robot's should: a unit, the counts per turn, a radius or the height of the centre of mass is "
+            "another."
+        )
+    names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
+    return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
 #: where the answer to an unstated dead band stands
 _BAND_KEY = "[input] dead_band"
-#: the key of an entry, its value, which is left out if it is None, and the reason; or a line that begins with #
-_Entry = tuple[str, object, str]
 
 
 def mapping_text(proposal: Proposal, robot: Robot) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping`) that a proposal describes."""
     lines = [
-        f"# {printable_line(proposal.file.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
+        f"# {printable_line(proposal.base.path.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
         format_line("mapping"),
     ]
     if proposal.questions:
@@ -499,169 +461,156 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
         lines.append(toml_line("complete", False, reason))
     asked = {one.key: one.text for one in proposal.questions}
     tables = {
-        "[file]": _file_entries(proposal.base),
-        "[time]": _time_entries(proposal),
-        "[columns]": _column_entries(proposal),
-        "[attitude]": _attitude_entries(proposal),
-        "[wheels]": _wheel_entries(proposal),
-        "[input]": _input_entries(proposal, robot),
+        **_recording_lines(proposal),
+        "[attitude]": _attitude_lines(proposal),
+        "[wheels]": _wheel_lines(proposal),
+        "[input]": _input_lines(proposal, robot),
     }
     for table, entries in tables.items():
-        if entries:
-            lines += ["", table]
-        for entry in entries:
-            if f"{table} {entry[0]}" in asked:
-                lines.append(printable_line(f"# cannot determine: {asked[f'{table} {entry[0]}']}"))
-            if entry[0].startswith("#") or entry[1] is not None:
-                lines.append(_line(entry))
+        lines += ["", table] if entries else []
+        for line in filter(None, entries):
+            question = asked.get(f"{table} {line.removeprefix('# ').partition(' =')[0]}")
+            lines += [printable_line(f"# cannot determine: {question}")] if question else []
+            lines.append(line)
     return "\n".join(lines) + "\n"
 
 
-def _line(entry: _Entry) -> str:
-    return entry[0] if entry[0].startswith("#") else toml_line(*entry)
+def _line(key: str, value: object, reason: str = "") -> str:
+    """Return the line of an entry with its reason; empty for None, as lines that are left out are."""
+    return "" if value is None else toml_line(key, value, reason)
 
 
-def _file_entries(base: Columned) -> list[_Entry]:
-    layout = base.layout
-    return [
-        ("separator", layout.separator, ""),
-        ("header_lines", layout.header_lines, ""),
-        ("decimal", "comma" if layout.decimal == "comma" else None, ""),
-        ("names", layout.names, ""),
-        ("damaged_rows", "drop" if layout.damaged_rows == "drop" else None, ""),
-        ("unordered_rows", "drop" if layout.unordered_rows == "drop" else None, ""),
-        ("rows", layout.rows, "time starts again outside these rows"),
+def _recording_lines(proposal: Proposal) -> dict[str, list[str]]:
+    """Return the lines of the tables on the file, its times and its columns."""
+    base, roles, motion = proposal.base, proposal.roles, proposal.motion
+    layout = [
+        _line(key, value, "time starts again outside these rows" if key == "rows" else "")
+        for key, value in vars(base.layout).items()
+        if key in ("separator", "header_lines") or value != getattr(OWN_LAYOUT, key)
     ]
-
-
-def _time_entries(proposal: Proposal) -> list[_Entry]:
-    noise, reason = proposal.motion.noise if proposal.motion else None, ""
+    noise, reason = motion.noise if motion else None, ""
     if noise:
         reason = f"noise of the wheel speeds {noise[0]:.2g} rad/s; with the times that the encoders give {noise[1]:.2g}"
     # an even interval near the rows' own: 5 ms or a multiple, 1 ms if rows come faster
-    interval = max(0.005 * int(float(np.median(np.diff(proposal.base.t))) / 0.005 + 0.1), 0.001)
+    interval = max(0.005 * int(float(np.median(np.diff(base.t))) / 0.005 + 0.1), 0.001)
     spans = [(round(start, 3), round(end, 3)) for start, end in proposal.keep or ()]
-    return [
-        ("repair", bool(noise) or None, reason),
-        ("sample_time", float(f"{interval:g}"), ""),
-        ("keep", spans or None, "balancing: neither at rest nor fallen nor held by hand"),
+    times = [
+        _line("repair", bool(noise) or None, reason),
+        _line("sample_time", float(f"{interval:g}")),
+        _line("keep", spans or None, "balancing: neither at rest nor fallen nor held by hand"),
     ]
+    time: object = roles.time if base.time.name == "s" else {"from": roles.time, "unit": base.time.name}
+    derived = ("theta", "phi", "psi") if roles.attitude and (motion is None or motion.gyro is None) else ()
+    rates = [_line(f"{name}_dot", {"derivative_of": name}) for name in derived]
+    return {"[file]": layout, "[time]": times, "[columns]": [_line("t", time, base.time.reason), *rates]}
 
 
-def _column_entries(proposal: Proposal) -> list[_Entry]:
-    roles, time = proposal.roles, proposal.base.time
-    source = roles.time if time.name == "s" else {"from": roles.time, "unit": time.name}
-    entries: list[_Entry] = [("t", source, time.reason)]
-    if roles.attitude and (proposal.motion is None or proposal.motion.gyro is None):
-        entries += [(f"{name}_dot", {"derivative_of": name}, "") for name in ("theta", "phi", "psi")]
-    return entries
-
-
-def _attitude_entries(proposal: Proposal) -> list[_Entry]:
+def _attitude_lines(proposal: Proposal) -> list[str]:
     roles, frame, tested, lean = proposal.roles, proposal.frame, proposal.tested, proposal.lean
     gyro = proposal.motion.gyro if proposal.motion else None
     if lean is None:
         return []
     units = proposal.base.angle_units(lean.name)
-    entries: list[_Entry] = [
-        ("from", roles.attitude, ""),
-        ("unit", units[0] if len(set(units)) == 1 else units, lean.reason),
+    lines = [
+        _line("from", roles.attitude),
+        _line("unit", units[0] if len(set(units)) == 1 else units, lean.reason),
     ]
     if roles.quaternion:
-        entries = [("from", roles.quaternion, "a quaternion w, x, y, z")]
-    entries.append(("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
+        lines = [_line("from", roles.quaternion, "a quaternion w, x, y, z")]
+    lines.append(_line("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
     if -1 in frame.axis_signs or any(one.key == "[attitude] sign" for one in proposal.questions):
-        entries.append(("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
+        lines.append(_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
     if tested is not None:
         error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
         measured = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
         reason = f"{measured}; wheel 1 is where the robot file has it"
-        entries.append(("turn", round(math.degrees(frame.turn), 1), reason))
+        lines.append(_line("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
-        rates = {
-            "from": [roles.gyro[place] for place in gyro.order],
-            "unit": gyro.unit,
-            "sign": [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)],
-        }
+        signs = [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)]
+        rates = {"from": [roles.gyro[place] for place in gyro.order], "unit": gyro.unit, "sign": signs}
         shown = ", ".join(f"{one:.2f}" for one in gyro.correlations)
-        entries.append(("rates", rates, f"correlations with the rates of the angles {shown}"))
-    return entries
+        lines.append(_line("rates", rates, f"correlations with the rates of the angles {shown}"))
+    return lines
 
 
-def _wheel_entries(proposal: Proposal) -> list[_Entry]:
+def _wheel_lines(proposal: Proposal) -> list[str]:
     roles, frame, tested, motion = proposal.roles, proposal.frame, proposal.tested, proposal.motion
     if motion is None:
         return []
     shown = "with the smaller turn of the IMU; a log that turns its heading would show it"
-    if motion.heading is not None:
-        shown = f"the wheels' sum and the heading's rate correlate by {motion.heading.correlation:.2f}"
-    wheel = motion.units[1]
-    table: dict[str, object] = {"from": roles.angles, "unit": wheel.name}
-    if wheel.name.startswith("counts"):
-        table["counts_per_turn"] = float(f"{2.0 * math.pi / wheel.factor:g}")
-    if motion.wrap is not None:
-        table["wrap"] = motion.wrap
-    if motion.largest_speed is not None:
-        table["largest_speed"] = float(f"{motion.largest_speed:.4g}")
+    if tested and tested.heading:
+        shown = f"the wheels' sum and the heading's rate correlate by {tested.heading.correlation:.2f}"
+    wheel, limit = motion.units[1], motion.largest_speed
+    counts = float(f"{2.0 * math.pi / wheel.factor:g}") if wheel.name.startswith("counts") else None
+    table = {
+        "from": roles.angles,
+        "unit": wheel.name,
+        "counts_per_turn": counts,
+        "wrap": motion.wrap,
+        "largest_speed": None if limit is None else float(f"{limit:.4g}"),
+    }
+    given = {key: value for key, value in table.items() if value is not None}
     return [
-        ("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
-        ("sign", frame.signs, shown if tested else "as in the file"),
-        ("speed" if roles.of_speeds else "angle", table, wheel.reason),
+        _line("order", frame.order, tested.evidence if tested else "as in the file: nothing tests it"),
+        _line("sign", frame.signs, shown if tested else "as in the file"),
+        _line("speed" if roles.of_speeds else "angle", given, wheel.reason),
     ]
 
 
-def _input_entries(proposal: Proposal, robot: Robot) -> list[_Entry]:
+def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
     names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
     if not names:
         return []
     columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
     if drive and drive.assigned:
         # command j of the log that was compared is number order[j], by which [wheels] order takes the motors, too
-        evidence = drive.assigned.evidence
+        better = f"{drive.assigned.advantage:.1f} standard errors better than any other order or signs"
+        evidence = f"the motion explains {100.0 * drive.assigned.explained:.0f} % of them, {better}"
         for j, (wheel, sign) in enumerate(zip(drive.assigned.wheels, drive.assigned.signs, strict=True)):
             columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], sign
     kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else ("torque", 1.0, math.nan)
     known = f"{ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-    entries = _kind_entries(kind or "torque", scale, robot, known)
+    band = next((one.answers[0] for one in proposal.questions if one.key == _BAND_KEY), None)
+    lines = _kind_lines(kind or "torque", scale, robot, known, band=band)
     if drive and kind is None:
-        entries[0] = ("kind", "torque", "not stated")
+        lines[0] = _line("kind", "torque", "not stated")
         for other, (other_scale, _) in drive.ratios.items():
-            lines = [f"#   {_line(one)}" for one in _kind_entries(other, other_scale, robot)]
-            alternative = f"# if it is a {other}, these lines in place of the three above:"
-            entries += [(line, None, "") for line in (alternative, *lines)]
-    band = next((one for one in proposal.questions if one.key == _BAND_KEY), None)
-    if band is not None:
-        entries += [("dead_band", float(band.answers[0]), "an estimate; 0 if the firmware adds none")]
-        entries = [one for one in entries if not one[0].startswith("# dead_band")]
+            lines.append(f"# if it is a {other}, these lines in place of the three above:")
+            lines += [f"#   {one}" for one in _kind_lines(other, other_scale, robot)]
     if any(one.key == "[input] zero" for one in proposal.questions):
-        zero = "# zero = ..  # the number that stands for no command"
-        entries += [("zero", None, ""), (zero, None, ""), ("# direction = [..]", None, "")]
+        lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
     if drive:
         delay = round(drive.delay, 4) if drive.delay > CLEAR_DELAY * drive.delay_error else 0.0
         reason = f"by the wheels' accelerations {1e3 * drive.delay:.0f} +- {1e3 * drive.delay_error:.0f} ms"
-    return [*entries, ("from", columns, ""), ("sign", signs, evidence), ("delay", delay, reason)]
+    return [*lines, _line("from", columns), _line("sign", signs, evidence), _line("delay", delay, reason)]
 
 
-def _kind_entries(kind: InputKind, scale: float, robot: Robot, known: str = "") -> list[_Entry]:
-    """Return the entries of [input] that depend on the kind of the command; `known` is the reason of the scale."""
+def _kind_lines(
+    kind: InputKind, scale: float, robot: Robot, known: str = "", *, band: str | None = None
+) -> list[str]:
+    """Return the lines of [input] that depend on the kind of the command; `known` is the reason of the scale."""
     drive, source = robot.drive, "from the robot file"
-    entries: list[_Entry] = [("kind", kind, ""), ("scale", scale, known)]
-    motor: list[_Entry] = [
-        ("torque_constant", drive.torque_constant, source),
-        ("gear_ratio", drive.gear_ratio, source),
+    lines = [_line("kind", kind), _line("scale", scale, known)]
+    motor = [
+        _line("torque_constant", drive.torque_constant, source),
+        _line("gear_ratio", drive.gear_ratio, source),
     ]
     if kind in ("torque", "current"):
-        return entries + (motor if kind == "current" else [])
-    band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
+        return lines + (motor if kind == "current" else [])
+    dead_band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
+    if kind == "voltage":
+        dead_band = _line("dead_band", 0.0, "a voltage has none")
+    elif band is not None:
+        dead_band = _line("dead_band", float(band), "an estimate; 0 if the firmware adds none")
     stall = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
     return [
-        *entries,
-        (band, None, "") if kind == "duty" else ("dead_band", 0.0, "a voltage has none"),
-        ("supply_voltage", drive.supply_voltage, source),
+        *lines,
+        dead_band,
+        _line("supply_voltage", drive.supply_voltage, source),
         *motor,
-        ("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
-        ("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
+        _line("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
+        _line("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
     ]
 
 
@@ -670,7 +619,7 @@ def answer_lines(found: Evaluation) -> list[str]:
     one = found.proposal
     without = " (without torques)" if one.what == "balancing" and not one.roles.commands else ""
     lines = [
-        f"{one.file.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
+        f"{one.base.path.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
     ]
     shown = found.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
