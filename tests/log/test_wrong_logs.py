@@ -108,7 +108,7 @@ WRONG_LOGS: list[tuple[str, str, Spoil]] = [
     (
         "torque-scale",
         "clips",
-        each(lambda _, u: np.clip(u, -0.3 * np.abs(u).max(), 0.3 * np.abs(u).max()), *TORQUES),
+        each(lambda _, u: np.clip(u, -0.2 * np.abs(u).max(), 0.2 * np.abs(u).max()), *TORQUES),
     ),
     ("torque-scale", "gear ratio", scaled(1.0 / 27.6, *TORQUES)),
     ("torque-delay", "50 ms too late", each(lambda log, u: np.interp(log.t - 0.05, log.t, u), *TORQUES)),

@@ -68,7 +68,7 @@ def little_effort() -> Iterator[None]:
     """Identify with little effort, and compare in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study_workflow, "IdentificationOptions", BRIEF)
-        patch.setattr("ballbot.workflows.grid.os.cpu_count", lambda: 1)
+        patch.setattr("ballbot.fitting.run.os.cpu_count", lambda: 1)
         yield
 
 

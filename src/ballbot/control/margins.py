@@ -323,7 +323,7 @@ def _disk_margin(
         lambda at: -mu(halves(loop.response(np.array([at])))[0]), bounds=around, method="bounded"
     )
     frequency = float(near.x) if -near.fun > best else float(omega[place])
-    return DiskMargin(alpha=min(2.0, 1.0 / max(best, -near.fun)), frequency=frequency)
+    return DiskMargin(alpha=float(min(2.0, 1.0 / max(best, -near.fun))), frequency=frequency)
 
 
 #: of the scales D

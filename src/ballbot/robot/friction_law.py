@@ -143,15 +143,15 @@ def register_friction_law(
     Examples
     --------
     >>> import ballbot
-    >>> def rational(speed, load, coulomb, stribeck, stribeck_speed, quadratic):
-    ...     return coulomb + stribeck / (1.0 + (speed / stribeck_speed) ** 2) + quadratic * speed**2
-    >>> quadratic = ballbot.LawParameter(
-    ...     name="quadratic", symbol="b_2", meaning="torque for each (rad/s)^2", unit="N m s^2/rad^2",
+    >>> def rational(speed, load, coulomb, stribeck, stribeck_speed, drag):
+    ...     return coulomb + stribeck / (1.0 + (speed / stribeck_speed) ** 2) + drag * speed**2
+    >>> drag = ballbot.LawParameter(
+    ...     name="drag", symbol="b_2", meaning="torque for each (rad/s)^2", unit="N m s^2/rad^2",
     ...     usual=(0.0, 0.01), default=0.0,
     ... )
-    >>> law = ballbot.register_friction_law(rational, parameters=[quadratic])
+    >>> law = ballbot.register_friction_law(rational, parameters=[drag])
     >>> robot = ballbot.Robot.load("alten").replace({"friction.coulomb": 0.1, "friction.law": "rational"})
-    >>> robot.replace({"friction.own.quadratic": 1e-3}).friction.law
+    >>> robot.replace({"friction.own.drag": 1e-3}).friction.law
     'rational'
     """
     name = name or size.__name__

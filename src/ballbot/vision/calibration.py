@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
-from ballbot.vision.seam import SeamTable, fit_rotation, matched, pieces
+from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
 from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
 from ballbot.vision.tracking import follow
 from ballbot.vision.video import Video
@@ -104,8 +104,8 @@ def _pull(
     fit = fit_rotation(table, seen, R, reaches=_REACHES)
     r, n, q, w = matched(table, seen, fit.R, _REACH)
     by_view = np.einsum("kgi,ki->kg", pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
-    table_of = np.column_stack([-np.cross(q, n), by_view, r]).astype(np.float64)
-    piece = pieces(q - r[:, None] * n, _CELLS)
+    table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
+    piece = _pieces((q - r[:, None] * n).astype(np.float32))
     weight = np.bincount(piece, weights=w)
     means = np.column_stack([np.bincount(piece, weights=w * column) for column in table_of.T])
     means /= np.maximum(weight, 1e-12)[:, None]
@@ -116,6 +116,12 @@ def _pull(
     across = np.linalg.solve(turn, np.column_stack([normal[:3, 3:], right[:3]]))
     S = normal[3:, 3:] - normal[3:, :3] @ across[:, :4]
     return S, right[3:] - normal[3:, :3] @ across[:, 4], fit.R
+
+
+def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Return the number of the piece of the seam that each foot (k, 3) is on."""
+    cell = ((feet + np.float32(1.0)) * np.float32(0.5 * _CELLS)).astype(np.int64)
+    return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
 
 
 def _scatter(S: Floats, pulls: Floats) -> float:

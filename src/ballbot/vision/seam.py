@@ -192,7 +192,7 @@ class SeamPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class RotationFit:
+class Fit:
     """A rotation, and how well the points fit it."""
 
     R: Floats  #: (3, 3) ball frame to camera frame
@@ -202,9 +202,7 @@ class RotationFit:
     inliers: float  #: fraction of the weight that is within reach of the curve
 
 
-def fit_rotation(
-    table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]
-) -> RotationFit:
+def fit_rotation(table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]) -> Fit:
     """Return the rotation near a start (3, 3), ball to camera frame, that brings three points or more onto the curve.
 
     `reaches` are, for each iteration, the distance from which on a point counts nothing [rad]. Points on one circle,
@@ -213,7 +211,7 @@ def fit_rotation(
     R = start
     for reach in reaches:
         r, n, q, w = matched(table, seen, R, reach)
-        lever = np.cross(q, n)
+        lever = crossed(q, n)
         H = (lever * w[:, None]).T @ lever
         trust = TRUST / 3.0 * max(float(np.trace(H)), 1e-9)
         g = (lever.T @ (w * r)).astype(np.float64) - trust * Rotation.from_matrix(start.T @ R).as_rotvec()
@@ -239,11 +237,20 @@ def matched(
     return r, n, q, seen.area * np.maximum(foot, np.float32(0.0)) * share * share
 
 
-def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> RotationFit:
+def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return q x n (k, 3)."""
+    lever = np.empty_like(q)
+    lever[:, 0] = q[:, 1] * n[:, 2] - q[:, 2] * n[:, 1]
+    lever[:, 1] = q[:, 2] * n[:, 0] - q[:, 0] * n[:, 2]
+    lever[:, 2] = q[:, 0] * n[:, 1] - q[:, 1] * n[:, 0]
+    return lever
+
+
+def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> Fit:
     r, n, q, w = matched(table, seen, R, reach)
-    lever = np.cross(q, n)
+    lever = crossed(q, n)
     H = ((lever * w[:, None]).T @ lever).astype(np.float64)
-    return RotationFit(
+    return Fit(
         R=R,
         information=R @ H @ R.T,
         bias=R @ _disagreement(H, lever * (w * r)[:, None], q - r[:, None] * n) @ R.T,
@@ -258,13 +265,8 @@ def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
     The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: what blur, shadows, a wrong view or a
     wrong curve do to one piece they do otherwise to the next.
     """
-    piece = pieces(feet, _PIECES)
+    cell = np.minimum(((feet + 1.0) * (0.5 * _PIECES)).astype(np.intp), _PIECES - 1)
+    piece = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2]
     sums = np.stack([np.bincount(piece, weights=pulls[:, axis]) for axis in range(3)])
     inverse = np.linalg.inv(H + TRUST / 3.0 * max(float(np.trace(H)), 1e-9) * np.eye(3))
     return inverse @ (sums @ sums.T) @ inverse
-
-
-def pieces(feet: NDArray[np.floating], count: int) -> NDArray[np.intp]:
-    """Return the number of the piece of the seam that each foot (k, 3) is on: cells, so many along a diameter."""
-    cell = np.minimum(((feet + 1.0) * (0.5 * count)).astype(np.intp), count - 1)
-    return (cell[:, 0] * count + cell[:, 1]) * count + cell[:, 2]

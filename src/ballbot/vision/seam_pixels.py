@@ -40,8 +40,8 @@ _NOT_SEAM = 0.3
 _LEAST_SHARE = np.float32(1e-3)
 #: most of a ball that a seam covers
 _MOST_SEAM = 0.35
-#: rounds in which it is learned, each from the last one's split
-_ROUNDS = 6
+#: times that the discriminant is learned, each with surroundings freer of the seam
+_PASSES = 3
 #: most pixels that it is learned from
 _MOST_PIXELS = 40_000
 _LOGS = np.log(np.arange(256, dtype=np.float32) + np.float32(_FLOOR))
@@ -79,42 +79,87 @@ def surroundings(inside: Bools, around: int) -> NDArray[np.float32]:
 
 
 def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius: float) -> SeamColour:
-    """Learn what discriminates seam from ball in pictures (rows, columns, 3) of a turning ball of that radius [pixels].
+    """Learn what discriminates seam from ball in pictures (rows, columns, 3) of a ball of that radius [pixels].
 
-    The seam is what stands out of a pixel's median over the pictures. `inside` (rows, columns) are the pixels of the
-    ball. InputError if no colour stands out enough.
+    The seam is what stands out of its surroundings most. `inside` (rows, columns) are the pixels of the ball.
+    InputError if no colour stands out enough.
     """
-    step = max(1, int(inside.sum() * len(pictures) / _MOST_PIXELS))
-    levels = np.stack([picture[inside][::step] for picture in pictures])
-    logs = np.stack([cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR)[inside][::step] for picture in pictures])
-    detail = (logs - np.median(logs, axis=0)).reshape(-1, 3).astype(np.float64)
-    by_level = 1.0 / (np.median(levels, axis=(0, 1)) + _FLOOR)  # of the logarithm
+    around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
+    sample = _Sample.of(pictures, inside, around)
+    by_level = 1.0 / (np.median(sample.levels, axis=0) + _FLOOR)  # of the logarithm
     noise = np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2
     noise += np.outer(by_level, by_level) * _REFLECTION**2
+    detail = sample.detail(None)
     w, threshold, separation = _start(detail), 0.0, 0.0
-    for _ in range(_ROUNDS):
-        is_seam = _split(detail @ w)
-        if is_seam is None:
-            raise InputError(_NO_SEAM)
-        seam, ball = detail[is_seam], detail[~is_seam]
-        apart = seam.mean(axis=0) - ball.mean(axis=0)
-        spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
-        w = np.linalg.solve(spread, apart)
-        w /= np.linalg.norm(w)
-        threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
-        separation = float(w @ apart / np.sqrt(w @ spread @ w))
+    for _ in range(_PASSES):
+        for _ in range(6):
+            is_seam = _split(detail @ w)
+            if is_seam is None:
+                raise InputError(_NO_SEAM)
+            seam, ball = detail[is_seam], detail[~is_seam]
+            apart = seam.mean(axis=0) - ball.mean(axis=0)
+            spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
+            w = np.linalg.solve(spread, apart)
+            w /= np.linalg.norm(w)
+            threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
+            separation = float(w @ apart / np.sqrt(w @ spread @ w))
+        detail = sample.detail((w, threshold))  # again with surroundings that are free of the seam
     if separation < _LEAST_SEPARATION:
         raise InputError(_NO_SEAM)
     along = detail @ w
-    seam, ball = along[along > threshold], along[along <= threshold]
+    is_seam = along > threshold
+    seam, ball = along[is_seam], along[~is_seam]
     contrast = seam.mean() - ball.mean()
     return SeamColour(
         table=(_LOGS[:, None] * (w / contrast)).astype(np.float32),
-        around=2 * max(2, round(0.5 * _AROUND * radius)) + 1,
+        around=around,
         # the median, for the seam's blurred edges are no noise
         noise=1.4826 * float(np.median(np.abs(ball - np.median(ball)))) / contrast,
         separation=separation,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Sample:
+    """What the discriminant is learned from."""
+
+    logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
+    inside: NDArray[np.float32]  #: (rows, columns)
+    around: int
+    chosen: Bools  #: (rows, columns)
+    levels: NDArray[np.uint8]  #: (n, 3) of the pixels chosen, of all pictures
+
+    @staticmethod
+    def of(pictures: Sequence[NDArray[np.uint8]], inside: Bools, around: int) -> _Sample:
+        step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
+        chosen = np.zeros_like(inside)
+        chosen[::step, ::step] = inside[::step, ::step]
+        return _Sample(
+            logs=[
+                np.asarray(cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR), np.float32)
+                for picture in pictures
+            ],
+            inside=inside.astype(np.float32),
+            around=around,
+            chosen=chosen,
+            levels=np.concatenate([picture[chosen] for picture in pictures]),
+        )
+
+    def detail(self, seam: tuple[Floats, float] | None) -> Floats:
+        """Return log colours less those around (n, 3); a seam known by direction and threshold is left out of these."""
+        parts = []
+        for values in self.logs:
+            ball = self.inside
+            detail = values - self._mean(values, ball)
+            if seam is not None:
+                ball = ball * (detail @ seam[0].astype(np.float32) < np.float32(0.7 * seam[1]))
+                detail = values - self._mean(values, ball)
+            parts.append(detail[self.chosen])
+        return np.concatenate(parts).astype(np.float64)
+
+    def _mean(self, values: NDArray[np.float32], ball: NDArray[np.float32]) -> NDArray[np.float32]:
+        share = np.maximum(_mean(ball, self.around), _LEAST_SHARE)
+        return np.asarray(_mean(values * ball[..., None], self.around) / share[..., None], np.float32)
 
 
 def _start(detail: Floats) -> Floats:

@@ -10,10 +10,10 @@ of the ball is seen.
 
     p = s d - D c,    s = D d.c - sqrt(1 - D^2 (1 - (d.c)^2)),    f = r / tan alpha = r sqrt(D^2 - 1)
 
-The outline is found from what changes: all that turns with the ball does, and the smallest circle about it is nearly
-the outline. Of some frames the median is taken, pixel by pixel: what turns with the ball is gone and what stands still
-stays. Along rays from the circle's centre the edge is where colour changes most; a ball's outline has an edge on most
-of its rays.
+The outline is found by voting for circles, each of which is scored by its own edge all around. Of some frames the
+median is taken, pixel by pixel: what turns with the ball is gone and what stands still stays. Along rays from a
+circle's centre the edge is where colour changes most; a ball's outline has an edge on most of its rays, and pictures
+change within it and not beyond, which they do not at the rim of a plate on which the ball lies.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.log.columns import Floats
+from ballbot.log.columns import Bools, Floats
 
 #: closeness stays within these: from a telephoto lens afar to one that all but touches
 CLOSENESS = (0.004, 0.6)
@@ -119,11 +119,13 @@ def view_of_outline(points: Floats, *, size: tuple[int, int], closeness: float) 
 
 #: closeness assumed until the seam determines it
 ASSUMED_CLOSENESS = 0.12
-#: added to levels before the logarithm, so that the noise of dark pixels counts little [grey levels]
-_FLOOR = 12.0
-#: a pixel changes if its logarithms of blue, green and red, or their differences, scatter by more than this over
-#: frames, and by more than this fraction of what one pixel in two hundred does
-_LEAST_CHANGE, _CHANGE_SHARE = 0.03, 0.25
+#: circles are voted for on a picture no larger than this [pixels], with this many votes at the least
+_VOTED_SIZE = 360
+_VOTES = 25.0
+#: smallest and largest radius, as fractions of the picture's shorter side
+_SMALLEST, _LARGEST = 0.08, 0.75
+#: circles taken from each vote
+_VOTED = 3
 #: rays from a circle's centre, and how far to both sides of it an edge is looked for, round by round, as fractions of
 #: the radius
 _RAYS = 240
@@ -132,46 +134,44 @@ _SEARCHES = (0.12, 0.06, 0.03)
 _EDGE = 8.0
 #: a ray agrees with the outline where its edge is within this fraction of the radius
 _EDGE_TOLERANCE = 0.012
-#: fraction of the rays within the picture that must
+#: fraction of the rays that must
 _LEAST_SHARE = 0.5
 
 
 def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
     """Return points (k, 2) of the ball's outline [pixels] in some frames of a camera that stands still.
 
-    InputError if no circle about what changes has an edge on half of its rays.
+    InputError if no circle has an edge on half of its rays.
     """
     few = np.stack(frames[:: max(1, len(frames) // 9)])
     still = np.median(few, axis=0).astype(np.uint8)
     picture = np.asarray(cv2.GaussianBlur(still, (0, 0), 1.0), np.float32)
-    outlines = [_refined(picture, circle) for circle in _turning(few)]
-    if not outlines or max(share for _, share in outlines) < _LEAST_SHARE:
+    size = (picture.shape[1], picture.shape[0])
+    refined = [
+        one for one in (_refined(picture, circle, size) for circle in _voted(still)) if one[2] >= _LEAST_SHARE
+    ]
+    if not refined:
         raise InputError(
-            "No ball was found: no circle about what turns in the picture has an edge along "
+            "No ball was found: no circle in the picture has an edge along "
             "half of its circumference. Give the circle with --circle x,y,r."
         )
-    return max(outlines, key=lambda one: one[1])[0]
+    changing = _changing(few)
+    return max(refined, key=lambda one: one[2] + _moves(changing, one[0]))[1]
 
 
-#: as OpenCV has it: centre, both axes, and the angle of the first [degrees]
-Ellipse = tuple[Sequence[float], Sequence[float], float]
+def _changing(frames: NDArray[np.uint8]) -> Bools:
+    """Return which pixels (height, width) change over frames (k, height, width, 3) by more than the picture's noise."""
+    calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames]).astype(np.float32)
+    spread = calm.std(axis=0).max(axis=2)
+    return spread > 3.0 * np.median(spread) + 2.0
 
 
-def _turning(frames: NDArray[np.uint8]) -> list[Ellipse]:
-    """Return circles about what changes over frames (k, height, width, 3): in light, and in colour."""
-    calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames])
-    logs = np.log(calm.astype(np.float32) + np.float32(_FLOOR))
-    circles = []
-    for values in (logs, logs - logs.mean(axis=3, keepdims=True)):  # a shadow changes the first only
-        spread = values.std(axis=0).max(axis=2)
-        most = float(np.quantile(spread, 0.995))
-        changes = (spread > max(_LEAST_CHANGE, _CHANGE_SHARE * most)).astype(np.uint8)
-        filled = cv2.morphologyEx(changes, cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8))
-        pieces = cv2.findContours(filled, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-        if pieces:
-            center, radius = cv2.minEnclosingCircle(max(pieces, key=cv2.contourArea))
-            circles.append((center, (2.0 * radius, 2.0 * radius), 0.0))
-    return circles
+def _moves(changing: Bools, view: View) -> float:
+    """Return the fraction of changing pixels just within a circle less that of those just beyond."""
+    rows, columns = np.mgrid[: changing.shape[0], : changing.shape[1]]
+    out = np.hypot(columns - view.x, rows - view.y) / view.radius
+    within, beyond = changing[(out > 0.75) & (out < 0.96)], changing[(out > 1.05) & (out < 1.2)]
+    return float(within.mean()) - (float(beyond.mean()) if beyond.size else 0.0)
 
 
 def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> Floats:
@@ -183,32 +183,83 @@ def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> 
             f"The circle is {x:g},{y:g},{radius:g}; it must lie in the picture, which is {width} x {height} pixels, "
             "and have a radius of at least 8 pixels."
         )
-    return _on_ellipse(((x, y), (2.0 * radius, 2.0 * radius), 0.0))
+    return _on_circle(circle)
 
 
-def _on_ellipse(ellipse: Ellipse) -> Floats:
-    center, axes, degrees = ellipse
-    angle, turn = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False), np.radians(degrees)
-    along = np.column_stack([0.5 * axes[0] * np.cos(angle), 0.5 * axes[1] * np.sin(angle)])
-    c, s = np.cos(turn), np.sin(turn)
-    return center + along @ np.array([[c, s], [-s, c]])
+def _on_circle(circle: tuple[float, float, float]) -> Floats:
+    x, y, radius = circle
+    angle = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
+    return np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
 
 
-def _refined(picture: NDArray[np.float32], ellipse: Ellipse) -> tuple[Floats, float]:
-    """Return points (k, 2) of the outline near an ellipse, and the fraction of its rays whose edge agrees with it."""
-    points, share = _on_ellipse(ellipse), 0.0
+def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
+    """Return circles (x, y, radius) that edges vote for, and about the same centres those of the strongest edges."""
+    factor = min(1.0, _VOTED_SIZE / max(still.shape[:2]))
+    small = np.asarray(cv2.resize(still, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
+    shorter = min(small.shape[:2])
+    smallest, largest = int(_SMALLEST * shorter), int(_LARGEST * shorter)
+    circles: list[Floats] = []
+    for channel in (
+        cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
+        *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
+    ):
+        found = cv2.HoughCircles(
+            cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=_VOTES,
+            minRadius=smallest, maxRadius=largest,
+        )  # fmt: skip
+        if found is not None:
+            circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
+    distinct: list[Floats] = []
+    for circle in circles:
+        for radius in (circle[2], *_strongest(small, circle[0], circle[1], smallest, largest)):
+            one = np.array([circle[0], circle[1], radius])
+            if all(np.abs(one - other).max() > 0.03 * shorter for other in distinct):
+                distinct.append(one)
+    return [((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in distinct]
+
+
+def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, largest: int) -> list[float]:
+    """Return the radii of the circles about a place on which colour changes most, all around, up to three."""
+    shares = np.arange(smallest, largest)
+    angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    columns = (x + np.outer(np.cos(angle), shares)).astype(np.float32)
+    rows = (y + np.outer(np.sin(angle), shares)).astype(np.float32)
+    colours = cv2.remap(
+        picture.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    change = np.median(np.linalg.norm(colours[:, 2:] - colours[:, :-2], axis=2), axis=0)
+    peaks = (
+        np.flatnonzero((change[1:-1] >= change[:-2]) & (change[1:-1] > change[2:]) & (change[1:-1] > 2.0)) + 1
+    )
+    return [float(shares[peak] + 1) for peak in peaks[np.argsort(-change[peaks])][:3]]
+
+
+def _refined(
+    picture: NDArray[np.float32], circle: tuple[float, float, float], size: tuple[int, int]
+) -> tuple[View, Floats, float]:
+    """Return the outline near a circle, its points (k, 2), and the fraction of its rays whose edge agrees with it."""
+    points = _on_circle(circle)
+    view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
+    share = 0.0
     for search in _SEARCHES:
-        outline = _on_ellipse(ellipse)
-        outward = outline - np.array(ellipse[0])
-        seen = ((outline > 0.0) & (outline < np.array(picture.shape[1::-1]) - 1.0)).all(axis=1)
+        outline = view.outline(_RAYS)
+        outward = outline - np.array([view.x, view.y])
         edges, strength = _edges(picture, outline, outward, search)
-        off = np.where(seen & (strength > _EDGE), edges, np.nan)
+        off = np.where(strength > _EDGE, edges, np.nan)
         if np.isfinite(off).sum() < 0.3 * _RAYS:
-            return points, 0.0
+            return view, points, 0.0
         good = np.abs(off - np.nanmedian(off)) < max(0.3 * search, _EDGE_TOLERANCE)
-        points, share = (outline + off[:, None] * outward)[good], float(good.sum() / seen.sum())
-        ellipse = cv2.fitEllipse(points.astype(np.float32))
-    return points, share
+        places = outline + off[:, None] * outward
+        if good.sum() < 20:
+            return view, points, 0.0
+        points = places[good]
+        view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
+        after = view.outline(_RAYS)
+        miss = np.linalg.norm(places - np.array([view.x, view.y]), axis=1) / np.linalg.norm(
+            after - np.array([view.x, view.y]), axis=1
+        )
+        share = float(np.mean(np.abs(miss - 1.0) < _EDGE_TOLERANCE))
+    return view, points, share
 
 
 def _edges(
