@@ -56,7 +56,7 @@ def test_numbers_that_are_equal_move_together_and_count_once():
 def test_each_wheels_error_contains_by_how_much_motors_differ():
     space = tied("coulomb")
     point = space.scaled(TRUTH)
-    values, scaled = space.physical(point), np.where(space.free, 0.01 / space.slopes(point), np.nan)
+    values, scaled = space.physical(point), 0.01 / np.where(space.free, space.slopes(point), np.nan)
     R = np.where(np.outer(space.free, space.free), np.eye(12), np.nan)
     found = uncertainty_of_each(
         space,
