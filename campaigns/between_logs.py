@@ -134,7 +134,7 @@ def nominal_log(seed: int, scenario: Scenario = NOMINAL) -> Log:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class FittedLog:
     """The fit of one log."""
 
     coordinates: Coordinates
@@ -143,13 +143,13 @@ class Fit:
     by_log: LogEstimates
 
 
-def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
+def fit_of(log: Log, name: str, *, law: str = "stribeck") -> FittedLog:
     """Return a log's fit, in one thread, from file if it is there.
 
     As `identify` does, without its evolution, from a start far from the truth, and without profiles.
     """
 
-    def make() -> Fit:
+    def make() -> FittedLog:
         coordinates = estimated_parameters(ROBOT, free=("friction",), law=law, bounds=Bounds())
         options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
         prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
@@ -163,7 +163,7 @@ def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
             most_steps=options.gauss_newton_steps,
             run=run,
         )
-        return Fit(
+        return FittedLog(
             coordinates=coordinates,
             values=np.where(estimate.unknown, np.nan, estimate.values),
             within=estimate.uncertainty,
@@ -173,7 +173,7 @@ def fit_of(log: Log, name: str, *, law: str = "stribeck") -> Fit:
     return kept(KEPT, f"fit_{name}_{law}", make)
 
 
-def pairs(seeds: Sequence[int]) -> Iterator[tuple[Fit, Fit]]:
+def pairs(seeds: Sequence[int]) -> Iterator[tuple[FittedLog, FittedLog]]:
     """Yield the fits of each twin's two logs."""
     for seed in seeds:
         first, second = (fit_of(pair_log(seed, which), f"{seed:04d}_{which}") for which in (0, 1))
@@ -218,7 +218,7 @@ def fit_prior(robots: Sequence[RobotLogs], *, groups: int) -> tuple[NDArray[np.f
     return prior_of(minimize(loss, near.x, method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 1e-2}).x)
 
 
-def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
+def fitted_priors(training: Sequence[tuple[FittedLog, FittedLog]]) -> Priors:
     """Return the priors by quantity, from the parameters that both logs of a robot gave a standard error."""
     robots = []
     for both in training:
@@ -242,7 +242,7 @@ def fitted_priors(training: Sequence[tuple[Fit, Fit]]) -> Priors:
     )
 
 
-def _known(fit: Fit) -> NDArray[np.float64]:
+def _known(fit: FittedLog) -> NDArray[np.float64]:
     """Return a fit's values (p,), those of the description for what has no influence."""
     return np.where(np.isfinite(fit.values), fit.values, fit.coordinates.nominal)
 
@@ -266,7 +266,7 @@ class Judged:
         return (self.ends[:, 0] <= self.second) & (self.second <= self.ends[:, 1])
 
 
-def judge(both: tuple[Fit, Fit], priors: Priors) -> Iterator[Judged]:
+def judge(both: tuple[FittedLog, FittedLog], priors: Priors) -> Iterator[Judged]:
     """Yield each parameter that both logs give a number."""
     first, second = both
     coordinates = first.coordinates
@@ -397,7 +397,7 @@ def write_prior() -> None:
     write_text(PRIOR_FILE, _prior_text(calibrated(fitted_priors(training), training)))
 
 
-def calibrated(priors: Priors, training: Sequence[tuple[Fit, Fit]]) -> Priors:
+def calibrated(priors: Priors, training: Sequence[tuple[FittedLog, FittedLog]]) -> Priors:
     """Return priors times the least quarter step with which both intervals hold `_HELD` of the training estimates.
 
     With the sizes as fitted, the stated 95 % intervals hold 82 % of them.

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from ballbot.log import Log
 from ballbot.workflows.controller_prediction import (
     SHOWN,
+    ControllerPrediction,
     ControllerVerdict,
-    Prediction,
     QuantityResult,
     evaluate_log,
     lognormal_interval,
@@ -52,7 +52,7 @@ class Outcome:
         return not self.fell and (self.without_fell or self.seen.peak_error < self.without.peak_error)
 
 
-def prediction_of(study: Studied) -> Prediction:
+def prediction_of(study: Studied) -> ControllerPrediction:
     """Return the study's prediction of the precise controller."""
     made = predict(replace(study.choice, chosen="precise"))
     assert made is not None
@@ -69,7 +69,9 @@ def outcomes(seeds: Sequence[int], *, of: str) -> list[Outcome]:
     ]
 
 
-def _outcome(study: Studied, prediction: Prediction, twin: FaultyTwin, logs: dict[str, Log]) -> Outcome:
+def _outcome(
+    study: Studied, prediction: ControllerPrediction, twin: FaultyTwin, logs: dict[str, Log]
+) -> Outcome:
     controller = study.controllers["precise"]
     log, without = logs["precise"], logs["none"]
     return Outcome(

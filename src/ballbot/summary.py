@@ -132,6 +132,7 @@ def plotted(value: object) -> Figure:
     return import_module("ballbot.report.style").plotted(draw, value)
 
 
+@summarized
 class Reported:
     """Base of results whose report has their sentences, their figure and what results.json holds of them."""
 
@@ -146,12 +147,6 @@ class Reported:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return written_results(self)
-
-    def __repr__(self) -> str:
-        return repr(self.summary())
-
-    def _repr_html_(self) -> str:
-        return self.summary()._repr_html_()
 
 
 def written_results(value: object) -> dict[str, object]:

@@ -163,7 +163,7 @@ def test_the_command_stops_before_it_works(
     file, out = tmp_path / "up.csv", tmp_path / "out"
     Log(ball | angles | times(-1.0, *BALL)(ball)).write(file)
     assert main(["identify-geometry", "alten", "--upside-down", str(file), "--out", str(out)]) == 2
-    told = capsys.readouterr().err
-    assert "have the opposite sign" in told
-    assert told.endswith("To continue despite this: --accept ball-omega.\n")
+    message = capsys.readouterr().err
+    assert "have the opposite sign" in message
+    assert message.endswith("To continue despite this: --accept ball-omega.\n")
     assert not out.exists()

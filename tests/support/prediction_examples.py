@@ -20,7 +20,7 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse
-from ballbot.workflows.controller_prediction import Prediction, checksum_of, performance_intervals
+from ballbot.workflows.controller_prediction import ControllerPrediction, checksum_of, performance_intervals
 from ballbot.workflows.metrics import Performance
 
 ALTEN = Robot.load("alten")
@@ -40,7 +40,7 @@ def predicted_log() -> Log:
 
 
 @cache
-def known_prediction() -> Prediction:
+def known_prediction() -> ControllerPrediction:
     """Return a prediction about what that log shows, and without compensation forty times its errors."""
     seen = Performance.of(predicted_log(), torque_limit=CONTROLLER.torque_limit)
     random = np.random.default_rng(0)
@@ -57,7 +57,7 @@ def known_prediction() -> Prediction:
         replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
     ]
     factor = dict.fromkeys(asdict(seen), (0.6, 1.7))
-    return Prediction(
+    return ControllerPrediction(
         course=COURSE,
         controller="precise",
         checksum=checksum_of(CONTROLLER),

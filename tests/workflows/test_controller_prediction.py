@@ -27,8 +27,8 @@ from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
 from ballbot.workflows.controller_choice import PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
+    ControllerPrediction,
     ControllerVerdict,
-    Prediction,
     course_of,
     evaluate_log,
     lognormal_interval,
@@ -61,7 +61,7 @@ def log() -> Log:
 
 
 @pytest.fixture(scope="module")
-def prediction() -> Prediction:
+def prediction() -> ControllerPrediction:
     return known_prediction()
 
 
@@ -88,12 +88,12 @@ def test_interval_holds_95_percent_of_new_lognormal_values(seed, spread, center,
 # --- files ---
 
 
-def stored(prediction: Prediction, path: Path) -> Path:
+def stored(prediction: ControllerPrediction, path: Path) -> Path:
     write_text(path, as_json({"prediction": prediction}))
     return path
 
 
-def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
+def test_stored_prediction_reads_back(prediction: ControllerPrediction, tmp_path: Path):
     found = read_prediction(stored(prediction, tmp_path / "results.json"))
     assert found == prediction
 
@@ -106,7 +106,7 @@ def test_stored_prediction_reads_back(prediction: Prediction, tmp_path: Path):
         (lambda tree: tree["prediction"]["chosen"].pop("lean"), "not one of this version"),
     ],
 )
-def test_wrong_files_get_one_sentence(change, sentence, prediction: Prediction, tmp_path: Path):
+def test_wrong_files_get_one_sentence(change, sentence, prediction: ControllerPrediction, tmp_path: Path):
     path = stored(prediction, tmp_path / "results.json")
     tree = json.loads(path.read_text(encoding="utf-8"))
     change(tree)
@@ -135,7 +135,7 @@ def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Con
 # --- verdicts ---
 
 
-def test_run_as_predicted_is_kept(prediction: Prediction, log: Log, controller: Controller):
+def test_run_as_predicted_is_kept(prediction: ControllerPrediction, log: Log, controller: Controller):
     verdict = evaluate_log(prediction, log, controller)
     assert verdict.recommendation == "keep"
     assert verdict.confirmed
@@ -154,7 +154,7 @@ def displaced(log: Log, size: float) -> Log:
 
 
 def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(
-    prediction: Prediction, log: Log, controller: Controller
+    prediction: ControllerPrediction, log: Log, controller: Controller
 ):
     low = prediction.none["peak_error"].low
     verdict = evaluate_log(prediction, displaced(log, 0.7 * low), controller)
@@ -170,7 +170,7 @@ def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(
 
 
 def test_fall_reverts_even_if_its_reason_is_not_logged(
-    prediction: Prediction, log: Log, controller: Controller
+    prediction: ControllerPrediction, log: Log, controller: Controller
 ):
     part = log.between(0.0, 7.0)
     fallen = part.with_columns({"theta": part["theta"] + 0.4 * np.maximum(part.t - 6.0, 0.0)})
@@ -181,7 +181,7 @@ def test_fall_reverts_even_if_its_reason_is_not_logged(
 
 
 def test_single_missing_values_do_not_count_and_many_are_refused(
-    prediction: Prediction, log: Log, controller: Controller
+    prediction: ControllerPrediction, log: Log, controller: Controller
 ):
     x = log["x"].copy()
     x[[300, 1500]] = np.nan
@@ -193,7 +193,7 @@ def test_single_missing_values_do_not_count_and_many_are_refused(
 
 
 def test_another_course_controller_or_sample_time_is_refused(
-    prediction: Prediction, log: Log, controller: Controller
+    prediction: ControllerPrediction, log: Log, controller: Controller
 ):
     moved, coarse = log.with_columns({"ref_x": log["ref_x"] + 0.3}), log.select(slice(None, None, 2))
     for other, driver, sentence in (
@@ -207,7 +207,7 @@ def test_another_course_controller_or_sample_time_is_refused(
 
 @settings(max_examples=10, deadline=None)
 @given(before=st.integers(1, 400), shift=st.floats(-100.0, 100.0))
-def test_course_is_found_after_rows_before_it(before, shift, prediction: Prediction, log: Log):
+def test_course_is_found_after_rows_before_it(before, shift, prediction: ControllerPrediction, log: Log):
     h = log.sample_time
     columns = {name: np.concatenate([np.repeat(log[name][0], before), log[name]]) for name in log.names}
     columns["t"] = shift + h * np.arange(len(log) + before)

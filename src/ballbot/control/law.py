@@ -32,7 +32,7 @@ from ballbot.control.parts.part import (
     LawSettings,
     Measured,
     Sample,
-    Smooth,
+    SmoothReference,
     TorqueHistory,
     clipped,
     heading_frame,
@@ -129,11 +129,11 @@ def _turned_by(memory, angle):
 
 @inlined
 def _unshaped(reference, moved):
-    """Return the reference of x, y and psi, each a `Smooth` at rest, its heading moved by an angle."""
+    """Return the reference of x, y and psi, each a `SmoothReference` at rest, its heading moved by an angle."""
     return (
-        Smooth(reference[0], 0.0, 0.0, 0.0, 0.0),
-        Smooth(reference[1], 0.0, 0.0, 0.0, 0.0),
-        Smooth(reference[4] + moved, 0.0, 0.0, 0.0, 0.0),
+        SmoothReference(reference[0], 0.0, 0.0, 0.0, 0.0),
+        SmoothReference(reference[1], 0.0, 0.0, 0.0, 0.0),
+        SmoothReference(reference[4] + moved, 0.0, 0.0, 0.0, 0.0),
     )
 
 

@@ -50,46 +50,54 @@ class Executor(ABC):
         return [made[place] for place in range(len(pieces))]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _OfThisMachine(Executor):
-    count: int | None = None  #: how many work side by side, one for each core where None; one does all here
+def _each_in(
+    pool_of: Callable[[int], Pool],
+    count: int | None,
+    make: Callable[[Piece], Result],
+    pieces: Sequence[Piece],
+) -> Generator[tuple[int, Result], None, None]:
+    """Yield the place and the result of each piece, done in a pool of this machine; by one worker, here."""
+    workers = min(count or os.cpu_count() or 1, len(pieces))
+    if workers < 2:
+        yield from enumerate(map(make, pieces))
+        return
+    pool, finished = pool_of(workers), False
+    try:
+        with uninterrupted():
+            places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
+        for future in as_completed(places):
+            yield places[future], future.result()
+        finished = True
+    except BrokenProcessPool:
+        raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
+    finally:
+        pool.shutdown(wait=finished, cancel_futures=True)
 
-    @abstractmethod
-    def _pool(self, workers: int) -> Pool: ...
+
+@dataclass(frozen=True, kw_only=True)
+class Threads(Executor):
+    """The threads of this process: compiled code and MuJoCo run in them side by side."""
+
+    count: int | None = None  #: how many work side by side; one for each core where None
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
         """Yield the place and the result of each piece, as they are finished."""
-        workers = min(self.count or os.cpu_count() or 1, len(pieces))
-        if workers < 2:
-            yield from enumerate(map(make, pieces))
-            return
-        pool, finished = self._pool(workers), False
-        try:
-            with uninterrupted():
-                places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
-            for future in as_completed(places):
-                yield places[future], future.result()
-            finished = True
-        except BrokenProcessPool:
-            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
-        finally:
-            pool.shutdown(wait=finished, cancel_futures=True)
+        return _each_in(ThreadPoolExecutor, self.count, make, pieces)
 
 
-class Threads(_OfThisMachine):
-    """The threads of this process: compiled code and MuJoCo run in them side by side."""
-
-    def _pool(self, workers: int) -> Pool:
-        return ThreadPoolExecutor(workers)
-
-
-class Processes(_OfThisMachine):
+@dataclass(frozen=True, kw_only=True)
+class Processes(Executor):
     """Processes of this machine, which take seconds to begin."""
 
-    def _pool(self, workers: int) -> Pool:
-        return worker_pool(workers)
+    count: int | None = None  #: how many work side by side; one for each core where None
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the place and the result of each piece, as they are finished."""
+        return _each_in(worker_pool, self.count, make, pieces)
 
 
 ALL_CORES = Processes()

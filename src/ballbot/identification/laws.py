@@ -159,7 +159,7 @@ class LawSelection:
 
     @property
     def best(self) -> LawCandidate:
-        """Of those accepted, the one with the least error; viscous if there is none."""
+        """The accepted law of the least error; viscous friction if no law is accepted."""
         accepted = [candidate for candidate in self.candidates if candidate.accepted]
         return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
 

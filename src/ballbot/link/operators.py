@@ -89,7 +89,9 @@ class TerminalOperator:
     def confirm_arming(self) -> bool:
         """Let the person type the confirmation; nobody else can give it. InputError if the input is not a terminal."""
         if not sys.stdin.isatty():
-            raise InputError("Arming is confirmed at a terminal, and the input of this command is none.")
+            raise InputError(
+                "Arming is confirmed at a terminal, but the input of this command is not a terminal."
+            )
         self._say("The motors will be enabled. Is the robot where it should be, and is nobody in its way?")
         self._say(f"Type {_CONFIRMATION} and press Enter within 10 s; anything else leaves it disarmed.")
         return sys.stdin.readline().strip() == _CONFIRMATION

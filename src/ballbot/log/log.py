@@ -26,13 +26,14 @@ from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
     Bools,
+    Columns,
+    Floats,
     mark_missing,
     numbered_names,
     similar_column,
     unit_of,
 )
 from ballbot.log.formats import read_columns, write_columns
-from ballbot.log.frames import columns_of, frame_of
 from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
@@ -40,7 +41,7 @@ from ballbot.summary import Summary, counted, duration_words, plotted, range_wor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
+    from pandas import DataFrame, Index, Series
 
 #: states that a reference states
 _TRACKED = ("x", "y", "psi")
@@ -119,7 +120,7 @@ class Log:
 
         `frame.attrs["units"]` has the units of the columns, t among them.
         """
-        return frame_of(self.columns)
+        return _frame_of(self.columns)
 
     @staticmethod
     def from_pandas(frame: DataFrame, *, mapping: str | Path | LogMapping | None = None) -> Log:
@@ -129,7 +130,7 @@ class Log:
         What is missing becomes NaN. InputError if there is no time or it does not increase, or
         a column does not contain numbers.
         """
-        columns, changes = columns_of(frame), list[Finding]()
+        columns, changes = _columns_of(frame), list[Finding]()
         if mapping is not None:
             columns = apply_mapping(read_mapping(mapping), columns, changes=changes)
         elif "t" not in columns:
@@ -370,3 +371,48 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     for name, column in columns.items():
         if column.shape != rows:
             raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
+
+
+# --- pandas' tables: the index is the time t [s], `frame.attrs["units"]` has each column's unit, as "rad/s" ---
+
+
+def _frame_of(columns: Mapping[str, Floats]) -> DataFrame:
+    """Return a log's columns, t among them, as a DataFrame; see `Log.to_pandas`."""
+    import pandas
+
+    rest = {name: values for name, values in columns.items() if name != "t"}
+    frame = pandas.DataFrame(rest, index=pandas.Index(columns["t"], name="t"), copy=True)
+    frame.attrs["units"] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
+    return frame
+
+
+def _columns_of(frame: DataFrame) -> Columns:
+    """Return a frame's columns as float64, its index among them if it is named or counts time."""
+    import pandas
+
+    if not isinstance(frame, pandas.DataFrame):
+        kind = type(frame).__name__
+        raise InputError(f"A log is made of a pandas DataFrame; an object of type {kind} is given.")
+    index, names = frame.index, frame.columns.tolist()
+    if len(set(names)) < len(names) or not all(isinstance(name, str) for name in names):
+        raise InputError("The frame's columns must have a name each, a text that no other has.")
+    key = "t" if index.dtype.kind in "mM" and "t" not in names else index.name
+    before = [(key, index)] if isinstance(key, str) and key not in names else []
+    return {str(name): _numbers(str(name), values) for name, values in [*before, *frame.items()]}
+
+
+def _numbers(name: str, values: Series | Index) -> Floats:
+    """Return values as numbers, dates and durations as seconds; dates count from the first row."""
+    import pandas
+
+    kind = values.dtype.kind
+    if kind in "mM":
+        moments = pandas.Index(values)
+        durations = pandas.TimedeltaIndex(moments if kind == "m" else moments - moments[0])
+        return durations.total_seconds().to_numpy(dtype=np.float64)
+    if kind not in "fiub":
+        raise InputError(
+            f"The frame's column {name!r} does not contain numbers (its type is {values.dtype}). Convert it, or leave "
+            f"it out: frame.drop(columns={name!r})."
+        )
+    return values.to_numpy(dtype=np.float64, na_value=np.nan)

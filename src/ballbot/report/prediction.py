@@ -15,8 +15,8 @@ from ballbot.rounding import interval, unit_heading
 from ballbot.workflows.controller_choice import CANDIDATES
 from ballbot.workflows.controller_prediction import (
     SHOWN,
+    ControllerPrediction,
     ControllerVerdict,
-    Prediction,
     PredictionInterval,
     QuantityResult,
 )
@@ -24,7 +24,7 @@ from ballbot.workflows.controller_prediction import (
 
 def prediction_report(
     verdict: ControllerVerdict,
-    prediction: Prediction,
+    prediction: ControllerPrediction,
     *,
     title: str,
     series: Sequence[Block],
@@ -74,7 +74,7 @@ def prediction_report(
     )
 
 
-def predicted_sheet(prediction: Prediction) -> Sheet:
+def predicted_sheet(prediction: ControllerPrediction) -> Sheet:
     """Return each quantity as predicted, with the chosen controller and without compensation."""
     none = prediction.none
     columns: list[Column[tuple[str, PredictionInterval]]] = [
@@ -94,7 +94,12 @@ def _name(quantity: str) -> str:
 
 
 def next_steps(
-    verdict: ControllerVerdict, prediction: Prediction, *, results: Path, robot: Path, controller: Path
+    verdict: ControllerVerdict,
+    prediction: ControllerPrediction,
+    *,
+    results: Path,
+    robot: Path,
+    controller: Path,
 ) -> list[str]:
     """Return what to do, in sentences that name the study's files."""
     steps = []

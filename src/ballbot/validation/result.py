@@ -64,7 +64,7 @@ class Validation:
         return found
 
     def verdicts(self) -> dict[str, str]:
-        """Return each way's verdict, or why there is none, by its key."""
+        """Return by its key each way's verdict, or the reason why the log does not allow that way."""
         words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in WAYS}
         return words | {key: one.verdict() for key, one in self.comparisons.items()}
 

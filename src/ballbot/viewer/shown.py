@@ -63,7 +63,7 @@ def read_parts(
 
 
 def robot_beside(path: Path) -> Robot:
-    """Return the robot of a log, which is beside it; InputError if there is none."""
+    """Return the robot whose file lies beside a log; InputError if that file is missing."""
     beside = path.parent / "robot.toml"
     if not beside.is_file():
         raise InputError(

@@ -192,7 +192,7 @@ class SeamPoints:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class SeamFit:
     """A rotation, and how well the points fit it."""
 
     R: Floats  #: (3, 3) ball frame to camera frame
@@ -202,7 +202,7 @@ class Fit:
     inliers: float  #: fraction of the weight that is within reach of the curve
 
 
-def fit_rotation(table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]) -> Fit:
+def fit_rotation(table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]) -> SeamFit:
     """Return the rotation near a start (3, 3), ball to camera frame, that brings three points or more onto the curve.
 
     `reaches` are, for each iteration, the distance from which on a point counts nothing [rad]. Points on one circle,
@@ -246,11 +246,11 @@ def crossed(q: NDArray[np.float32], n: NDArray[np.float32]) -> NDArray[np.float3
     return lever
 
 
-def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> Fit:
+def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> SeamFit:
     r, n, q, w = matched(table, seen, R, reach)
     lever = crossed(q, n)
     H = ((lever * w[:, None]).T @ lever).astype(np.float64)
-    return Fit(
+    return SeamFit(
         R=R,
         information=R @ H @ R.T,
         bias=R @ _disagreement(H, lever * (w * r)[:, None], q - r[:, None] * n) @ R.T,

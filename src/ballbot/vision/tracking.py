@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.log.columns import Bools, Floats
 from ballbot.progress import Progress, ProgressCallback
-from ballbot.vision.seam import Fit, SeamPoints, SeamTable, fit_rotation
+from ballbot.vision.seam import SeamFit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import BallPixels, SeamFinder
 from ballbot.vision.video import LEAST_FRAMES
 
@@ -59,7 +59,7 @@ class OrientationSearch:
     table: SeamTable
     pixels: BallPixels
 
-    def score(self, fit: Fit, seam: NDArray[np.float32]) -> float:
+    def score(self, fit: SeamFit, seam: NDArray[np.float32]) -> float:
         """Return the smaller of what a fit explains of the seam's pixels and what is seen of the curve, 0 to 1.
 
         `seam` (m,) is how much each pixel used is seam; the curve counts where a pixel is used.
@@ -74,7 +74,7 @@ class OrientationSearch:
 
     def localise(
         self, seen: SeamPoints, seam: NDArray[np.float32], *, near: Floats | None
-    ) -> tuple[Fit, float]:
+    ) -> tuple[SeamFit, float]:
         """Return the best orientation for a frame, and its score; among some as good, the nearest to `near` (3, 3)."""
         # those with more weight are likelier to be chosen; the same for the same frame
         chosen = np.searchsorted(np.cumsum(seen.area), np.linspace(0.0, 0.999, _POINTS) * seen.area.sum())
@@ -120,8 +120,8 @@ class Track:
     """The ball's orientation in every frame."""
 
     R: Floats  #: (n, 3, 3) ball frame to camera frame; NaN where lost
-    information: Floats  #: (n, 3, 3) from `Fit`, camera frame
-    bias: Floats  #: (n, 3, 3) from `Fit`, camera frame [rad^2]
+    information: Floats  #: (n, 3, 3) from `SeamFit`, camera frame
+    bias: Floats  #: (n, 3, 3) from `SeamFit`, camera frame [rad^2]
     quality: Floats  #: (n,) 0 to 1
     stretch: NDArray[np.int64]  #: (n,) number of the stretch; -1 where lost
 
@@ -142,7 +142,7 @@ class _Follower:
         self._lost = 0  # frames since the last that was tracked
         self._stretch = -1
 
-    def next(self, frame: NDArray[np.uint8]) -> tuple[Fit, float, int] | None:
+    def next(self, frame: NDArray[np.uint8]) -> tuple[SeamFit, float, int] | None:
         """Return the orientation, its quality and its stretch; None where it is lost."""
         seen, seam = self._finder.find(frame)
         found = None
@@ -155,7 +155,7 @@ class _Follower:
         self._lost = 0
         return *found, self._stretch
 
-    def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[Fit, float] | None:
+    def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[SeamFit, float] | None:
         if self._last is None or self._lost > 1:
             return None
         turn = self._turn * (1.0 + self._lost)
@@ -176,7 +176,7 @@ class _Follower:
         self._turn, self._last, self._settled = whole, fit.R, True
         return fit, quality
 
-    def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[Fit, float] | None:
+    def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[SeamFit, float] | None:
         if self._last is not None and self._lost % _SEARCHED_EVERY:
             return None
         fit, quality = self._search.localise(seen, seam, near=self._last)
@@ -199,13 +199,13 @@ def follow(
 
     `frame_count` is how many there are at most, for the progress; 0 if that is not known.
     """
-    follower, found = _Follower(finder, table), list[tuple[Fit, float, int] | None]()
+    follower, found = _Follower(finder, table), list[tuple[SeamFit, float, int] | None]()
     for count, frame in enumerate(frames, start=1):
         found.append(follower.next(frame))
         total = frame_count or 1
         progress(Progress(stage="tracking", done=min(count, total), total=total))
 
-    def matrices(of: Callable[[Fit], Floats]) -> Floats:
+    def matrices(of: Callable[[SeamFit], Floats]) -> Floats:
         nothing = np.full((3, 3), np.nan)
         return np.array([of(one[0]) if one else nothing for one in found]).reshape(-1, 3, 3)
 

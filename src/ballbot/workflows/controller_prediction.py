@@ -95,7 +95,7 @@ class PredictionInterval:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Prediction:
+class ControllerPrediction:
     """What the controller of a study, and none at all, will do on the next run of a course."""
 
     course: NamedCourse
@@ -115,7 +115,7 @@ class Prediction:
         return CONFIDENCE
 
 
-def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> Prediction | None:
+def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
     """Return what the chosen controller will do on the next run of the course; `log_findings` are of the study's logs.
 
     None if no controller was chosen or fewer than six robots were drawn.
@@ -133,7 +133,7 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
 
     predicted = intervals(chosen)
     assert predicted is not None, "the chosen candidate falls nowhere"
-    return Prediction(
+    return ControllerPrediction(
         course=choice.course,
         controller=chosen,
         checksum=checksum_of(controller),
@@ -181,7 +181,7 @@ def lognormal_interval(
     )
 
 
-def read_prediction(path: str | Path) -> Prediction:
+def read_prediction(path: str | Path) -> ControllerPrediction:
     """Return the prediction in a study's results.json; InputError if it cannot be read or holds none."""
     tree = read_results(path)
     if not (isinstance(tree, dict) and tree.get("prediction")):
@@ -189,7 +189,9 @@ def read_prediction(path: str | Path) -> Prediction:
             f"{path} holds no prediction; give the results.json of `ballbot study` with {MIN_RUNS} draws or more."
         )
     try:
-        found = validate_table(Prediction, tree["prediction"], of="the prediction in a results.json")
+        found = validate_table(
+            ControllerPrediction, tree["prediction"], of="the prediction in a results.json"
+        )
         found.course.reference_spec.reference()
     except InputError as error:
         raise InputError(f"{path}: prediction: {error}") from None
@@ -269,7 +271,11 @@ class ControllerVerdict:
 
 
 def evaluate_log(
-    prediction: Prediction, log: Log, controller: Controller, *, log_findings: Sequence[Finding] = ()
+    prediction: ControllerPrediction,
+    log: Log,
+    controller: Controller,
+    *,
+    log_findings: Sequence[Finding] = (),
 ) -> ControllerVerdict:
     """Return the verdict of a log that was made with a study's controller; rows before the course are left out.
 
@@ -309,7 +315,7 @@ def evaluate_log(
 
 
 def check_controller(
-    prediction: Prediction, controller: Controller, *, file: Path | str = "The controller's file"
+    prediction: ControllerPrediction, controller: Controller, *, file: Path | str = "The controller's file"
 ) -> None:
     """Raise InputError if the controller is not the one whose performance is predicted."""
     if checksum_of(controller) != prediction.checksum:
@@ -319,7 +325,7 @@ def check_controller(
         )
 
 
-def course_of(log: Log, prediction: Prediction, *, sample_time: float) -> Log:
+def course_of(log: Log, prediction: ControllerPrediction, *, sample_time: float) -> Log:
     """Return the rows of a log that follow the predicted course, from its start to its end or the log's.
 
     The course begins with the log, or where the log's first jump of the reference is the course's.
@@ -354,7 +360,7 @@ def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0) > _SAME_POSE) + 1
 
 
-def _why_ended(run: Log, prediction: Prediction) -> str | None:
+def _why_ended(run: Log, prediction: ControllerPrediction) -> str | None:
     """Return why a run ended before its course did, None if it did not; InputError if the log is a part of a run."""
     duration = prediction.course.duration
     lasted = float(run.t[-1] - run.t[0]) + run.sample_time
@@ -374,7 +380,7 @@ def _why_ended(run: Log, prediction: Prediction) -> str | None:
 
 
 def _recommended(
-    prediction: Prediction, quantities: Sequence[QuantityResult], ended: str | None
+    prediction: ControllerPrediction, quantities: Sequence[QuantityResult], ended: str | None
 ) -> tuple[Recommendation, str]:
     """Return what to do, and whether the prediction is confirmed, by how much and in which quantity."""
     if ended is not None:

@@ -46,7 +46,7 @@ from ballbot.workflows.controller_choice import (
     confirm,
     draw_plants,
 )
-from ballbot.workflows.controller_prediction import Prediction, predict
+from ballbot.workflows.controller_prediction import ControllerPrediction, predict
 from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
 
 #: robots that candidates can be compared on
@@ -97,7 +97,7 @@ class Study(Reported):
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
     stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
     #: of the chosen controller's next run; None if none is chosen or draws are few
-    prediction: Prediction | None
+    prediction: ControllerPrediction | None
     options: StudyOptions
     seed: int
 

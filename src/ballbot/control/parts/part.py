@@ -58,7 +58,7 @@ from ballbot.robot.checks import check_parameters
 MAX_PAST = 22
 
 
-class Smooth(NamedTuple):
+class SmoothReference(NamedTuple):
     """The reference of x, y or psi with its derivatives, in compiled code."""
 
     value: float
@@ -80,7 +80,7 @@ class Sample(NamedTuple):
 
     a: tuple  #: `ballbot.mechanics.equations.Attitude` of the state
     state: NDArray[np.float64]  #: (10,) that is fed back
-    wanted: tuple  #: `Smooth` of x, y and psi
+    wanted: tuple  #: `SmoothReference` of x, y and psi
     e: tuple  #: error (10,), heading frame
 
 

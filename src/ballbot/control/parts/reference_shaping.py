@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, Smooth
+from ballbot.control.parts.part import LawSettings, Part, SmoothReference
 from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
@@ -97,7 +97,7 @@ def shape(law, memory, wanted, state):
 
 @inlined
 def _shaped(own, memory, state, wanted):
-    """Return the shaped x, y and psi as three `Smooth`, and step the memory on; they start at the pose."""
+    """Return the shaped x, y and psi as three `SmoothReference`, and step the memory on; they start at the pose."""
     x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
     place = _Lags(own.frequency, own.decay, own.frequency / own.rate)
     heading = _Lags(own.yaw_frequency, own.yaw_decay, own.yaw_frequency / own.rate)
@@ -165,7 +165,7 @@ def _follow(own, p, last, x, y, psi):
 
 @inlined
 def _lagged(lags, memory, target):
-    """Return an axis's `Smooth` at the sample and step its four lags on to the next."""
+    """Return an axis's `SmoothReference` at the sample and step its four lags on to the next."""
     w, a, g = lags.frequency, lags.decay, lags.step
     d_1, d_2 = memory[0] - target, memory[1] - target
     d_3, d_4 = memory[2] - target, memory[3] - target
@@ -175,7 +175,7 @@ def _lagged(lags, memory, target):
     memory[2] = target + a * (d_3 + g * d_2 + half * d_1)
     memory[3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
     w_2 = w * w
-    return Smooth(
+    return SmoothReference(
         target + d_4,
         w * (d_3 - d_4),
         w_2 * (d_2 - 2.0 * d_3 + d_4),

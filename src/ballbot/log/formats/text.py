@@ -219,7 +219,7 @@ def read_head(path: str | Path) -> Head:
     wide = [len(row) == width and _is_row(row, layout) for row in cells]
     # the first of two rows, as a line of numbers may be a title's
     first = next((k for k in range(len(wide) - 1) if wide[k] and wide[k + 1]), wide.index(True))
-    # the last line with a name for each column, but for units; if there is none, the last with words
+    # the last line, other than the units', with a name for each column; failing that, the last line with words
     head = cells[:first]
     fitting = [
         k

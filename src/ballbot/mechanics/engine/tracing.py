@@ -2,9 +2,9 @@
 
 A `traced` function is called by Python with floats or NumPy's arrays, and by Numba's code. There it runs once, while
 that code is compiled, on stand-ins for the numbers (`TracedNumber`), and each operation on a stand-in adds an
-instruction where the call stands. Loops over tuples, choices by the kind of robot and functions as arguments are
-Python's own, and are gone by then: what is left is what LLVM makes vector code of. Numba would infer the types of
-every statement, and LLVM optimise every function and again each of its callers: most of a cold start.
+instruction where the call stands. Python itself runs loops over tuples, choices by the kind of robot and functions
+given as arguments; only arithmetic remains, which LLVM makes vector code of. Without tracing, Numba would infer the
+types of every statement, and LLVM optimise every function and again each of its callers: most of a cold start.
 
 A choice that depends on a number is `where`, not `if`; both sides are computed. `least`, `greatest`, `both`, `either`
 and `root` stand for `min`, `max`, `and`, `or` and `math.sqrt`. This is Numba's low-level interface for extensions
