@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.text import Text
 
 from ballbot.errors import InputError
-from ballbot.link.emulated import emulated_robot
+from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
 from ballbot.link.live import Commander, LiveRobot, LiveRun, RobotSample, TorqueProgram, recorded_run
 from ballbot.link.messages import State
@@ -24,9 +24,6 @@ from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, T
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
 from ballbot.robot import Robot
-from ballbot.simulation.held_robot import Hold
-from ballbot.twin.scenario import Scenario
-from ballbot.workflows.courses import PlantName
 
 #: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
 _PICTURE, _LINE = 0.1, 5.0
@@ -164,31 +161,17 @@ def connect_port(port: str, described: Robot | None, *, say: Callable[[str], Non
 @contextmanager
 def connect_emulated(
     described: Robot,
-    scenario: Scenario,
+    emulated: EmulatedRobot,
     *,
-    plant: PlantName,
-    seed: int,
-    # how it is held; in the air and upside down it stays so when it arms
-    hold: Hold,
-    # whether it runs no faster than a real one, for a person who drives or watches it
-    real_time: bool,
-    imu_checked: bool,  # whether the IMU's axes count as checked
+    filmed_by: int
+    | None = None,  # random seed of a camera above a robot that is held upside down, if there is one
 ) -> Iterator[Connection]:
-    """Hold the link to an emulated robot while the block runs; see `emulated_robot`."""
-    emulated = emulated_robot(
-        described,
-        scenario,
-        plant=plant,
-        hold=hold,
-        seed=seed,
-        real_time=real_time,
-        imu_checked=imu_checked,
-    )
+    """Hold the link to an emulated robot while the block runs."""
     with _robot_at(emulated, emulated.clock) as robot:
         camera = None
-        if hold == "upside_down":
+        if filmed_by is not None:
             camera = EmulatedCamera(
-                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=seed
+                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=filmed_by
             )
         operator = EmulatedOperator(emulated.hand)
         yield Connection(
