@@ -7,7 +7,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from ballbot.fitting.comparison import verdicts
-from ballbot.validation.models import ErrorPair, StateErrors
+from ballbot.validation.models import ErrorPair
 
 
 def _errors(
@@ -20,10 +20,9 @@ def _errors(
 
 
 def _pair(first: np.ndarray, second: np.ndarray) -> ErrorPair:
-    samples = np.full(len(first), 100)
     return ErrorPair(
-        first=StateErrors(by_run=first, samples=samples),
-        second=StateErrors(by_run=second, samples=samples),
+        by_run=np.stack([first, second], axis=1),
+        samples=np.full(len(first), 100),
         means=np.zeros_like(first),
         squares=np.ones_like(first),
     )

@@ -134,16 +134,16 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
         # no digits of what is only rounding
         return ["≈ 0" if rmse[i] <= FINEST else digits(scale * value[i]) for value, rmse in values]
 
-    both, rows = (pair.first, pair.second), []
+    rows = []
     for i, name in enumerate(STATE_NAMES):
         rows.append(
             (
                 unit_heading(state_mark(name), STATE_UNITS[name]),
-                *errors(1e3, *((one.error, one.rmse) for one in both)),
+                *errors(1e3, *zip(pair.error, pair.rmse, strict=True)),
                 digits(pair.ratio[i]),
                 interval(*ends[i]) if known else "too few",
                 verdicts[i] if known else DASH,
-                *errors(1.0, *((one.rmse, one.rmse) for one in both)),
+                *errors(1.0, *zip(pair.rmse, pair.rmse, strict=True)),
             )
         )
     return Sheet(

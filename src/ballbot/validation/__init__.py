@@ -1,7 +1,7 @@
 """Validation: a robot's model against its logs, in closed loop, in open loop and by one-step prediction."""
 
 from ballbot.validation.closed_loop import RecoveredGain, recover_gain
-from ballbot.validation.models import ErrorPair, ModelPair, NamedModel, StateErrors
+from ballbot.validation.models import ErrorPair, ModelPair, NamedModel
 from ballbot.validation.result import Validation, findings
 from ballbot.validation.validation import join_validations, validate, validate_logs, validate_pair
 
@@ -10,7 +10,6 @@ __all__ = [
     "ModelPair",
     "NamedModel",
     "RecoveredGain",
-    "StateErrors",
     "Validation",
     "findings",
     "join_validations",

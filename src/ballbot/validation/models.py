@@ -296,9 +296,9 @@ class Trajectories:
     second: Floats  #: (k, 10) of the second
 
     @staticmethod
-    def beside(log: Log, start: int, states: Floats) -> Trajectories:
-        """Return the rows of a log from `start` on beside the `states` (2, samples, 10) of both models after it."""
-        rows = slice(start, start + states.shape[1] + 1)
+    def beside(log: Log, start: int, states: Floats, *, every: int = 1) -> Trajectories:
+        """Return every so many rows of a log from `start` on, beside the `states` (2, rows, 10) of both models."""
+        rows = start + every * np.arange(states.shape[1] + 1)
         measured = log.states[rows]
         first, second = (np.vstack([measured[:1], run]) for run in states)
         return Trajectories(t=log.t[rows], measured=measured, first=first, second=second)
@@ -310,39 +310,11 @@ def thesis_error(difference: Floats) -> Floats:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StateErrors:
-    """One model's errors over several runs beside the measurement, state by state in the log's order and units."""
-
-    by_run: Floats  #: (runs, 10) e of (4.1) for each run
-    samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
-
-    @property
-    def error(self) -> Floats:
-        """The mean of (4.1) over the runs (10,)."""
-        return self.by_run.mean(axis=0)
-
-    @property
-    def rmse(self) -> Floats:
-        """The root mean square of the error over all samples of all runs (10,)."""
-        # a run's sum of squares is (e n)^2
-        squares = (self.by_run * self.samples[:, None]) ** 2
-        return np.sqrt(squares.sum(axis=0) / self.samples.sum())
-
-    @staticmethod
-    def of_runs(differences: Sequence[Floats]) -> StateErrors:
-        """Return the errors of runs given as measured minus modelled states, each (n, 10) of its own length."""
-        return StateErrors(
-            by_run=np.array([thesis_error(difference) for difference in differences]),
-            samples=np.array([len(difference) for difference in differences]),
-        )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class ErrorPair:
-    """The errors of two models over the same runs, in the order of time."""
+    """The errors of two models over the same runs, in the order of time; states in the log's order and units."""
 
-    first: StateErrors
-    second: StateErrors
+    by_run: Floats  #: (runs, 2, 10) e of (4.1) of the first model and the second in each run
+    samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
     means: Floats  #: (runs, 10) of what was measured
     squares: Floats  #: (runs, 10) its mean squares
     overlap: int = 1  #: how many neighbouring runs share some of the log
@@ -356,13 +328,10 @@ class ErrorPair:
         overlap: int = 1,
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
-
-        def errors(modelled: Sequence[Floats]) -> StateErrors:
-            return StateErrors.of_runs([x - x_hat for x, x_hat in zip(measured, modelled, strict=True)])
-
+        runs = list(zip(measured, first, second, strict=True))
         return ErrorPair(
-            first=errors(first),
-            second=errors(second),
+            by_run=np.array([[thesis_error(x - x_hat) for x_hat in models] for x, *models in runs]),
+            samples=np.array([len(run) for run in measured]),
             means=np.array([run.mean(axis=0) for run in measured]),
             squares=np.array([np.mean(run**2, axis=0) for run in measured]),
             overlap=overlap,
@@ -371,7 +340,18 @@ class ErrorPair:
     @property
     def runs(self) -> int:
         """How many runs were compared."""
-        return len(self.first.samples)
+        return len(self.samples)
+
+    @property
+    def error(self) -> Floats:
+        """The mean of (4.1) over the runs (2, 10), of the first model and the second."""
+        return self.by_run.mean(axis=0)
+
+    @property
+    def rmse(self) -> Floats:
+        """The root mean square of the error over all samples of all runs (2, 10)."""
+        # a run's sum of squares is (e n)^2
+        return np.sqrt(np.sum((self.by_run.T * self.samples) ** 2, axis=-1).T / self.samples.sum())
 
     @property
     def ratio(self) -> Floats:
@@ -379,33 +359,30 @@ class ErrorPair:
 
         Above one, the first is nearer; one if both are below.
         """
-        first, second = (errors.mean(axis=0) for errors in self._resolved())
+        first, second = self._resolved().mean(axis=0)
         return second / first
 
     @property
     def unresolved(self) -> Bools:
         """States (10,) whose errors are below `FINEST` in both models: they show nothing."""
-        return np.maximum(self.first.rmse, self.second.rmse) <= FINEST
+        return self.rmse.max(axis=0) <= FINEST
 
-    def _resolved(self) -> tuple[Floats, Floats]:
-        """Return the errors by run of the first and the second model, none below `FINEST`."""
-        least = FINEST / np.sqrt(self.first.samples[:, None])
-        return np.maximum(self.first.by_run, least), np.maximum(self.second.by_run, least)
+    def _resolved(self) -> Floats:
+        """Return `by_run` with no error below `FINEST`."""
+        return np.maximum(self.by_run, FINEST / np.sqrt(self.samples[:, None, None]))
 
     @property
     def spread(self) -> Floats:
         """Standard deviation (10,) of what was measured, over all samples of all runs."""
-        weights = self.first.samples
-        mean = np.average(self.means, axis=0, weights=weights)
-        return np.sqrt(np.maximum(np.average(self.squares, axis=0, weights=weights) - mean**2, 0.0))
+        mean, square = (
+            np.average(values, axis=0, weights=self.samples) for values in (self.means, self.squares)
+        )
+        return np.sqrt(np.maximum(square - mean**2, 0.0))
 
     @property
     def normalised_rmse(self) -> Floats:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
-        spread = self.spread
-        rmse = np.array([self.first.rmse, self.second.rmse])
-        moved = spread > FINEST
-        return np.where(moved, rmse / np.where(moved, spread, 1.0), np.nan)
+        return self.rmse / np.where(self.spread > FINEST, self.spread, np.nan)
 
     def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
@@ -413,8 +390,8 @@ class ErrorPair:
         Whole runs are drawn, in blocks of neighbours, and both models' errors of a run go together.
         """
         if self.runs < LEAST_RUNS:
-            return np.full((2, self.first.by_run.shape[1]), np.nan)
-        first, second = self._resolved()
+            return np.full((2, len(STATE_NAMES)), np.nan)
+        first, second = self._resolved().swapaxes(0, 1)
         return ratio_interval(second, first, overlap=self.overlap, seed=seed)
 
     def verdicts(self) -> tuple[Verdict, ...]:
@@ -445,14 +422,14 @@ class ErrorPair:
     def results(self, models: ModelPair) -> dict[str, object]:
         """Return what results.json holds: each model's errors under its name, ratio, interval and verdict."""
         return {
-            **by_model("", models, (self.first.error, self.second.error)),
-            **by_model("rmse_", models, (self.first.rmse, self.second.rmse)),
+            **by_model("", models, self.error),
+            **by_model("rmse_", models, self.rmse),
             **by_model("normalised_rmse_", models, self.normalised_rmse),
             "ratio": by_state(self.ratio),
             "ratio_interval": by_state(self.ratio_interval()),
             "verdict": by_state(np.array(self.verdicts())),
             "runs": self.runs,
-            "samples": int(self.first.samples.sum()),
+            "samples": int(self.samples.sum()),
         }
 
 
@@ -515,6 +492,6 @@ def joined(parts: Sequence[Record]) -> Record:
             found[name] = tuple(chain.from_iterable(values))
         elif isinstance(values[0], int | float):
             found[name] = max(values)
-        elif isinstance(values[0], StateErrors | ErrorPair):
+        elif isinstance(values[0], ErrorPair):
             found[name] = joined(values)
     return replace(parts[0], **found)

@@ -22,7 +22,6 @@ from ballbot.validation.models import (
     Case,
     Comparison,
     ErrorPair,
-    StateErrors,
     Trajectories,
     by_state,
     forecast,
@@ -48,7 +47,9 @@ class OpenLoop(Comparison):
     """Errors of open-loop runs from many starts, and one of the runs to look at."""
 
     errors: ErrorPair
-    noise: StateErrors  #: what the noise of the measured start alone would cause
+    noise_squares: (
+        Floats  #: (runs, 10) sums of the squared errors that the noise of the start alone would cause
+    )
     ended: Bools  #: (runs,) by the lean
     recoverable_lean: float  #: [rad]
     sample_time: float  #: [s]
@@ -57,7 +58,7 @@ class OpenLoop(Comparison):
     @property
     def noise_floor(self) -> Floats:
         """RMSE (10,) that the noise of the measured start alone would cause."""
-        return self.noise.rmse
+        return np.sqrt(self.noise_squares.sum(axis=0) / self.errors.samples.sum())
 
     @property
     def past_recovery(self) -> float:
@@ -65,7 +66,7 @@ class OpenLoop(Comparison):
         return float(self.ended.mean())
 
     def verdict(self) -> str:
-        length = float(self.errors.first.samples.mean()) * self.sample_time
+        length = float(self.errors.samples.mean()) * self.sample_time
         return (
             f"Open loop, {counted(self.errors.runs, 'run')} of {length:.2g} s on average "
             f"({100 * self.past_recovery:.0f} % of them ended by a lean past recovery, "
@@ -96,7 +97,7 @@ class OpenLoop(Comparison):
         """Return the reason that the data show for a state that the first model does not predict better."""
         if self.errors.unresolved[index]:
             return "Reason: the errors of both models are below what any sensor of a robot resolves."
-        share = self.noise_floor[index] / self.errors.first.rmse[index]
+        share = self.noise_floor[index] / self.errors.rmse[0, index]
         verdict = self.errors.verdicts()[index]
         own, other = (float(model.linearize().poles()[0].real) for model in self.models.both)
         caused = f"the noise of the measured start alone causes {100 * share:.0f} % of the error"
@@ -160,7 +161,7 @@ def open_loop(case: Case) -> OpenLoop:
     return OpenLoop(
         models=models,
         errors=errors,
-        noise=StateErrors.of_runs(cut(noisy - states[0])),
+        noise_squares=np.array([np.sum(run**2, axis=0) for run in cut(noisy - states[0])]),
         ended=np.array(lengths) < samples,
         recoverable_lean=limit,
         sample_time=log.sample_time,
@@ -180,6 +181,6 @@ def _samples_upright(runs: Floats, limit: float) -> int:
 
 def _median_run(errors: ErrorPair) -> int:
     """Return the run whose errors of the first model, each over its mean, sum to the median of the runs."""
-    by_run = errors.first.by_run
+    by_run = errors.by_run[:, 0]
     scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
     return int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])

@@ -145,15 +145,13 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
     numbers = np.array([_numbers(one, every * log.sample_time) for one in deviations])
     numbers[1:][np.concatenate(fell)] = np.inf
     shown = min(records, round(_EXAMPLE_TIME / (every * log.sample_time)))
-    rows = part.start + every * np.arange(shown + 1)
-    first, second = (np.vstack([states[:1], run[0, :shown]]) for run in runs)
     return WholeLog(
         models=models,
         duration=samples * log.sample_time,
         measured=numbers[0],
         runs=numbers[1:].reshape(2, RUNS, *numbers.shape[1:]),
         fell=(int(fell[0].sum()), int(fell[1].sum())),
-        example=Trajectories(t=log.t[rows], measured=log.states[rows], first=first, second=second),
+        example=Trajectories.beside(log, part.start, np.array([run[0, :shown] for run in runs]), every=every),
     )
 
 

@@ -27,7 +27,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
 from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
-from ballbot.vision.seam_pixels import BallPixels, SeamColour, ball_pixels, moved, seam_finder
+from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, moved
 from ballbot.vision.tracking import follow
 from ballbot.vision.video import Video
 from ballbot.vision.view import CLOSENESS, View, view_of_outline
@@ -65,8 +65,8 @@ def _calibrate(
     assumed = view.closeness
     covariance = np.diag(spread**2)
     for _ in range(_ROUNDS):
-        pixels = ball_pixels(view, size)
-        parts = [_pull(pixels, colour, table, frame, R) for frame, R in zip(frames, rotations, strict=True)]
+        finder = SeamFinder(pixels=ball_pixels(view, size), colour=colour)
+        parts = [_pull(finder, table, frame, R) for frame, R in zip(frames, rotations, strict=True)]
         rotations = [part[2] for part in parts]
         S, pulls = np.sum([part[0] for part in parts], axis=0), np.array([part[1] for part in parts])
         scale = _scatter(S, pulls - pulls.mean(axis=0))
@@ -97,13 +97,13 @@ def _off_outline(view: View, points: Floats, size: tuple[int, int], assumed: flo
 
 
 def _pull(
-    pixels: BallPixels, colour: SeamColour, table: SeamTable, frame: NDArray[np.uint8], R: Floats
+    finder: SeamFinder, table: SeamTable, frame: NDArray[np.uint8], R: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return a frame's information (4, 4) and gradient (4,) on the view, its turn eliminated, and its orientation."""
-    seen, _ = seam_finder(pixels, colour).find(frame)
+    seen, _ = finder.find(frame)
     fit = fit_rotation(table, seen, R, reaches=_REACHES)
     r, n, q, w = matched(table, seen, fit.R, _REACH)
-    by_view = np.einsum("kgi,ki->kg", pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
+    by_view = np.einsum("kgi,ki->kg", finder.pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
     table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
     piece = _pieces((q - r[:, None] * n).astype(np.float32))
     weight = np.bincount(piece, weights=w)
@@ -156,7 +156,7 @@ def calibrated_view(
                 kept.append(frame)
             yield frame
 
-    finder = seam_finder(ball_pixels(view, video.size), colour)
+    finder = SeamFinder(pixels=ball_pixels(view, video.size), colour=colour)
     track = follow(pictures(), finder, table, frame_count=wanted, progress=progress)
     rows = [row for row in range(len(kept)) if track.tracked[row * every]]
     if len(rows) < _LEAST_FRAMES:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -62,7 +63,7 @@ class SeamColour:
     separation: float  #: of the two, in standard deviations of both
 
     def score(self, picture: NDArray[np.uint8], share: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the score (rows, columns) of a picture (rows, columns, 3); `share` is from `surroundings`."""
+        """Return the score (rows, columns) of a picture (rows, columns, 3); `share` is that of a `SeamFinder`."""
         logs = cv2.LUT(picture, self.table[:, None, :])
         value = np.asarray(cv2.GaussianBlur(cv2.transform(logs, np.ones((1, 3), np.float32)), (0, 0), _BLUR))
         inside = (share > 0.0).astype(np.float32)
@@ -71,11 +72,6 @@ class SeamColour:
         ball = inside * (value - mean < np.float32(_NOT_SEAM))
         mean = _mean(value * ball, self.around) / np.maximum(_mean(ball, self.around), _LEAST_SHARE)
         return np.asarray((value - mean) * inside, np.float32)
-
-
-def surroundings(inside: Bools, around: int) -> NDArray[np.float32]:
-    """Return what part (rows, columns) of each pixel's surroundings is ball; 0 beside the ball."""
-    return _mean(inside.astype(np.float32), around) * inside
 
 
 def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius: float) -> SeamColour:
@@ -284,11 +280,16 @@ def moved(view: View, change: Floats) -> View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeamFinder:
-    """Finds the seam's pixels in a frame."""
+    """Finds the seam of a colour among the pixels of the ball."""
 
     pixels: BallPixels
     colour: SeamColour
-    share: NDArray[np.float32]  #: from `surroundings`
+
+    @cached_property
+    def share(self) -> NDArray[np.float32]:
+        """What part (rows, columns) of each pixel's surroundings is ball; 0 beside the ball."""
+        inside = self.pixels.inside
+        return _mean(inside.astype(np.float32), self.colour.around) * inside
 
     def find(self, frame: NDArray[np.uint8]) -> tuple[SeamPoints, NDArray[np.float32]]:
         """Return the seam's points, and how much each pixel used (m,) is seam, 0 to 1."""
@@ -306,11 +307,6 @@ class SeamFinder:
             rim=pixels.rim,
         )
         return seen, seam
-
-
-def seam_finder(pixels: BallPixels, colour: SeamColour) -> SeamFinder:
-    """Return what finds the seam of that colour in those pixels."""
-    return SeamFinder(pixels=pixels, colour=colour, share=surroundings(pixels.inside, colour.around))
 
 
 def _height(facing: float, distance: float) -> float:

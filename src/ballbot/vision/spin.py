@@ -34,7 +34,7 @@ from ballbot.robot import Robot
 from ballbot.rounding import digits, percent, plus_minus
 from ballbot.vision.calibration import Calibration, calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
-from ballbot.vision.seam_pixels import SeamColour, ball_pixels, learn_colour, seam_finder
+from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, learn_colour
 from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow
 from ballbot.vision.video import LEAST_FRAMES, Video, frame_times
 from ballbot.vision.view import ASSUMED_CLOSENESS, View, circle_points, find_outline, view_of_outline
@@ -120,7 +120,7 @@ def measure_spin(
         progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
     stated: list[float] = []
-    finder = seam_finder(ball_pixels(calibration.view, video.size), colour)
+    finder = SeamFinder(pixels=ball_pixels(calibration.view, video.size), colour=colour)
     track = follow(
         _pictures(video, stated), finder, table, frame_count=video.stated_frames, progress=progress
     )

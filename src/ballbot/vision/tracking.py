@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.log.columns import Bools, Floats
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.vision.seam import SeamFit, SeamPoints, SeamTable, fit_rotation
-from ballbot.vision.seam_pixels import BallPixels, SeamFinder
+from ballbot.vision.seam_pixels import SeamFinder
 from ballbot.vision.video import LEAST_FRAMES
 
 #: rotations tried: evenly, 15 degrees to the next
@@ -50,46 +50,6 @@ _SEARCH_REACHES = (0.5, 0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.13)
 _CURVE_POINTS = 400
 #: fraction of a seam pixel that counts as seen
 _SEEN = 0.15
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OrientationSearch:
-    """Fits orientations to a frame's seam and scores them."""
-
-    table: SeamTable
-    pixels: BallPixels
-
-    def score(self, fit: SeamFit, seam: NDArray[np.float32]) -> float:
-        """Return the smaller of what a fit explains of the seam's pixels and what is seen of the curve, 0 to 1.
-
-        `seam` (m,) is how much each pixel used is seam; the curve counts where a pixel is used.
-        """
-        curve = self.table.seam.points
-        points = curve[:: max(1, len(curve) // _CURVE_POINTS)] @ fit.R.T
-        index = self.pixels.index_at(
-            self.pixels.view.project(points)[0][points @ self.pixels.toward > self.pixels.rim]
-        )
-        index = index[index >= 0]
-        return min(fit.inliers, float(np.mean(seam[index] > _SEEN))) if len(index) else 0.0
-
-    def localise(
-        self, seen: SeamPoints, seam: NDArray[np.float32], *, near: Floats | None
-    ) -> tuple[SeamFit, float]:
-        """Return the best orientation for a frame, and its score; among some as good, the nearest to `near` (3, 3)."""
-        # those with more weight are likelier to be chosen; the same for the same frame
-        chosen = np.searchsorted(np.cumsum(seen.area), np.linspace(0.0, 0.999, _POINTS) * seen.area.sum())
-        few = seen.p[np.minimum(chosen, len(seen.p) - 1)]
-        grid = _grid().astype(np.float32)
-        q = np.einsum("pi,gij->gpj", few, grid).reshape(-1, 3)
-        r = np.einsum("ki,ki->k", q, self.table.normals_at(q)).reshape(len(grid), -1)
-        cost = np.minimum(r * r, np.float32(_FAR**2)).mean(axis=1)
-        best = []
-        for k in np.argsort(cost, kind="stable")[:_REFINED]:
-            fit = fit_rotation(self.table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES)
-            best.append((fit, self.score(fit, seam)))
-        top = max(best, key=lambda one: one[1])
-        alike = [one for one in best if one[1] > 0.97 * top[1]]
-        return top if near is None else max(alike, key=lambda one: float(np.trace(one[0].R.T @ near)))
 
 
 def _grid() -> Floats:
@@ -132,10 +92,10 @@ class Track:
 
 
 class _Follower:
-    """The state between frames."""
+    """Fits an orientation to the seam of one frame after the other, and keeps the state between them."""
 
     def __init__(self, finder: SeamFinder, table: SeamTable) -> None:
-        self._finder, self._search = finder, OrientationSearch(table=table, pixels=finder.pixels)
+        self._finder, self._table = finder, table
         self._last: Floats | None = None
         self._turn = np.zeros(3)  # over the last frame, camera frame [rad]
         self._settled = False  # whether that is known
@@ -160,14 +120,14 @@ class _Follower:
             return None
         turn = self._turn * (1.0 + self._lost)
         predicted = Rotation.from_rotvec(turn).as_matrix() @ self._last
-        fit = fit_rotation(self._search.table, seen, predicted, reaches=_REACHES)
-        quality = self._search.score(fit, seam)
+        fit = fit_rotation(self._table, seen, predicted, reaches=_REACHES)
+        quality = self._score(fit, seam)
         jump = float(Rotation.from_matrix(fit.R @ predicted.T).magnitude())
         if quality < _TRACKED or jump > _LARGEST_JUMP:
             if self._settled:
                 return None
             # the second frame of a stretch: how fast the ball turns is not known yet
-            fit, quality = self._search.localise(seen, seam, near=self._last)
+            fit, quality = self._localise(seen, seam, near=self._last)
             if quality < _FOUND:
                 return None
         whole = Rotation.from_matrix(fit.R @ self._last.T).as_rotvec() / (1.0 + self._lost)
@@ -179,12 +139,46 @@ class _Follower:
     def _searched(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[SeamFit, float] | None:
         if self._last is not None and self._lost % _SEARCHED_EVERY:
             return None
-        fit, quality = self._search.localise(seen, seam, near=self._last)
+        fit, quality = self._localise(seen, seam, near=self._last)
         if quality < _FOUND:
             return None
         self._last, self._turn, self._settled = fit.R, np.zeros(3), False
         self._stretch += 1
         return fit, quality
+
+    def _score(self, fit: SeamFit, seam: NDArray[np.float32]) -> float:
+        """Return the smaller of what a fit explains of the seam's pixels and what is seen of the curve, 0 to 1.
+
+        `seam` (m,) is how much each pixel used is seam; the curve counts where a pixel is used.
+        """
+        curve = self._table.seam.points
+        points = curve[:: max(1, len(curve) // _CURVE_POINTS)] @ fit.R.T
+        index = self._finder.pixels.index_at(
+            self._finder.pixels.view.project(points)[0][
+                points @ self._finder.pixels.toward > self._finder.pixels.rim
+            ]
+        )
+        index = index[index >= 0]
+        return min(fit.inliers, float(np.mean(seam[index] > _SEEN))) if len(index) else 0.0
+
+    def _localise(
+        self, seen: SeamPoints, seam: NDArray[np.float32], *, near: Floats | None
+    ) -> tuple[SeamFit, float]:
+        """Return the best orientation for a frame, and its score; among some as good, the nearest to `near` (3, 3)."""
+        # those with more weight are likelier to be chosen; the same for the same frame
+        chosen = np.searchsorted(np.cumsum(seen.area), np.linspace(0.0, 0.999, _POINTS) * seen.area.sum())
+        few = seen.p[np.minimum(chosen, len(seen.p) - 1)]
+        grid = _grid().astype(np.float32)
+        q = np.einsum("pi,gij->gpj", few, grid).reshape(-1, 3)
+        r = np.einsum("ki,ki->k", q, self._table.normals_at(q)).reshape(len(grid), -1)
+        cost = np.minimum(r * r, np.float32(_FAR**2)).mean(axis=1)
+        best = []
+        for k in np.argsort(cost, kind="stable")[:_REFINED]:
+            fit = fit_rotation(self._table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES)
+            best.append((fit, self._score(fit, seam)))
+        top = max(best, key=lambda one: one[1])
+        alike = [one for one in best if one[1] > 0.97 * top[1]]
+        return top if near is None else max(alike, key=lambda one: float(np.trace(one[0].R.T @ near)))
 
 
 def follow(
