@@ -25,7 +25,7 @@ the prior, which is exact, are the tests' oracles.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +141,7 @@ def log_estimates(
             # about the log's own estimate, or what it differs from the others by would count as noise within it
             own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
             inverses.append(inverse)
-        scores = leverage_corrected(equations.matrices, own, estimated).scores[:, places]
+        scores = leverage_corrected(replace(equations, scores=own), estimated).scores[:, places]
         of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
         for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
             covariances[k][np.ix_(places, places)] = (

@@ -100,7 +100,7 @@ class Descended(Generic[At]):
     @cached_property
     def errors(self) -> NDArray[np.float64]:
         """Clustered standard errors (p,) of the free parameters, scaled; NaN without influence, or if all are lost."""
-        normal, free = self.equations.normal, self.experiment.coordinates.free
+        normal, free = self.equations, self.experiment.coordinates.free
         varied = free & (normal.matrix.diagonal() > 0.0) & np.isfinite(normal.matrix).all()
         return _roots(covariance(normal, varied))
 
@@ -139,7 +139,7 @@ def descend(
     short_steps = renewals = 0
     for number in range(1, most_steps + 1):
         about = experiment.linearize(at)
-        normal = about.equations.normal
+        normal = about.equations
         H, g = normal.matrix, normal.scores.sum(axis=0)
         step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
         promised = -float(2.0 * g @ step + step @ H @ step) / scale
@@ -408,8 +408,8 @@ class Fit(Generic[At]):
     def scaled_covariance(self) -> NDArray[np.float64]:
         """Clustered by block (p, p), as the jackknife that leaves out each in turn; NaN without a standard error."""
         blocks = self.finished.equations
-        kept = self.estimated & (blocks.normal.matrix.diagonal() > 0.0)
-        return covariance(leverage_corrected(blocks.matrices, blocks.scores, kept), kept)
+        kept = self.estimated & (blocks.matrix.diagonal() > 0.0)
+        return covariance(leverage_corrected(blocks, kept), kept)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
@@ -438,7 +438,7 @@ class Fit(Generic[At]):
         chosen = errors.doubtful[: self.most_profiles].tolist()
         within, profiled = np.flatnonzero(self.estimated), {}
         for done, place in enumerate(chosen, start=1):
-            inverse = np.linalg.pinv(finished.equations.normal.matrix[np.ix_(within, within)], hermitian=True)
+            inverse = np.linalg.pinv(finished.equations.matrix[np.ix_(within, within)], hermitian=True)
             rise = errors.clustered[place] ** 2 / inverse.diagonal()[within == place][0] * errors.quantile**2
             profiled[place] = profile(
                 finished,
@@ -525,7 +525,7 @@ def fit(
     free = coordinates.free
     finished, other = _optima(experiment, start, also, most_steps=most_steps, run=run)
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
-    no_influence = free & (dependent | without_influence(finished.equations.normal))
+    no_influence = free & (dependent | without_influence(finished.equations))
     if no_influence.any():
         again = _as_before(experiment, finished.point, no_influence & ~dependent)
         own = coordinates.scaled(coordinates.nominal)
@@ -597,7 +597,7 @@ def unidentifiable(
     coordinates, names = fit.experiment.coordinates, np.array(fit.experiment.coordinates.names)
     dependent, through = (np.zeros(len(names), dtype=bool) for _ in range(2))
     for one in fit.experiment.dependences:
-        free = coordinates.free & (fit.equations.normal.matrix.diagonal() > 0.0)
+        free = coordinates.free & (fit.equations.matrix.diagonal() > 0.0)
         mine, theirs = np.isin(names, one.dependent) & free, (names == one.through) & free
         if mine.any() and theirs.any() and not _has_effect(fit, theirs, mine, most_steps, run):
             dependent, through = dependent | mine, through | theirs
@@ -612,7 +612,7 @@ def _has_effect(
     run: Run,
 ) -> bool:
     """Return whether the fit is better with parameters `through` than without, see the module's text."""
-    amounts, normal, free = fit.point * through, fit.equations.normal, fit.experiment.coordinates.free
+    amounts, normal, free = fit.point * through, fit.equations, fit.experiment.coordinates.free
     if not amounts.any():
         return False
     varies = through | (free & (normal.matrix.diagonal() > 0.0) & (fit.point > 0.0))
@@ -755,7 +755,7 @@ def _limit(root_of: Callable[[float], float], origin: float, *, step: float, ris
 def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
     """Return the intervals of parameters at a bound, about the point that the unbounded equations lead to."""
     found = {}
-    coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations.normal
+    coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations
     for i in np.flatnonzero(fit.at_bound & (normal.matrix.diagonal() > 0.0)).tolist():
         wanted = fit.estimated | (np.arange(len(fit.estimated)) == i)
         places = np.flatnonzero(wanted)

@@ -25,7 +25,8 @@ their twelve parameters, 0.7 at most); tests/identification/test_balancing.py lo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,27 +36,22 @@ NO_INFLUENCE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NormalEquations:
-    """The weighted least-squares problem about a point, in scaled coordinates."""
+class WindowEquations:
+    """Normal equations of the scaled parameters, window by window; zero for parameters that are held.
 
-    matrix: NDArray[np.float64]  #: H = sum J^T J (p, p)
+    The states of a window are eliminated (`ballbot.fitting.experiment`).
+    """
+
+    matrices: NDArray[np.float64]  #: J^T J of each window (w, p, p)
     scores: NDArray[np.float64]  #: J^T r of each window (w, p); their sum is the gradient
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowEquations:
-    """The parameters' equations of each window, its start eliminated; zero for parameters that are held."""
-
-    matrices: NDArray[np.float64]  #: (w, p, p)
-    scores: NDArray[np.float64]  #: (w, p)
-
-    @property
-    def normal(self) -> NormalEquations:
-        """Summed over the windows."""
-        return NormalEquations(matrix=self.matrices.sum(axis=0), scores=self.scores)
+    @cached_property
+    def matrix(self) -> NDArray[np.float64]:
+        """The sum of the matrices, H (p, p)."""
+        return self.matrices.sum(axis=0)
 
 
-def covariance(equations: NormalEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
+def covariance(equations: WindowEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the clustered covariance (p, p) in scaled coordinates; NaN for parameters not `estimated` (p,)."""
     places = np.flatnonzero(estimated)
     result = np.full((len(estimated), len(estimated)), np.nan)
@@ -68,28 +64,26 @@ def covariance(equations: NormalEquations, estimated: NDArray[np.bool_]) -> NDAr
     return result
 
 
-def leverage_corrected(
-    matrices: NDArray[np.float64], scores: NDArray[np.float64], estimated: NDArray[np.bool_]
-) -> NormalEquations:
-    """Return normal equations whose scores are those of errors and not of residuals, see the module's text.
+def leverage_corrected(equations: WindowEquations, estimated: NDArray[np.bool_]) -> WindowEquations:
+    """Return the equations with the scores of errors instead of residuals, (I - H_w H^-1)^-1 g_w.
 
-    `matrices` (w, p, p) are J^T J of each window and `scores` (w, p); those not `estimated` (p,) stay.
+    The scores of parameters that are not `estimated` (p,) do not change.
     """
-    places = np.flatnonzero(estimated)
-    matrix, result = matrices.sum(axis=0), scores.copy()
-    if len(places):
-        own = matrices[:, places[:, None], places]
+    columns = np.flatnonzero(estimated)
+    matrix, scores = equations.matrix, equations.scores.copy()
+    if len(columns):
         # scaled, so that the ridge does not depend on units
-        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[places], np.finfo(float).tiny))
-        own, total = own * np.outer(scale, scale), matrix[np.ix_(places, places)] * np.outer(scale, scale)
-        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; one window may be the only one that determines a parameter
-        rest = total - own + 1e-12 * np.eye(len(places))
-        scaled = np.linalg.solve(rest, (scores[:, places] * scale)[..., None])[..., 0]
-        result[:, places] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
-    return NormalEquations(matrix=matrix, scores=result)
+        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[columns], np.finfo(float).tiny))
+        of_window = equations.matrices[:, columns[:, None], columns] * np.outer(scale, scale)
+        total = matrix[np.ix_(columns, columns)] * np.outer(scale, scale)
+        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; the ridge is for a window that alone determines a parameter
+        rest = total - of_window + 1e-12 * np.eye(len(columns))
+        scaled = np.linalg.solve(rest, (scores[:, columns] * scale)[..., None])[..., 0]
+        scores[:, columns] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
+    return replace(equations, scores=scores)
 
 
-def without_influence(equations: NormalEquations) -> NDArray[np.bool_]:
+def without_influence(equations: WindowEquations) -> NDArray[np.bool_]:
     """Return which parameters (p,) the residuals hardly depend on, even with all others known."""
     H = equations.matrix.diagonal()
     spread = np.sqrt((equations.scores**2).sum(axis=0))
