@@ -77,9 +77,7 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
     apart = np.array([fitted(np.delete(everything, i)) for i in everything]) - estimate
     left = y + J @ estimate
     equations = leverage_corrected(
-        WindowEquations(
-            matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, left)
-        ),
+        WindowEquations(matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, left)),
         np.ones(3, bool),
     )
     # `covariance` has W / (W - 1) where the jackknife about the estimate has (W - 1) / W
