@@ -184,13 +184,16 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 
 
 _WITH_EXAMPLES = (
-    "estimation mechanics.model robot.friction_law robot.robot simulation.batch simulation.run twin.scenario "
-    "twin.scenario_file twin.twin viewer.page"
+    "estimation identification.axis.identify identification.axis.record identification.driveline "
+    "identification.geometry identification.holdout identification.identify "
+    "identification.quantities identification.swing identification.upside_down mechanics.model robot.friction_law "
+    "robot.robot simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin viewer.page"
 )
 
 
 @pytest.mark.parametrize("name", _WITH_EXAMPLES.split())
-def test_the_examples_of_docstrings_run(name):
+def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     if name == "twin.twin":
         pytest.importorskip("mujoco")
     done = doctest.testmod(importlib.import_module(f"ballbot.{name}"), extraglobs={"np": np})

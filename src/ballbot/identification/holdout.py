@@ -179,6 +179,15 @@ def cross_validate(
     starts : callable, optional
         The states at times of its rows from which the predictions by horizon start, as
         `ballbot.log.mapping.causal_states` returns them for a mapped log; by default those of its rows.
+
+    Examples
+    --------
+    >>> import ballbot
+    >>> robot = ballbot.Robot.load("alten").replace({"friction.coulomb": 0.1})
+    >>> square, other = (ballbot.simulate(robot, "nominal", "square", duration=12.0, seed=seed) for seed in (1, 2))
+    >>> found = ballbot.identify("alten", square, law="coulomb", window=0.1)
+    >>> cross_validate(found, other, name="other").errors.with_over_without["theta"] < 0.01
+    True
     """
     predictor, log = found.predictor, as_log(log)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)

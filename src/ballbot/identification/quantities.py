@@ -326,9 +326,7 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
     """
     words = names_listed(free) if isinstance(free, str) else free
     if not words:
-        raise InputError(
-            f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}."
-        )
+        raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
     for word in words:
         if word not in BY_NAME and word not in GROUPS:

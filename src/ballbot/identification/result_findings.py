@@ -107,7 +107,7 @@ def parameter_findings(
 
 #: sentences on parameters without a limit on either side, or on one
 _UNLIMITED = {
-    "either": "not limited by these logs on either side: its value is meaningless.",
+    "either": "not limited by these logs on either side: its value means nothing.",
     "zero": "not limited by these logs: any value fits, zero included.",
     "below": "limited from below only: {1} or more, with 95 % confidence.",
     "above": "limited from above only: {1} or less, with 95 % confidence.",
