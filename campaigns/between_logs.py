@@ -35,7 +35,8 @@ from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Supply
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
+from ballbot.simulation.imperfections import Roughness
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, kept, share_words

@@ -23,7 +23,8 @@ from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
+from ballbot.simulation.imperfections import Roughness
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,

@@ -44,7 +44,8 @@ from ballbot.robot.file import robot_text
 from ballbot.simulation.imperfections import Push
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
-from ballbot.twin.faults import Payload, Roughness, Timing
+from ballbot.simulation.imperfections import Roughness
+from ballbot.twin.faults import Payload, Timing
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from tests.support.control_examples import example_parts
 

@@ -37,7 +37,7 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.imperfections import changes_of, imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import SETTLE, Score, score
@@ -53,9 +53,12 @@ class LoopRobot:
     @staticmethod
     def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
         """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
+        true = replace(scenario, friction=robot.friction)
         return LoopRobot(
-            model=true_model(robot, replace(scenario, friction=robot.friction)),
-            imperfections=imperfections_of(scenario, known=known),
+            model=true_model(robot, true),
+            imperfections=replace(
+                imperfections_of(scenario, known=known), later=changes_of(robot, true)
+            ),
         )
 
     def __call__(self, estimator: EstimatorName) -> Plant:
