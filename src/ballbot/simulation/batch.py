@@ -355,7 +355,9 @@ def _changes(
     """Yield the sample of each change within the run, and the models and imperfections from there on."""
     begins = {tuple(change_samples(lane, sample_time)) for lane in by_lane}
     if len(begins) > 1:
-        raise InputError("The robots of a batch change at different times; all of a batch must at the same ones.")
+        raise InputError(
+            "The robots of a batch change at different times; all of a batch must at the same ones."
+        )
     for k, begin in enumerate(begins.pop() if begins else ()):
         if begin < samples:
             changed = [
@@ -376,9 +378,7 @@ def _filters(
     sample_time: float,
 ) -> NDArray[np.float64]:
     """Return the rows of `filter_row`; none without a Kalman filter."""
-    if not (
-        any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)
-    ):
+    if not (any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)):
         return np.empty((0, 0))
     lanes = range(max(len(by_lane), len(robots), len(controllers)))
     known = [by_lane[k % len(by_lane)].known or robots[k % len(robots)] for k in lanes]

@@ -83,7 +83,10 @@ class Engine:
         MuJoCo's inverse weights, by which it scales the softness of contacts, stay those of the document.
         """
         place, spec = self.model.body(body).id, self._masses
-        self.model.body_mass[place], self.model.body_inertia[place] = share * spec[0][place], share * spec[1][place]
+        self.model.body_mass[place], self.model.body_inertia[place] = (
+            share * spec[0][place],
+            share * spec[1][place],
+        )
 
     def external_force(self, body: str) -> NDArray[np.float64]:
         """Return a view (6,) of the force [N] at a body's centre of mass and the torque [N m], world frame."""
