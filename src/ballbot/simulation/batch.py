@@ -230,7 +230,7 @@ def _side_by_side(
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
         block = new_block(at_start.loops, width, n, filtering=len(filters) > 0)
         for (begin, inputs), end in zip(stages, ends, strict=True):
-            run_block(selected, inputs, draws, sampling, block, first, width, begin, end, out)
+            run_block(selected, inputs, draws, sampling, block, first, width, (begin, end), out)
 
     over_threads(run, lanes, threads)
     return out

@@ -796,14 +796,15 @@ def _move(selected, work, width, inputs, block, sampling, first):
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, block, first, width, begin, end, out):
-    """Run robots first .. first + width - 1 from sample `begin` to `end`; `draws` and `block` are of these alone.
+def run_block(selected, inputs, draws, sampling, block, first, width, span, out):
+    """Run robots first .. first + width - 1 from a sample to another; `draws` and `block` are of these alone.
 
-    Other inputs at a later `begin` are a payload or a floor that has changed.
+    Other inputs from a later sample on are a payload or a floor that has changed.
     """
     inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
     block, out = borrowed(block), borrowed(out)
     samples, n = len(sampling.references), out.torques.shape[2]
+    begin, end = span
     filtering, work = len(inputs.filters) > 0, block.work
     if begin == 0:
         _start(selected, width, inputs, draws, sampling, first, block)

@@ -11,6 +11,8 @@ from ballbot.robot.parameters import parameter, parameter_class
 from ballbot.simulation.imperfections import MAX_DELAY
 
 _ALUMINIUM = 2700.0  # [kg/m^3]
+#: later than any run lasts [s]
+NEVER = 1e9
 
 
 @parameter_class
@@ -55,7 +57,7 @@ class Payload:
         "of its centre from the ball's centre: forward, left, up", "m", least=-math.inf
     )
     put_on: float = parameter("when it is put on", "s", default=0.0, least=0.0)
-    taken_off: float = parameter("when it is taken off", "s", default=math.inf, least=0.0)
+    taken_off: float = parameter("when it is taken off", "s", default=NEVER, least=0.0)
 
     @property
     def radius(self) -> float:
@@ -72,7 +74,7 @@ class Carpet:
         "moment that resists the ball's pivoting on it, over the normal force", "m", least=0.0
     )
     begins: float = parameter("when the robot rolls onto it", "s", default=0.0, least=0.0)
-    ends: float = parameter("when it rolls off it", "s", default=math.inf, least=0.0)
+    ends: float = parameter("when it rolls off it", "s", default=NEVER, least=0.0)
 
 
 @parameter_class

@@ -24,7 +24,16 @@ from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, 
 from ballbot.simulation.imperfections import Push, Roughness, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
-from ballbot.twin.faults import Carpet, Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
+from ballbot.twin.faults import (
+    NEVER,
+    Carpet,
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Softness,
+    Timing,
+)
 from ballbot.twin.parts import check_rollers
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
@@ -139,14 +148,14 @@ class Scenario:
         """Return when a payload is put on or taken off, or the floor becomes another one [s], in order."""
         times = [(one.put_on, one.taken_off) for one in (self.payload,) if one]
         times += [(one.begins, one.ends) for one in (self.carpet,) if one]
-        return tuple(sorted({t for pair in times for t in pair if 0.0 < t < math.inf}))
+        return tuple(sorted({t for pair in times for t in pair if 0.0 < t < NEVER}))
 
     def at(self, t: float) -> Scenario:
         """Return the scenario that stays as this one is at the time t [s]."""
         payload, carpet, friction, pivoting = self.payload, self.carpet, self.friction, self.pivoting
         if payload:
             there = payload.put_on <= t < payload.taken_off
-            payload = replace(payload, put_on=0.0, taken_off=math.inf) if there else None
+            payload = replace(payload, put_on=0.0, taken_off=NEVER) if there else None
         if carpet and carpet.begins <= t < carpet.ends:
             friction, pivoting = replace(friction, rolling=carpet.rolling), carpet.pivoting
         return replace(self, payload=payload, carpet=None, friction=friction, pivoting=pivoting)

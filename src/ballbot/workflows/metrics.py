@@ -226,18 +226,17 @@ class Score:
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
     energy: float  #: integral of |u w| over all wheels [J]
-    peak_lean: float  #: [rad]
-    rms_speed_error: float  #: see `metrics.rms_speed_error` [m/s]
-    stopping_time: float  #: see `Stop`; NaN, like the next two, where nothing is to stop [s]
+    peak_lean: float = np.nan  #: [rad]
+    rms_speed_error: float = np.nan  #: see `metrics.rms_speed_error` [m/s]
+    stopping_time: float = np.nan  #: see `Stop`; NaN, like the next two, where nothing is to stop [s]
     #: whether it came to rest; where not, the stopping time is a lower bound
-    rested: bool
-    stopping_distance: float  #: [m]
-    overshoot: float  #: [m]
-    top_speed: float  #: see `metrics.top_speed`; also of a run that ended early [m/s]
-    #: the last push after which the robot still stood at the next one, or at the end; also of a run that ended early
-    largest_impulse: (
-        float  #: 0 if it was the first that it did not recover from; NaN without such pushes [N s]
-    )
+    rested: bool = False
+    stopping_distance: float = np.nan  #: [m]
+    overshoot: float = np.nan  #: [m]
+    top_speed: float = np.nan  #: see `metrics.top_speed`; also of a run that ended early [m/s]
+    #: the last push after which the robot still stood at the next one, or at the end, 0 if there is none; also of a run
+    #: that ended early, and NaN without such pushes [N s]
+    largest_impulse: float = np.nan
     ended: str | None  #: why the run stopped early, as in a fall
 
 
