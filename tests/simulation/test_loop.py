@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.references import circle
+from ballbot.control.references import circle, drive
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.wheel_directions import contact_directions, rolling_directions
@@ -362,3 +362,26 @@ def test_robot_on_a_long_wave_leans_as_on_a_slope():
     expected = mass * ROBOT.ball.radius / moment * np.array([slope[1], -slope[0]])
     # while it follows the circle, friction's compensation leaves a few percent of the lean
     np.testing.assert_allclose(leans[0], leans[1], atol=0.1 * np.abs(expected).max())
+
+
+def test_a_carpet_takes_its_power():
+    """At a steady speed v, more rolling friction takes M g (C' - C) v more of the motors."""
+    rough = ROBOT.replace({"friction.rolling": ROBOT.friction.rolling + 0.014})
+    batch = simulate_batch(
+        Model(ROBOT),
+        precise_controller(ROBOT),
+        drive(speed=0.25),
+        duration=16.0,
+        initial_states=np.zeros(10),
+        imperfections=Imperfections(later=(Later(time=10.0, model=Model(rough)),)),
+    )
+    states = batch.states[0]
+    power = (batch.torques[0] * Model(ROBOT).wheel_speed(states[:, :5], states[:, 5:])).sum(axis=1)
+    steady = [slice(1400, 2000), slice(2600, 3200)]
+    speed = states[steady[1], 5].mean()
+    weight = (ROBOT.ball.mass + ROBOT.body.mass) * ROBOT.gravity
+    assert speed == pytest.approx(0.25, rel=0.02)
+    # the same speed and leans before and after to a few percent of what the carpet takes
+    assert power[steady[1]].mean() - power[steady[0]].mean() == pytest.approx(
+        weight * 0.014 * speed, rel=0.03
+    )
