@@ -114,7 +114,7 @@ def _overall_sheet(league: League) -> Sheet:
     return Sheet(headings, rows, caption)
 
 
-def _course_sheet(league: League) -> Sheet:
+def course_sheet(league: League) -> Sheet:
     """Return a row for each course: its first metric, each controller's mean with its interval, and the falls."""
 
     def cell(course: Course, metric: Metric, name: str) -> str:
@@ -233,7 +233,7 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
-            section("Over all courses", _overall_sheet(league), _course_sheet(league)),
+            section("Over all courses", _overall_sheet(league), course_sheet(league)),
             *([_twin_section(twin)] if twin else []),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
@@ -246,7 +246,7 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
 
 def _twin_section(twin: League) -> Section:
     said = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
-    return section("On the twin", Paragraph(said), _course_sheet(twin))
+    return section("On the twin", Paragraph(said), course_sheet(twin))
 
 
 def _course_section(league: League, course: Course, place: int) -> Section:
