@@ -23,7 +23,7 @@ _PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin"
 
 
 def results_of(preset: str) -> list[list[str]]:
-    """Return a row for each course of a preset: each controller's number on the loop, and the best two's on the twin."""
+    """Return a row for each course: the controllers' numbers on the loop, and the best two's on the twin."""
     robot = Robot.load(preset)
     robot = robot.replace(friction=Scenario.nominal(robot).friction)
     controllers = {one.name: one.controller(robot) for one in parse_candidates(CONTROLLERS)}
@@ -34,13 +34,14 @@ def results_of(preset: str) -> list[list[str]]:
     twin = run_league(
         robot, chosen, choose_courses("benchmark", robot, "twin"), seeds=range(1, 1 + TWIN_SEEDS)
     )
+    rows = zip(course_sheet(league).rows, course_sheet(twin).rows, strict=True)
     return [
         [
             f"{preset}, {row[0]}",
-            *row[1:],
-            *(f"{name}: {cell}" for name, cell in zip(chosen, other[1:], strict=True)),
+            *map(str, row[1:]),
+            *(f"{n}: {cell}" for n, cell in zip(chosen, other[1:], strict=True)),
         ]
-        for row, other in zip(course_sheet(league).rows, course_sheet(twin).rows, strict=True)
+        for row, other in rows
     ]
 
 
