@@ -253,16 +253,11 @@ def refusal(index: int, value: float) -> str:
 
 
 def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
-    if isinstance(gain, list | tuple | np.ndarray):
-        matrix = real_array(gain, ("...", "columns"), "The gain").copy()
-    else:
+    if not isinstance(gain, list | tuple | np.ndarray):
         raise InputError(
             f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as "
             "`lqr(...).gain`."
         )
-    if matrix.shape != (wheel_count, 10):
-        raise InputError(
-            f"The gain has the shape {matrix.shape}; this robot needs {wheel_count} x 10, wheels by states."
-        )
+    matrix = real_array(gain, (wheel_count, 10), "The gain").copy()
     matrix.setflags(write=False)
     return matrix

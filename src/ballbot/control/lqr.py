@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ballbot.arrays import instead_of_sample_time
+from ballbot.arrays import instead_of_sample_time, real_array
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -159,9 +159,7 @@ def lqr(
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape
     Q, R = _weight("Q", Q, m), _weight("R", R, n)
-    N = np.zeros((m, n)) if N is None else _numbers("N", N)
-    if N.shape != (m, n):
-        raise InputError(f"N has the shape {N.shape}; it must be {m} x {n}, states by inputs.")
+    N = np.zeros((m, n)) if N is None else real_array(N, (m, n), "N")
     _check_definite(Q, R, N)
     _check_stabilisable(A, B)
     if sample_time is None:
@@ -229,7 +227,7 @@ def _riccati(solve: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     """Return a weight as a symmetric matrix."""
-    matrix = _numbers(name, value)
+    matrix = real_array(value, ("...",), name)
     if name == "R" and matrix.shape == ():  # all motors have one unit, the states do not
         matrix = np.full(size, float(matrix))
     if matrix.shape == (size,):
@@ -242,16 +240,6 @@ def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
         raise InputError(f"{name} is not symmetric; a weight matrix must be symmetric.")
     return 0.5 * (matrix + matrix.T)
-
-
-def _numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    try:
-        matrix = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not an array of numbers.") from None
-    if not np.isfinite(matrix).all():
-        raise InputError(f"{name} holds a value that is not finite; every weight must be finite.")
-    return matrix
 
 
 def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[np.float64]) -> None:

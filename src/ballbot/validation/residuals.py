@@ -77,39 +77,59 @@ class Prediction(Comparison):
         return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @cached_property
-    def analysis(self) -> ResidualAnalysis:
-        """The analysis of the first model's residuals, as far as the log allows."""
-        residuals, segments = self.residuals, self.segments
-        no_wheels, by_speed = _no_wheels(self), None
-        if no_wheels is None:
-            assert self.wheel_speeds is not None
-            torques = wheel_torque_residuals(self)
-            blocks = blocks_of(segments, length=max(1, round(_BLOCK / self.sample_time)))
-            earlier = lagged(self.wheel_speeds, segments, lag=_EARLIER)
-            by_speed = tuple(
-                speed_effect(torque, speed, blocks)
-                for torque, speed in zip(torques.T, earlier.T, strict=True)
-            )
-        return ResidualAnalysis(
-            correlations=correlations(np.hstack([residuals, self.torques]), self.labels, segments),
-            whiteness=whiteness(residuals, segments),
-            spectrum=spectrum(residuals, segments, sample_time=self.sample_time),
-            by_speed=by_speed,
-            no_wheels=no_wheels,
-        )
+    def correlations(self) -> Correlations:
+        """The tested correlations of residuals and torques."""
+        return correlations(np.hstack([self.residuals, self.torques]), self.labels, self.segments)
+
+    @cached_property
+    def whiteness(self) -> Whiteness | None:
+        """The test of the residuals' whiteness; None if the log is too short."""
+        return whiteness(self.residuals, self.segments)
+
+    @cached_property
+    def spectrum(self) -> Spectrum | None:
+        """The peaks of the residuals' spectrum; None if the log is too short."""
+        return spectrum(self.residuals, self.segments, sample_time=self.sample_time)
+
+    @property
+    def no_wheels(self) -> str | None:
+        """Why the dependence on the wheels' speed is not analysed; None if it is."""
+        if self.wheel_speeds is None:
+            return "the log lacks the encoder speeds"
+        # a log of N rows has N - 1 steps, and a duration of N sample times
+        seconds = (len(self.residuals) + len(self.segments)) * self.sample_time
+        least = LEAST_BLOCKS * _BLOCK
+        if seconds < least - 0.5 * self.sample_time:
+            return f"{seconds:.4g} s are too short; at least {least:.0f} s are needed"
+        return None
+
+    @cached_property
+    def by_speed(self) -> tuple[SpeedEffect, ...]:
+        """The residual torque of each wheel against its speed; empty if it is not analysed."""
+        if self.no_wheels or self.wheel_speeds is None:
+            return ()
+        blocks = blocks_of(self.segments, length=max(1, round(_BLOCK / self.sample_time)))
+        earlier = lagged(self.wheel_speeds, self.segments, lag=_EARLIER)
+        wheels = zip(wheel_torque_residuals(self).T, earlier.T, strict=True)
+        return tuple(speed_effect(torque, speed, blocks) for torque, speed in wheels)
 
     def remarks(self) -> tuple[Finding, ...]:
-        """Return the findings of the analysis."""
-        return self.analysis.findings
+        """Return the findings on correlations, whiteness, spectrum and friction, in this order."""
+        sentences = (
+            *_pair_findings(self.correlations),
+            _whiteness_finding(self.whiteness),
+            _peak_finding(self.spectrum),
+            _speed_finding(self),
+        )
+        return tuple(note("residuals", sentence) for sentence in sentences)
 
     def results(self) -> dict[str, object]:
-        analysis = self.analysis
-        white, spectrum = analysis.whiteness, analysis.spectrum
+        white, spectrum = self.whiteness, self.spectrum
         return {
             "labels": self.labels,
-            "correlation": analysis.correlations.matrix,
-            "significant": analysis.correlations.significant,
-            "effective_samples": analysis.correlations.counts,
+            "correlation": self.correlations.matrix,
+            "significant": self.correlations.significant,
+            "effective_samples": self.correlations.counts,
             **self.errors.results(self.models),
             "whiteness": white
             and {
@@ -123,7 +143,7 @@ class Prediction(Comparison):
                 "resolution": spectrum.resolution,
                 "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
             },
-            "wheels": {"refused": analysis.no_wheels, "by_speed": analysis.by_speed or ()},
+            "wheels": {"refused": self.no_wheels, "by_speed": self.by_speed},
         }
 
 
@@ -143,39 +163,6 @@ def predict(case: Case) -> Prediction:
         segments=tuple(len(part) - 1 for part in case.parts),
         sample_time=log.sample_time,
     )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResidualAnalysis:
-    """Analyses of a model's residuals; None if the log is too short or lacks a column."""
-
-    correlations: Correlations
-    whiteness: Whiteness | None
-    spectrum: Spectrum | None
-    by_speed: tuple[SpeedEffect, ...] | None  #: by wheel
-    no_wheels: str | None  #: why the dependence on the wheels' speed is not analysed; None if it is
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """The findings on correlations, whiteness, spectrum and friction, in this order."""
-        sentences = (
-            *_pair_findings(self.correlations),
-            _whiteness_finding(self.whiteness),
-            _peak_finding(self.spectrum),
-            _speed_finding(self),
-        )
-        return tuple(note("residuals", sentence) for sentence in sentences)
-
-
-def _no_wheels(prediction: Prediction) -> str | None:
-    if prediction.wheel_speeds is None:
-        return "the log lacks the encoder speeds"
-    # a log of N rows has N - 1 steps, and a duration of N sample times
-    seconds = (len(prediction.residuals) + len(prediction.segments)) * prediction.sample_time
-    least = LEAST_BLOCKS * _BLOCK
-    if seconds < least - 0.5 * prediction.sample_time:
-        return f"{seconds:.4g} s are too short; at least {least:.0f} s are needed"
-    return None
 
 
 #: share added to the diagonal of a normalised covariance, so that it has an inverse
@@ -326,18 +313,18 @@ def _peak_finding(result: Spectrum | None) -> str:
     )
 
 
-def _speed_finding(analysis: ResidualAnalysis) -> str:
-    if analysis.by_speed is None:
-        return f"The residuals are not compared with the motion of the wheels: {analysis.no_wheels}."
+def _speed_finding(prediction: Prediction) -> str:
+    if prediction.no_wheels:
+        return f"The residuals are not compared with the motion of the wheels: {prediction.no_wheels}."
     wheels = []
-    for wheel, effect in enumerate(analysis.by_speed, start=1):
-        if effect.p_value < WHEEL_LEVEL / len(analysis.by_speed):
+    for wheel, effect in enumerate(prediction.by_speed, start=1):
+        if effect.p_value < WHEEL_LEVEL / len(prediction.by_speed):
             worst = effect.largest
             wheels.append(
                 f"wheel {wheel} ({effect.torques[worst]:+.3f} ± {effect.half_widths[worst]:.3f} N m at "
                 f"{effect.speeds[worst]:+.2f} rad/s)"
             )
-    if any(np.isnan(effect.p_value) for effect in analysis.by_speed):
+    if any(np.isnan(effect.p_value) for effect in prediction.by_speed):
         return (
             "The wheels returned to the same speeds too seldom "
             "to show how the residual torque depends on them."
