@@ -178,7 +178,7 @@ def cross_validate(
         The log's name in the results.
     starts : callable, optional
         The states known at times of its rows, from which the predictions by horizon start, as
-        `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
+        `ballbot.log.pose.causal_states` gives them for a log from elsewhere; by default those of its rows.
     """
     predictor, log = found.predictor, as_log(log)
     log = without_encoder_lag(log, predictor.robot)
