@@ -12,7 +12,6 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot, emulated_robot
-from ballbot.link.lock_step import LockStep
 from ballbot.link.messages import AnswerResult, Capability, ControllerPlace, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
@@ -32,12 +31,11 @@ def parameters() -> np.ndarray:
     return parameter_record(precise_controller(ROBOT), SafetyLimits.on_robot(ROBOT, sample_time=H))
 
 
-def emulated(*, capabilities: int = 0, robot: Robot = ROBOT, seed: int = 0) -> EmulatedRobot:
+def emulated(*, capabilities: int = 0, starts: int = 0, robot: Robot = ROBOT, seed: int = 0) -> EmulatedRobot:
     """Return an emulated robot with the sensors that its file has."""
     plant = SensedPlant(Model(robot), Imperfections(sensors=robot.sensors))
-    return EmulatedRobot(
-        plant, CompiledRobot(parameters(), capabilities=capabilities), sample_time=H, seed=seed
-    )
+    firmware = CompiledRobot(parameters(), capabilities=capabilities, starts=starts)
+    return EmulatedRobot(plant, firmware, sample_time=H, seed=seed)
 
 
 def connected(robot) -> Session:
@@ -79,12 +77,9 @@ def test_robot_balances_and_follows_a_reference():
     assert sum(session.counts.refused) == 0
 
 
-def session_number(**start) -> int:
-    """Return the session of a robot whose sensors give nothing, after three samples."""
-    line = LockStep(CompiledRobot(parameters(), **start), sample_time=H)
-    for _ in range(3):
-        line.step()
-    return Session(line, clock=line.clock).connect().session
+def session_number(*, starts: int) -> int:
+    """Return the session of a robot; its sensors give the same at each start."""
+    return connected(emulated(starts=starts)).welcome.session
 
 
 def test_sessions_after_a_reset_differ_by_the_number_of_the_start_alone(monkeypatch):
@@ -110,10 +105,10 @@ def test_arming_needs_the_robots_button_if_it_has_one():
     assert session.arm(lambda: True) is AnswerResult.BUTTON
 
     def press() -> bool:
-        robot._steps.line.press_button()
+        robot.firmware.press_button()
         return True
 
-    robot._steps.line.press_button()  # before it was asked for: it does not count
+    robot.firmware.press_button()  # before it was asked for: it does not count
     assert session.arm(lambda: True) is AnswerResult.BUTTON
     assert session.arm(press) is AnswerResult.OK
 

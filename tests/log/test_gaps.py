@@ -113,5 +113,5 @@ def test_a_log_with_a_gap_is_validated_and_one_wrapped_as_the_whole():
     assert whole.closed_loop is not None
     # a turn more or less changes sines by rounding, which a balancing robot magnifies by e^20 in four seconds
     np.testing.assert_allclose(
-        again.closed_loop.restarted.first.rmse, whole.closed_loop.restarted.first.rmse, rtol=1e-6
+        again.closed_loop.restarted.rmse[0], whole.closed_loop.restarted.rmse[0], rtol=1e-6
     )

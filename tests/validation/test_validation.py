@@ -153,7 +153,7 @@ def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
     loop = _open_loop(validation)
     floor = np.sqrt(loop.noise_floor**2 + NOISE**2)
     # about 24 runs whose errors are one-sided falls: their rms scatters by some 30 %
-    assert np.all(loop.errors.first.rmse < 2.0 * floor)
+    assert np.all(loop.errors.rmse[0] < 2.0 * floor)
     assert np.all(loop.errors.ratio > 1.5)
     assert validation.closed_loop is not None
     assert np.all(validation.closed_loop.restarted.ratio[:7] > 1.5)
@@ -173,8 +173,8 @@ def test_on_a_perfect_log_closed_loop_repeats_the_log():
     repeated = closed_loop(case)
     assert isinstance(repeated, ClosedLoop)
     # rounding, over 4 s of a closed loop that sticks and slips
-    assert np.all(repeated.restarted.first.rmse < 1e-6)
-    assert np.all(repeated.restarted.second.rmse[:2] > 0.02)
+    assert np.all(repeated.restarted.rmse[0] < 1e-6)
+    assert np.all(repeated.restarted.rmse[1, :2] > 0.02)
 
 
 def test_only_holdout_intervals_count():
@@ -185,9 +185,7 @@ def test_only_holdout_intervals_count():
         validate_pair(_models(true_robot()), one, holdout=held)
         for one in (log, log.with_columns({"theta": spoiled}))
     )
-    np.testing.assert_array_equal(
-        _open_loop(clean).errors.first.by_run, _open_loop(other).errors.first.by_run
-    )
+    np.testing.assert_array_equal(*(_open_loop(one).errors.by_run[:, 0] for one in (clean, other)))
     np.testing.assert_array_equal(clean.prediction.residuals, other.prediction.residuals)
     assert clean.duration == pytest.approx(5.0, abs=0.01)
 

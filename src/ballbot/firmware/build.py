@@ -19,13 +19,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
 
 from ballbot.errors import InputError
 from ballbot.firmware.header import SOURCES
@@ -54,8 +53,6 @@ _SHARED = ("-O2", "-fPIC", "-shared")
 #: for a compiler [s]; the slowest takes some seconds
 _PATIENCE = 300.0
 
-_Tool = TypeVar("_Tool")
-
 
 def has_zig() -> bool:
     """Return whether the wheel `ziglang` is installed."""
@@ -70,22 +67,6 @@ def compilers() -> dict[str, tuple[str, ...]]:
     if has_zig():
         commands["zig"] = (*ZIG, "cc")
     return commands
-
-
-def chosen_tool(
-    tools: Mapping[str, _Tool], name: str | None, *, kind: str, install: str
-) -> tuple[str, _Tool]:
-    """Return the name and the tool of that name, or the first one there is; InputError if there is none.
-
-    `kind` says what the tool is, `install` what to install if there is none.
-    """
-    wanted = name or next(iter(tools), "")
-    if wanted not in tools:
-        named = f" {wanted!r}" if wanted else ""
-        raise InputError(
-            f"There is no {kind}{named} on this computer; install {install}, or `pip install ziglang`."
-        )
-    return wanted, tools[wanted]
 
 
 def run_tool(*command: str | Path, name: str = "The compiler") -> None:
@@ -126,7 +107,15 @@ def compile_sources(
 
 
 def _compiler(name: str | None = None) -> tuple[str, tuple[str, ...]]:
-    return chosen_tool(compilers(), name, kind="C compiler", install="gcc or clang")
+    """Return name and command of the compiler of that name, or of the first one there is; InputError without one."""
+    known = compilers()
+    wanted = name or next(iter(known), "")
+    if wanted not in known:
+        named = f" {wanted!r}" if wanted else ""
+        raise InputError(
+            f"There is no C compiler{named} on this computer; install gcc or clang, or `pip install ziglang`."
+        )
+    return wanted, known[wanted]
 
 
 def compile_objects(

@@ -2,8 +2,8 @@
 
 The library is compiled for a Cortex-M4F and takes a rehearsal of some hundred samples on the emulator
 (`ballbot.firmware.emulator`): a robot that sways, turns and rolls, a reference that stands, moves and jumps, and now
-and then a sample without encoders, gyro or attitude. Such a rehearsal goes through every branch that random states
-and references find in the parts of the controller (`tests/firmware/test_processor_load.py`).
+and then a sample without encoders, gyro or attitude, or with a fix. Such a rehearsal goes through every branch that
+random states and references find in the parts of the controller (`tests/firmware/test_processor_load.py`).
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _NO_HARDWARE = Path(__file__).parent / "no_hardware.c"
 SAMPLES = 240
 #: wheels of pip that a measurement needs
 _NEEDED = ("ziglang", "unicorn")
-#: samples between two of which a sensor is missing, and between two with a fix
-_MISSING_EVERY, _FIX_EVERY = 17, 29
+#: chance that a sensor is missing in a sample, and that of a fix
+_MISSING, _FIXES = 0.02, 0.035
 #: samples of a phase of the reference
 _PHASE = 20
 #: offsets of the reference from the estimated x [m], y [m] and psi [rad], phase by phase: at rest, near, far, turned
@@ -165,8 +165,8 @@ def rehearse(
     board.call("ballbot_skip_self_test", state)
     board.call("ballbot_arm", state)
     given = 0
-    for k, reading in enumerate(readings(robot, samples=samples, h=h)):
-        record = reading_record(_disturbed(reading, k), robot=robot)
+    for k, reading in enumerate(readings(robot, samples=samples, h=h, missing=_MISSING, fixes=_FIXES)):
+        record = reading_record(reading, robot=robot)
         if not given:
             given = board.place(record)
         board.write(given, record)
@@ -178,27 +178,12 @@ def rehearse(
             reading=record,
             time=time,
             reference=reference.copy(),
-            has_fix=k % _FIX_EVERY == _FIX_EVERY - 1,
+            has_fix=reading.fix is not None,
             torques=board.read(answer, torques)[: robot.wheel_count],
             state=after,
             run=run,
         )
         reference = _next_reference(reference, after["run"]["estimate"][0], k + 1)
-
-
-def _disturbed(reading: Reading, k: int) -> Reading:
-    """Return a sample's reading, every now and then without a sensor or with a fix of the pose."""
-    turn, step = divmod(k, _MISSING_EVERY)
-    lost = turn % 3 if step == _MISSING_EVERY - 1 else None
-    fix = Fix(position=np.array([0.1, 0.0]), heading=0.0) if k % _FIX_EVERY == _FIX_EVERY - 1 else None
-    gone = np.full_like
-    return Reading(
-        wheel_angles=gone(reading.wheel_angles, np.nan) if lost == 0 else reading.wheel_angles,
-        wheel_speeds=gone(reading.wheel_speeds, np.nan) if lost == 0 else reading.wheel_speeds,
-        gyro=gone(reading.gyro, np.nan) if lost == 1 else reading.gyro,
-        attitude=gone(reading.attitude, np.nan) if lost == 2 else reading.attitude,
-        fix=fix,
-    )
 
 
 def _next_reference(

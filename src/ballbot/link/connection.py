@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
 from ballbot.errors import InputError
-from ballbot.link.emulated import emulated_robot
+from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
-from ballbot.link.live import Commander, LiveRobot, LiveRun, RobotSample, TorqueProgram, recorded_run
+from ballbot.link.live import Commander, Ending, LiveRobot, RobotSample, TorqueProgram, log_columns
 from ballbot.link.messages import State
 from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
+from ballbot.link.recorder import Recorder
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
+from ballbot.log import Log
 from ballbot.robot import Robot
-from ballbot.simulation.held_robot import Hold
-from ballbot.twin.scenario import Scenario
-from ballbot.workflows.courses import PlantName
 
 #: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
 _PICTURE, _LINE = 0.1, 5.0
@@ -76,6 +77,21 @@ class Monitor:
             self._live.update(Text(line()), refresh=True)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveRun:
+    """A run's log and how it ended."""
+
+    ending: Ending
+    log: Log | None  #: None if the run ended before its first sample
+    trouble: str | None  #: why the recording ends before the run, in one sentence
+
+    def whole_log(self) -> Log:
+        """Return the log; InputError if the run ended before its first sample."""
+        if self.log is None:
+            raise InputError(self.ending.text)
+        return self.log
+
+
 @dataclass(frozen=True, kw_only=True)
 class Connection:
     """A robot at the other end of a link, and the person beside it."""
@@ -109,27 +125,48 @@ class Connection:
         monitor: Monitor,
         *,
         duration: float,  # [s]
-        ramp: float = 0.0,
-        recording: Path | None = None,
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+        recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
     ) -> LiveRun:
-        """Make a run, watched by the monitor; see `recorded_run`."""
+        """Test and arm the robot, run it with a commander, disarm it, and return the log; the monitor shows the run.
+
+        The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written
+        stops the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
+
+        InputError if the recording cannot be written, the self-test fails, arming is not confirmed, or the robot
+        refuses.
+        """
         line = bench_line if isinstance(commander, TorqueProgram) else sample_line
-
-        def watch(sample: RobotSample) -> None:
-            monitor.show(sample.t, lambda: line(sample, torque_limit=self.robot.torque_limit))
-            if self.camera is not None:
-                self.camera.watch(sample.t)
-
+        robot, columns = self.robot, log_columns(self.robot.wheel_count)
+        rows: list[Sequence[float]] = []
         with monitor.shown():
-            return recorded_run(
-                self.robot,
-                commander,
-                operator=self.operator,
-                duration=duration,
-                ramp=ramp,
-                watch=watch,
-                recording=recording,
-            )
+            robot.test(self.operator)
+            with Recorder(recording, columns) if recording else nullcontext() as recorder:
+
+                def record(row: Sequence[float]) -> None:
+                    rows.append(row)
+                    if recorder is not None:
+                        recorder.append(row)
+
+                def watch(sample: RobotSample) -> None:
+                    monitor.show(sample.t, lambda: line(sample, torque_limit=robot.torque_limit))
+                    if self.camera is not None:
+                        self.camera.watch(sample.t)
+
+                gc.collect()
+                gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
+                try:
+                    robot.arm(self.operator.confirm_arming, controller=commander.place, ramp=ramp)
+                    ending = robot.run(commander, duration=duration, record=record, watch=watch)
+                finally:
+                    gc.unfreeze()
+                    if recording and not rows:  # nothing to recover
+                        recording.unlink(missing_ok=True)
+                    robot.disarm()
+        log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
+        if log is not None and ending.kind in ("stop", "link"):
+            log = Log(log.columns, ended=ending.text.removesuffix("."))
+        return LiveRun(ending=ending, log=log, trouble=recorder.failure if recorder else None)
 
     def troubles(self, made: LiveRun) -> Iterator[str]:
         """Yield what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
@@ -164,31 +201,17 @@ def connect_port(port: str, described: Robot | None, *, say: Callable[[str], Non
 @contextmanager
 def connect_emulated(
     described: Robot,
-    scenario: Scenario,
+    emulated: EmulatedRobot,
     *,
-    plant: PlantName,
-    seed: int,
-    # how it is held; in the air and upside down it stays so when it arms
-    hold: Hold,
-    # whether it runs no faster than a real one, for a person who drives or watches it
-    real_time: bool,
-    imu_checked: bool,  # whether the IMU's axes count as checked
+    filmed_by: int
+    | None = None,  # random seed of a camera above a robot that is held upside down, if there is one
 ) -> Iterator[Connection]:
-    """Hold the link to an emulated robot while the block runs; see `emulated_robot`."""
-    emulated = emulated_robot(
-        described,
-        scenario,
-        plant=plant,
-        hold=hold,
-        seed=seed,
-        real_time=real_time,
-        imu_checked=imu_checked,
-    )
+    """Hold the link to an emulated robot while the block runs."""
     with _robot_at(emulated, emulated.clock) as robot:
         camera = None
-        if hold == "upside_down":
+        if filmed_by is not None:
             camera = EmulatedCamera(
-                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=seed
+                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=filmed_by
             )
         operator = EmulatedOperator(emulated.hand)
         yield Connection(

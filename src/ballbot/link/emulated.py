@@ -4,9 +4,9 @@
     session = Session(robot, clock=robot.clock)
 
 The firmware is the whole program of a robot: link, estimator, control law, safety layer and `robot.c`, compiled for
-this computer (`CompiledRobot`) or running on an emulated board behind its serial line. Only sensors and motors are
-messages: one `Sensors` in for each sample, one `Motors` back. The robot's clock is the time in `Sensors`. Equal plants,
-seeds and bytes of the host therefore give equal runs, bit for bit, however fast the computer is.
+this computer. Only sensors and motors are replaced: each step takes a sample of the sensors with its time, which is
+the robot's clock, obeys what the host has sent before, and returns the torques. Equal plants, seeds and bytes of the
+host therefore give equal runs, bit for bit, however fast the computer is.
 
 Until it is armed, a hand holds the robot (`ballbot.simulation.held_robot`), so that the self-test can turn its wheels.
 When it is armed the hand lets go, and the plant starts; when it stops or falls, the hand holds it again.
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import ctypes
 import time
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -23,17 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.presets import nominal_controller
+from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
-from ballbot.estimation.interface import Reading
 from ballbot.firmware.build import shared_library, source_files
+from ballbot.firmware.estimators import whole_counts
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.records import PARAMETERS
-from ballbot.link.lock_step import LockStep, sensors_of
-from ballbot.link.messages import Motors
-from ballbot.link.transport import Transport
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
-from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
@@ -45,17 +44,27 @@ HARDWARE = Path(__file__).parents[1] / "firmware" / "emulated"
 _ROOM = 8192
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motors:
+    """What an emulated robot commands its motors after a sample."""
+
+    time: int  #: of the sample [us], modulo 2^32
+    enabled: bool
+    armed: bool  #: whether it balances, or follows torques of the host
+    torques: NDArray[np.float32]  #: (MAX_WHEELS,) [N m]; zero while the motors are disabled
+
+
 class EmulatedRobot:
     """A plant and the firmware that drives it, behind a transport for the host.
 
     Reading lets the robot run: `read` takes at least one sample, and more until the robot has sent something or
-    `timeout` of the robot's time is over.
+    `timeout` of the robot's time is over. So a host that waits does not wait for ever.
     """
 
     def __init__(
         self,
         plant: Plant,  # the robot when nobody holds it: a model, the twin, your own
-        line: Transport,  # to the firmware: a `CompiledRobot`, or the serial line of an emulated board
+        firmware: CompiledRobot,
         *,
         sample_time: float,  # of the firmware [s]
         seed: int = 0,  # of everything random in the plant
@@ -66,53 +75,39 @@ class EmulatedRobot:
         real_time: bool = False,
     ) -> None:
         self.plant = plant
-        self._steps = LockStep(line, sample_time=sample_time)
+        self.firmware = firmware
+        self.motors: Motors | None = None  #: what the robot commanded last
         self._sample_time = sample_time
+        self._samples = 0
         self._seed = seed
         self._always_held = always_held
         self._due = time.monotonic() if real_time else None  # when the next sample is
         self.hand = HeldRobot(plant.robot) if hand is None else hand  #: that holds the robot
-        if not always_held:  # the first sample loads compiled code, for longer than host and board wait
+        if not always_held:  # the first sample loads compiled code, for longer than a host waits
             plant.reset(None, seed=seed)
             plant.step(np.zeros(plant.robot.wheel_count), sample_time)
         self._held, self._caught = True, False
         self._measured = self.hand.reset(seed=seed)
         self._turned = np.zeros(plant.robot.wheel_count)  # wheel angles when the present plant began
 
-    @property
-    def motors(self) -> Motors | None:
-        """What the robot commanded its motors last."""
-        return self._steps.motors
-
-    @property
-    def held(self) -> bool:
-        """Whether a hand holds the robot."""
-        return self._held
-
-    @property
-    def measurement(self) -> Measurement:
-        """What the plant measured last, with the truth."""
-        return self._measured
-
     def clock(self) -> float:
         """Return the robot's time [s]."""
-        return self._steps.clock()
+        return self._samples * self._sample_time
 
     def read(self, timeout: float) -> bytes:
         """Let the robot run until it has sent something, and return that; b"" after `timeout` [s] of its time."""
         end = self.clock() + timeout
         self._sample()
-        while not (sent := self._steps.take()) and self.clock() < end - 0.5 * self._sample_time:
+        while not (sent := self.firmware.take()) and self.clock() < end - 0.5 * self._sample_time:
             self._sample()
         return sent
 
     def write(self, data: bytes) -> None:
         """Send bytes to the robot, which takes them with its next sample."""
-        self._steps.write(data)
+        self.firmware.put(data)
 
     def close(self) -> None:
-        """Switch the robot off."""
-        self._steps.close()
+        """Do nothing: there is nothing to close."""
 
     def _sample(self) -> None:
         """Let the robot take one sample, and hold its torques until the next."""
@@ -120,29 +115,27 @@ class EmulatedRobot:
             late = time.monotonic() - self._due
             time.sleep(max(0.0, -late))
             self._due += self._sample_time + (late if late > self._sample_time else 0.0)
-        self._steps.sensors = sensors_of(self._reading(), robot=self.plant.robot)
-        motors = self._steps.step()
-        self._let_go_or_hold(motors)
-        plant = self.hand if self._held else self.plant
-        torques = motors.torques[: plant.robot.wheel_count].astype(np.float64)
-        self._measured = plant.step(torques, self._sample_time)
-
-    def _reading(self) -> Reading:
-        """Return what the sensors give now; the encoders go on counting when the plant changes."""
-        measured = self._measured
-        return Reading(
-            wheel_angles=self._turned + measured.wheel_angles,
-            wheel_speeds=measured.wheel_speeds,
-            gyro=measured.gyro,
-            attitude=measured.state[2:5] if measured.attitude is None else measured.attitude,
+        self._samples += 1
+        measured, robot = self._measured, self.plant.robot
+        attitude = measured.state[2:5] if measured.attitude is None else measured.attitude
+        self.motors = self.firmware.step(
+            round(1e6 * self.clock()) % 2**32,
+            imu=np.concatenate([measured.gyro, attitude]),
+            # the encoders go on counting when the plant changes
+            counts=whole_counts(self._turned + measured.wheel_angles, robot=robot)
+            if np.isfinite(measured.wheel_angles).all()
+            else None,
         )
+        self._let_go_or_hold(self.motors)
+        plant = self.hand if self._held else self.plant
+        torques = self.motors.torques[: plant.robot.wheel_count].astype(np.float64)
+        self._measured = plant.step(torques, self._sample_time)
 
     def _let_go_or_hold(self, motors: Motors) -> None:
         """Let the robot go when it is armed; hold it again when it is not, or has fallen."""
-        armed = bool(motors.armed)
         fallen = not self._held and self._measured.ended is not None
-        self._caught = armed and (self._caught or fallen)
-        held = not armed or self._caught or self._always_held
+        self._caught = motors.armed and (self._caught or fallen)
+        held = not motors.armed or self._caught or self._always_held
         if held == self._held:
             return
         self._turned = self._turned + np.nan_to_num(self._measured.wheel_angles)
@@ -191,7 +184,7 @@ def emulated_robot(
 
 
 class CompiledRobot:
-    """The program of a robot, compiled for this computer: a transport that takes `Sensors` and gives `Motors`.
+    """The program of a robot, compiled for this computer.
 
     InputError if there is no C compiler, or the parameters are not those of the library.
     """
@@ -215,22 +208,37 @@ class CompiledRobot:
         if not imu_checked:
             self._functions.emulated_robot_mount(self._memory.ctypes.data)
 
-    def read(self, timeout: float) -> bytes:  # noqa: ARG002 (it answers at once)
-        """Return what the robot has sent."""
+    def step(self, time: int, *, imu: NDArray[np.float64], counts: NDArray[np.int32] | None) -> Motors:
+        """Take one sample at a time [us] modulo 2^32, and return what the robot commands its motors.
+
+        The IMU gives gyro [rad/s] and attitude [rad], (6,). If one of these is not finite, all of it is invalid, as by
+        a checksum. The counts of the encoders (n,) are None if they give nothing.
+        """
+        shown = np.ascontiguousarray(imu, np.float32) if np.isfinite(imu).all() else None
+        counted = None if counts is None else np.concatenate([counts, np.zeros(MAX_WHEELS, np.int32)])
+        torques = np.zeros(MAX_WHEELS, np.float32)
+        bits = self._functions.emulated_robot_step(
+            self._memory.ctypes.data,
+            time,
+            None if shown is None else shown.ctypes.data,
+            None if counted is None else counted.ctypes.data,
+            torques.ctypes.data,
+        )
+        return Motors(time=time, enabled=bool(bits & 1), armed=bool(bits & 2), torques=torques)
+
+    def put(self, data: bytes) -> None:
+        """Let the host send bytes."""
+        self._functions.emulated_robot_put(self._memory.ctypes.data, data, len(data))
+
+    def take(self) -> bytes:
+        """Return what the robot has sent to the host."""
         room = ctypes.create_string_buffer(_ROOM)
         count = self._functions.emulated_robot_take(self._memory.ctypes.data, room, _ROOM)
         return room.raw[:count]
 
-    def write(self, data: bytes) -> None:
-        """Send bytes; the robot takes a step with each `Sensors` in them."""
-        self._functions.emulated_robot_put(self._memory.ctypes.data, data, len(data))
-
     def press_button(self) -> None:
         """Press the robot's button that lets a host arm it."""
         self._functions.emulated_robot_confirm(self._memory.ctypes.data)
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to close."""
 
 
 @cache
@@ -238,16 +246,16 @@ def _program() -> ctypes.CDLL:
     """Return the compiled program, once for this process."""
     sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]
     functions = shared_library("emulated", sources, include=(PROJECT, HARDWARE))
-    pointer, size = ctypes.c_void_p, ctypes.c_size_t
-    functions.emulated_robot_size.restype = size
-    functions.emulated_robot_start.argtypes = (pointer, pointer, ctypes.c_int32, ctypes.c_uint32)
-    functions.emulated_robot_start.restype = ctypes.c_bool
-    functions.emulated_robot_put.argtypes = (pointer, ctypes.c_char_p, size)
-    functions.emulated_robot_put.restype = None
-    functions.emulated_robot_take.argtypes = (pointer, pointer, size)
-    functions.emulated_robot_take.restype = size
-    functions.emulated_robot_mount.argtypes = (pointer,)
-    functions.emulated_robot_mount.restype = None
-    functions.emulated_robot_confirm.argtypes = (pointer,)
-    functions.emulated_robot_confirm.restype = None
+    pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32
+    for name, result, arguments in (
+        ("size", size, ()),
+        ("start", ctypes.c_bool, (pointer, pointer, ctypes.c_int32, number)),
+        ("mount", None, (pointer,)),
+        ("step", ctypes.c_int32, (pointer, number, pointer, pointer, pointer)),
+        ("put", None, (pointer, ctypes.c_char_p, size)),
+        ("take", size, (pointer, ctypes.c_char_p, size)),
+        ("confirm", None, (pointer,)),
+    ):
+        function = getattr(functions, f"emulated_robot_{name}")
+        function.restype, function.argtypes = result, arguments
     return functions

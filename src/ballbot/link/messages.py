@@ -6,7 +6,6 @@ same schemas, so that both sides agree; a digest of all messages is exchanged in
 
     host -> robot    Hello Keep SelfTest Arm Disarm Reference Torques Read Write Commit AskCounts
     robot -> host    Welcome State Answer Parameters Counts
-    to and from the sensors and motors of an emulated robot    Sensors Motors
 
 `docs/link.md` describes the protocol.
 """
@@ -22,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.records import MAX_WHEELS, Schema, number, schema_of, whole
-from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, schema_words
+from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
 
 #: of the protocol, in every frame
 VERSION = 1
@@ -179,30 +178,6 @@ class AskCounts:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sensors:
-    """A sample of an emulated robot's sensors. Its session is 0."""
-
-    TYPE: ClassVar[int] = 32
-    time: int = field(metadata=whole())  #: of the robot's clock [us], modulo 2^32
-    imu_valid: int = field(metadata=whole())
-    encoders_valid: int = field(metadata=whole())
-    gyro: NDArray[np.float32] = field(metadata=number("rad/s", 3))
-    attitude: NDArray[np.float32] = field(metadata=number("rad", 3))
-    wheel_counts: NDArray[np.int32] = field(metadata=whole(MAX_WHEELS))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motors:
-    """The torques that an emulated robot commands after a sample. Its session is 0."""
-
-    TYPE: ClassVar[int] = 33
-    time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
-    enabled: int = field(metadata=whole())
-    armed: int = field(metadata=whole())  #: whether it balances, or follows torques of the host
-    torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Welcome:
     """Answer a `Hello`; the frame repeats its random number."""
 
@@ -282,8 +257,7 @@ TO_ROBOT: dict[int, type[Message]] = {
     for kind in (Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts)
 }
 TO_HOST: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Welcome, State, Answer, Parameters, Counts)}
-EMULATED: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Sensors, Motors)}
-MESSAGES = TO_ROBOT | EMULATED | TO_HOST
+MESSAGES = TO_ROBOT | TO_HOST
 
 SCHEMAS: dict[int, Schema] = {number: schema_of(kind) for number, kind in MESSAGES.items()}
 _DTYPES = {number: schema.dtype("single").newbyteorder("<") for number, schema in SCHEMAS.items()}
@@ -300,15 +274,13 @@ def message_digest() -> str:
 
 
 def message_words() -> NDArray[np.int32]:
-    """Return the digest of the messages as `DIGEST_WORDS` numbers of 31 bits."""
-    digest = message_digest()
-    numbers = [int(digest[8 * k : 8 * k + 8], 16) & 0x7FFFFFFF for k in range(DIGEST_WORDS)]
-    return np.array(numbers, dtype=np.int32)
+    """Return the digest of the messages in numbers."""
+    return np.array(digest_words(message_digest()), dtype=np.int32)
 
 
 def firmware_words() -> NDArray[np.int32]:
-    """Return the digest of parameters, state and readings as `DIGEST_WORDS` numbers of 31 bits."""
-    return np.array(schema_words(FIRMWARE), dtype=np.int32)
+    """Return the digest of parameters, state and readings in numbers."""
+    return np.array(digest_words(FIRMWARE.digest), dtype=np.int32)
 
 
 def pack_body(message: Message) -> bytes:
@@ -322,12 +294,7 @@ def pack_body(message: Message) -> bytes:
 
 
 def unpack_body(kind: int, body: bytes) -> Message:
-    """Return the message of a type from its body.
-
-    KeyError if there is no such type. ValueError if the body has another length than the type.
-    """
-    if len(body) != BODY_LENGTHS[kind]:
-        raise ValueError(f"{MESSAGES[kind].__name__} has {BODY_LENGTHS[kind]} bytes, not {len(body)}.")
+    """Return the message of a type from its body, which has the length of that type."""
     record = np.frombuffer(body, _DTYPES[kind])[0] if body else None
     values: dict[str, object] = {}
     for name, member in SCHEMAS[kind].fields.items():

@@ -12,8 +12,8 @@
 /* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS { 1736519666, 827726318, 1854152335, 1857452057, 1619740814, 1731469765, 851457793, 648964802 }
-/* 67812ff2315619eeee841e8feeb67819e08b488e673421c532c03701a6ae6ac2 */
+#define BALLBOT_MESSAGE_WORDS { 1820978815, 879475913, 941641617, 1670994315, 604801593, 1151392480, 1351886629, 795888779 }
+/* 6c89ee7f346bbcc9b8204f916399598b240c8a39c4a0dae050942725af704c8b */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
@@ -47,8 +47,6 @@ enum ballbot_message {
     BALLBOT_MESSAGE_WRITE = 9,
     BALLBOT_MESSAGE_COMMIT = 10,
     BALLBOT_MESSAGE_ASK_COUNTS = 11,
-    BALLBOT_MESSAGE_SENSORS = 32,
-    BALLBOT_MESSAGE_MOTORS = 33,
     BALLBOT_MESSAGE_WELCOME = 64,
     BALLBOT_MESSAGE_STATE = 65,
     BALLBOT_MESSAGE_ANSWER = 66,
@@ -143,26 +141,6 @@ struct ballbot_message_commit {
     int32_t crc;
 };
 typedef char ballbot_message_commit_has_no_padding[(sizeof(struct ballbot_message_commit) == 1u * sizeof(float)) ? 1 : -1];
-
-/* A sample of an emulated robot's sensors. Its session is 0. */
-struct ballbot_message_sensors {
-    int32_t time;
-    int32_t imu_valid;
-    int32_t encoders_valid;
-    float gyro[3]; /* [rad/s] */
-    float attitude[3]; /* [rad] */
-    int32_t wheel_counts[BALLBOT_MAX_WHEELS];
-};
-typedef char ballbot_message_sensors_has_no_padding[(sizeof(struct ballbot_message_sensors) == 13u * sizeof(float)) ? 1 : -1];
-
-/* The torques that an emulated robot commands after a sample. Its session is 0. */
-struct ballbot_message_motors {
-    int32_t time;
-    int32_t enabled;
-    int32_t armed;
-    float torques[BALLBOT_MAX_WHEELS]; /* [N m] */
-};
-typedef char ballbot_message_motors_has_no_padding[(sizeof(struct ballbot_message_motors) == 7u * sizeof(float)) ? 1 : -1];
 
 /* Answer a `Hello`; the frame repeats its random number. */
 struct ballbot_message_welcome {

@@ -71,8 +71,6 @@ static int32_t length_of(uint8_t type)
     case BALLBOT_MESSAGE_DISARM:
     case BALLBOT_MESSAGE_ASK_COUNTS:
         return 0;
-    case BALLBOT_MESSAGE_SENSORS:
-    case BALLBOT_MESSAGE_MOTORS:
     case BALLBOT_MESSAGE_WELCOME:
     case BALLBOT_MESSAGE_STATE:
     case BALLBOT_MESSAGE_ANSWER:
