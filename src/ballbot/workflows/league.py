@@ -20,7 +20,7 @@ from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Reported
 from ballbot.workflows.courses import DIRECTIONS, Course
 from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
-from ballbot.workflows.metrics import Score, falls_of, score_results, true_place, values_of
+from ballbot.workflows.metrics import OF_SOME_COURSES, Score, falls_of, score_results, true_place, values_of
 from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_ratio, mean_with_interval
 
 #: a track's points in a second, and the decimals they are kept with [m]
@@ -179,7 +179,12 @@ def standing(league: League, course: str, controller: str) -> Standing:
     scores = league.scores[course, controller]
     first = league.scores[course, league.controllers[0]]
     falls = falls_of(scores)
-    numbers = [name for name in Score.__dataclass_fields__ if name not in ("ended", "arrived", "rested")]
+    asked = next(one.metrics for one in league.courses if one.name == course)
+    numbers = [
+        name
+        for name in Score.__dataclass_fields__
+        if name not in ("ended", "arrived", "rested") and (name not in OF_SOME_COURSES or name in asked)
+    ]
     return Standing(
         runs=len(scores),
         falls=falls,

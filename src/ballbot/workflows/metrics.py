@@ -190,9 +190,9 @@ def top_speed(log: Log) -> float:
 
 
 def rms_speed_error(log: Log) -> float:
-    """Return the root mean square difference of the velocity from that of the reference, both axes [m/s]."""
-    if len(log) < 2:
-        return 0.0
+    """Return the root mean square difference of the velocity from the reference's, both axes [m/s]; NaN if it jumps."""
+    if len(log) < 2 or len(_jump_times(log)) > 1:
+        return np.nan
     place = true_place(log)
     errors = [place[f"{name}_dot"] - np.gradient(log[f"ref_{name}"], log.t) for name in "xy"]
     return float(np.sqrt(np.mean(errors[0] ** 2 + errors[1] ** 2)))
@@ -240,6 +240,10 @@ class Score:
     ended: str | None  #: why the run stopped early, as in a fall
 
 
+#: numbers that only some courses have: of a stop, of rising pushes, of a reference that does not jump
+OF_SOME_COURSES = ("rms_speed_error", "stopping_time", "stopping_distance", "overshoot", "largest_impulse")
+
+
 def values_of(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
     """Return a number of runs by its name (runs,); NaN of a run that ended early, but for what counts up to there."""
     counts = name in ("top_speed", "largest_impulse")
@@ -258,11 +262,11 @@ def score_results(one: Score) -> dict[str, object]:
     results = to_results(one)
     if not one.arrived:
         results |= {"settling_time": None, "settling_time_at_least": one.settling_time}
-    if np.isnan(one.stopping_time):
-        del results["rested"]
-    elif not one.rested:
+    if not one.rested:
         results |= {"stopping_time": None, "stopping_time_at_least": one.stopping_time}
-    return results
+    without = {name for name in OF_SOME_COURSES if np.isnan(getattr(one, name))}
+    without |= {"rested", "stopping_time_at_least"} if "stopping_time" in without else set()
+    return {name: value for name, value in results.items() if name not in without}
 
 
 def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score:
