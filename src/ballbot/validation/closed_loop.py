@@ -189,8 +189,8 @@ class ClosedLoop(Comparison):
 def closed_loop(case: Case) -> ClosedLoop | str:
     """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    Without the controller that recorded the log its gain is recovered; if that fails, the reason is returned. InputError if a
-    given controller did not record the log.
+    Without the controller that recorded the log its gain is recovered; if that fails, the reason is returned.
+    InputError if a given controller did not record the log.
     """
     models, log, recovered = case.models, case.log, None
     controller = copy.deepcopy(case.controller)  # several logs are validated in parallel
