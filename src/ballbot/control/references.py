@@ -144,7 +144,7 @@ def velocity_steps(*, speed: float = 0.5, period: float = 16.0) -> Reference:
     >>> [velocity_steps(speed=0.5, period=8.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 6.0, 7.0, 8.0)]
     [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
     quarter = period / 4.0
 
     def reference(t: float) -> NDArray[np.float64]:
