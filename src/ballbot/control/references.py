@@ -22,6 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import positive_number
 from ballbot.errors import InputError, suggest
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
@@ -54,7 +55,7 @@ def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
     >>> square(side=0.5, period=32.0)(9.0)[:2]
     array([0.5, 0. ])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
     points = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
     corners = [_pose(x, y, 0.0) for x, y in points]
     return lambda t: corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
@@ -88,7 +89,7 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
     >>> circle(radius=0.5, period=30.0)(7.5)[:2].round(3)
     array([0.5, 0.5])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
@@ -106,7 +107,7 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
     >>> figure_eight(length=1.0, width=0.5, period=40.0)(10.0)[:2].round(3)
     array([0.5, 0. ])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
@@ -141,11 +142,6 @@ def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
     pose[_POSE_INDICES] = x, y, psi
     pose.setflags(write=False)  # some references return the same array at every call
     return pose
-
-
-def _check_positive(what: str, value: float) -> None:
-    if not value > 0.0:
-        raise InputError(f"The reference's {what} is {value:g}; it must be positive.")
 
 
 #: the columns of a file, and the indices of their values in the state
