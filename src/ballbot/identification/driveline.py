@@ -117,8 +117,8 @@ class Sweep:
 def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
     """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
 
-    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, its wheels were not free
-    of the ball, or the limit is not above zero.
+    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, its wheels were not
+    free of the ball, or the limit is not above zero.
 
     >>> t = 0.005 * np.arange(1000)
     >>> columns = {f"u{i}": np.sin(t) for i in (1, 2, 3)} | {f"wheel{i}_dot": 5.0 * np.sin(t) for i in (1, 2, 3)}
