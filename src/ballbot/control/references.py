@@ -116,6 +116,45 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
     return reference
 
 
+def drive(*, speed: float = 0.5, begin: float = 2.0, ramp: float = 0.0, end: float = np.inf) -> Reference:
+    """Go along x at a speed [m/s] from `begin` [s] on, reached evenly within `ramp` [s], and stop at once at `end` [s].
+
+    InputError if the ramp is negative.
+
+    >>> [drive(speed=1.0, begin=2.0, ramp=2.0, end=5.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 5.0, 6.0)]
+    [0.0, 0.25, 1.0, 2.0, 2.0]
+    """
+    if not ramp >= 0.0:
+        raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero or positive.")
+
+    def reference(t: float) -> NDArray[np.float64]:
+        since = max(min(t, end) - begin, 0.0)
+        rising = min(since, ramp)
+        share = 0.5 * rising / ramp if ramp else 0.0
+        return _pose(speed * (share * rising + since - rising), 0.0, 0.0)
+
+    return reference
+
+
+def velocity_steps(*, speed: float = 0.5, period: float = 16.0) -> Reference:
+    """Stand, go along x at a speed [m/s], stand, and go back at it, each for a quarter of the period [s].
+
+    InputError if the period is not positive.
+
+    >>> [velocity_steps(speed=0.5, period=8.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 6.0, 7.0, 8.0)]
+    [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
+    """
+    positive_number(period, "The reference's period")
+    quarter = period / 4.0
+
+    def reference(t: float) -> NDArray[np.float64]:
+        into = t % period
+        forth, back = (min(max(into - k * quarter, 0.0), quarter) for k in (1, 3))
+        return _pose(speed * (forth - back), 0.0, 0.0)
+
+    return reference
+
+
 #: the references that the command line takes by name, with their defaults
 REFERENCES = MappingProxyType(
     {
@@ -124,6 +163,8 @@ REFERENCES = MappingProxyType(
         "change_pose": change_pose,
         "circle": circle,
         "figure_eight": figure_eight,
+        "drive": drive,
+        "velocity_steps": velocity_steps,
     }
 )
 
