@@ -26,6 +26,12 @@ class OnboardState:
     """The ten states from wheel speeds, gyro and attitude, updated every `sample_time` [s] without look-ahead.
 
     InputError if the sample time is not positive.
+
+    >>> estimator = OnboardState(Robot.load("alten"), sample_time=0.005)
+    >>> zero = np.zeros(3)
+    >>> turning = Reading(wheel_angles=zero, wheel_speeds=zero, gyro=np.array([0.2, 0.0, 0.0]), attitude=zero)
+    >>> estimator.update(turning)[7].item()  # theta_dot
+    0.2
     """
 
     def __init__(self, robot: Robot, *, sample_time: float) -> None:

@@ -60,10 +60,10 @@ def mark_missing(values: Floats) -> Floats:
 
 def check_column_names(names: Iterable[str], *, source: str) -> None:
     """Raise InputError if a name contains a control character or another one that cannot be printed."""
-    for place, name in enumerate(names, start=1):
+    for number, name in enumerate(names, start=1):
         if not name.isprintable():
             raise InputError(
-                f"{source}: the name of column {place}, {name[:40]!r}, "
+                f"{source}: the name of column {number}, {name[:40]!r}, "
                 "contains characters that cannot be printed."
             )
 
@@ -81,12 +81,12 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
     """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if none are."""
     present = set(names)
-    found = []
-    while f"{prefix}{len(found) + 1}{suffix}" in present:
-        found.append(f"{prefix}{len(found) + 1}{suffix}")
-    if not found:
+    numbered = []
+    while f"{prefix}{len(numbered) + 1}{suffix}" in present:
+        numbered.append(f"{prefix}{len(numbered) + 1}{suffix}")
+    if not numbered:
         raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
-    return tuple(found)
+    return tuple(numbered)
 
 
 def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
@@ -94,7 +94,7 @@ def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
     present = list(present)
     for name in missing:
         # one that Ballbot knows is what it says, however near its name is
-        others = present if unit_of(name) is None else [one for one in present if unit_of(one) is None]
+        others = present if unit_of(name) is None else [other for other in present if unit_of(other) is None]
         near = nearest(name, others)
         if near:
             return f" (it has {near[0]})"
@@ -180,19 +180,19 @@ def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
     By the file's name these are Ballbot's, the factor to Ballbot's unit, and the file's unit.
     """
     names = list(names)
-    found: dict[str, tuple[str, float, str]] = {}
+    native: dict[str, tuple[str, float, str]] = {}
     for name in names:
         bare, given = match.groups() if (match := _BRACKETS.fullmatch(name)) else (name, None)
         bare = "t" if bare == "T" else bare
         unit = unit_of(bare)
-        if unit is None or bare in names or bare in (one for one, _, _ in found.values()):
+        if unit is None or bare in names or bare in (column for column, _, _ in native.values()):
             continue
         stated = (
             unit if given is None else UNIT_OF.get(given.replace(" ", "").replace("·", "").lower(), given)
         )
         if stated in FACTORS[unit]:
-            found[name] = bare, FACTORS[unit][stated], stated
-    return found
+            native[name] = bare, FACTORS[unit][stated], stated
+    return native
 
 
 def has_native_names(names: Iterable[str]) -> bool:

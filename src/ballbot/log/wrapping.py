@@ -52,7 +52,7 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
 def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
     """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
     continued: dict[str, Floats] = {}
-    found = []
+    findings = []
     first = np.nan
     for name in ("psi", "ref_psi"):
         if name not in columns:
@@ -68,8 +68,8 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
             f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
             f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
         )
-        found.append(note("wrap", text, name, time=time))
-    return continued, found
+        findings.append(note("wrap", text, name, time=time))
+    return continued, findings
 
 
 #: after what clocks begin again, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
@@ -86,10 +86,10 @@ def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
     """
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    found, rows = t, []
+    continued, rows = t, []
     for row in np.flatnonzero(steps < 0.0):
         for period in _PERIODS:
             if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
-                found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
+                continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
                 rows.append(row + 1)
-    return found, np.array(rows, dtype=np.intp)
+    return continued, np.array(rows, dtype=np.intp)

@@ -251,7 +251,9 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
         return None
     _, usable, motion = moved
     lean, heading, wheels = (
-        Smooth(*(one[:, part] for one in (motion.value, motion.rate, motion.acceleration)))
+        Smooth(
+            *(part_of_motion[:, part] for part_of_motion in (motion.value, motion.rate, motion.acceleration))
+        )
         for part in (slice(2), slice(2, 3), slice(3, None))
     )
     return lean_test(robot, lean, wheels, heading, usable)

@@ -129,15 +129,18 @@ def motion_of(log: Log, robot: Robot) -> Motion | None:
     angles, rates = (np.sin(log["theta"]), np.sin(log["phi"])), (log["theta_dot"], log["phi_dot"])
     signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * np.exp(-1j * log["psi"])
     columns = np.vstack([signals.real, signals.imag, log["psi_dot"]]).T
-    found = smooth(even, t, columns[known], width=WIDTH)
-    value, rate = (one[usable, :5].T + 1j * one[usable, 5:10].T for one in (found.value, found.rate))
+    smoothed = smooth(even, t, columns[known], width=WIDTH)
+    value, rate = (
+        columns_of[usable, :5].T + 1j * columns_of[usable, 5:10].T
+        for columns_of in (smoothed.value, smoothed.rate)
+    )
     passed = even[usable] - even[usable[0]]
     return Motion(
         even=even, usable=usable, known=known,
         block=np.unique(np.floor(passed / BLOCK).astype(int), return_inverse=True)[1],
         velocity=value[0], acceleration=rate[0],
         lean=value[1:3], lean_rate=value[3:], lean_acceleration=rate[3:],
-        turning=found.value[usable, 10], turning_rate=found.rate[usable, 10],
+        turning=smoothed.value[usable, 10], turning_rate=smoothed.rate[usable, 10],
     )  # fmt: skip
 
 
@@ -220,7 +223,9 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     alone, rest = _unexplained(rates[:, None], gravity), _unexplained(rates[:, None], y)
     score = alone.conj() * residual
     scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
-    power_alone, power, unknown = (max(float(np.vdot(one, one).real), _TINY) for one in (alone, y, residual))
+    power_alone, power, unknown = (
+        max(float(np.vdot(signal, signal).real), _TINY) for signal in (alone, y, residual)
+    )
     size, turn, explained = abs(gains[1]), float(np.angle(gains[1])), 1.0 - unknown / power
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
@@ -258,12 +263,12 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
         return as_complex(as_plane(z) @ matrix.T)
 
     rates = [
-        by(law.lever[:, :2], place * w_dot) + turning * by(law.lever[:, :2], place * w)
+        by(law.lever[:, :2], axis * w_dot) + turning * by(law.lever[:, :2], axis * w)
         for w, w_dot in zip(motion.lean_rate, motion.lean_acceleration, strict=True)
-        for place in (1.0, 1j)
+        for axis in (1.0, 1j)
     ]
     # sin theta in theta's place is +j of g, in phi's place -1
-    angles = [by(law.pull, place * lean) for lean in motion.lean for place in (1j, -1.0)]
+    angles = [by(law.pull, axis * lean) for lean in motion.lean for axis in (1j, -1.0)]
     rolling = motion.velocity / np.maximum(np.abs(motion.velocity), ROLLING)
     # rolling friction, and the constant of a slope or of a lean's zero
     removed = np.column_stack([rolling, np.ones_like(rolling)])
@@ -274,8 +279,8 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
 def _misread(readings: Sequence[tuple[Reading, Reading]]) -> list[Finding]:
     """Return the finding that names every simplest reading, of those that explain the motion best, simplest first."""
     causes, columns = [], set[str]()
-    for angles, rates in (one for one in readings if _changes(one) == _changes(readings[0])):
-        parts = [one for one in (fault(angles, _LEAN), fault(rates, _RATES)) if one]
+    for angles, rates in (reading for reading in readings if _changes(reading) == _changes(readings[0])):
+        parts = [text for text in (fault(angles, _LEAN), fault(rates, _RATES)) if text]
         causes.append(fault(angles, _LEAN, with_rates=True) if angles == rates else " and ".join(parts))
         columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
     return judged("lean-axes", sorted(columns), causes=", or ".join(causes))

@@ -68,12 +68,12 @@ def driving_of(log: Log, motion: Motion, robot: Robot) -> Driving | None:
     speed = smoothed_wheel_speeds(log, robot)
     sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
-    found = motion.filtered(log, np.hstack(parts)).reshape(len(motion.block), 4, -1)
+    terms = motion.filtered(log, np.hstack(parts)).reshape(len(motion.block), 4, -1)
     torques = np.column_stack([log[name] for name in names])
     needed, pulled = _needed(motion, robot)
     return Driving(
         torque=motion.filtered(log, torques, late=0.5 * log.sample_time), needed=needed, pulled=pulled,
-        friction=np.moveaxis(found[:, :3], 1, -1), turning=np.clip(found[:, 3], 0.0, 1.0),
+        friction=np.moveaxis(terms[:, :3], 1, -1), turning=np.clip(terms[:, 3], 0.0, 1.0),
         block=motion.block, azimuths=np.asarray(robot.wheels.azimuths),
     )  # fmt: skip
 
@@ -83,7 +83,7 @@ def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
     M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
     lean_rate, lean_acceleration = (
-        one[0] + 1j * one[1] for one in (motion.lean_rate, motion.lean_acceleration)
+        pair[0] + 1j * pair[1] for pair in (motion.lean_rate, motion.lean_acceleration)
     )
     w = np.column_stack([as_plane(lean_rate), motion.turning])
     w_dot = np.column_stack([as_plane(lean_acceleration), motion.turning_rate])
@@ -181,8 +181,8 @@ class Gains:
 
 def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""
-    found = np.array([_gain(driving, i) for i in range(driving.torque.shape[1])])
-    return Gains(factors=found[:, 0], errors=found[:, 1])
+    factors = np.array([_gain(driving, i) for i in range(driving.torque.shape[1])])
+    return Gains(factors=factors[:, 0], errors=factors[:, 1])
 
 
 def _gain(driving: Driving, i: int) -> tuple[float, float]:
@@ -210,9 +210,9 @@ def _gain(driving: Driving, i: int) -> tuple[float, float]:
 
 def together(gains: Sequence[Gains]) -> Gains:
     """Return the gains that several logs of a robot show."""
-    weights = 1.0 / np.square([one.errors for one in gains])
+    weights = 1.0 / np.square([gain.errors for gain in gains])
     precision = weights.sum(axis=0)
-    mean = np.sum(np.where(weights > 0.0, weights * [one.factors for one in gains], 0.0), axis=0)
+    mean = np.sum(np.where(weights > 0.0, weights * [gain.factors for gain in gains], 0.0), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
 
