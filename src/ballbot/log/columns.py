@@ -150,6 +150,33 @@ FACTORS = {unit: {name: factor for name, (factor, _) in kind.items()} for unit, 
 #: by unit, how names write it
 UNITS = {name: words for kind in _KINDS.values() for name, (_, words) in kind.items() if words} | _OTHERS
 UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
+
+
+def unit_spelled(text: str) -> str | None:
+    """Return the unit, a key of `UNITS`, that a text spells; None if it spells none.
+
+    >>> unit_spelled("N·m"), unit_spelled("Deg/s"), unit_spelled("furlong")
+    ('N m', 'deg/s', None)
+    """
+    return UNIT_OF.get(re.sub(r"[\s_·*.]", "", text.lower()))
+
+
+def unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
+    """Return the parts of a name without the unit at their end, and the unit; its slash may be a part.
+
+    >>> unit_at_the_end(["gyro", "x", "rad", "s"])
+    (['gyro', 'x'], 'rad/s')
+    """
+    for length in (4, 3, 2, 1):
+        first, *rest = [part.lower() for part in parts[-length:] if part.lower() != "per"] or [""]
+        spelled = f"{first}/{''.join(rest)}".replace("sec", "s") if rest else first
+        if first in ("n", "mn"):
+            spelled = first + "".join(rest)
+        if len(parts) > length and (not rest) == (length == 1) and spelled in UNIT_OF:
+            return parts[:-length], UNIT_OF[spelled]
+    return parts, None
+
+
 #: a unit in brackets behind a name, as in theta [deg]
 _BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
@@ -187,9 +214,7 @@ def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
         unit = unit_of(bare)
         if unit is None or bare in names or bare in (column for column, _, _ in native.values()):
             continue
-        stated = (
-            unit if given is None else UNIT_OF.get(given.replace(" ", "").replace("·", "").lower(), given)
-        )
+        stated = unit if given is None else unit_spelled(given) or given
         if stated in FACTORS[unit]:
             native[name] = bare, FACTORS[unit][stated], stated
     return native

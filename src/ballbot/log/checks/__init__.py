@@ -6,8 +6,7 @@ rates            positions, angles and gyro against rates: units, signs, swapped
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: how large each is
-physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
+physics          the lean axes, then delay, order, sign and scale of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings

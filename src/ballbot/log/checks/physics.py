@@ -18,22 +18,24 @@ from scipy.optimize import nnls
 
 from ballbot.errors import every
 from ballbot.findings import Finding
-from ballbot.log.checks.lean import EVERY, check_lean_axes, motion_of
+from ballbot.log.balancing_motion import EVERY, motion_of
+from ballbot.log.checks.lean import check_lean_axes
 from ballbot.log.checks.table import judged
-from ballbot.log.checks.torque_balance import (
-    TURNED_POWER,
-    USUAL,
-    Driving,
-    Gains,
-    driving_of,
-    gain_findings,
-    gains_of,
-    together,
-)
 from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import CommandOrder, assign, by_wheel
 from ballbot.log.signals import INTERVAL
+from ballbot.log.torque_balance import (
+    SURE,
+    TURNED_POWER,
+    UNLIKE,
+    USUAL,
+    Driving,
+    Gains,
+    driving_of,
+    gains_of,
+    together,
+)
 from ballbot.robot import Robot
 
 
@@ -156,6 +158,20 @@ def _explained(driving: Driving, i: int) -> float:
     u = driving.torque[:, i] - driving.torque[:, i].mean()
     # neither the motion's torque nor friction can be negative
     return max(1.0 - float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30), 0.0)
+
+
+def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
+    factors, errors = gains.unlike()
+    off = np.nan_to_num(np.abs(np.log(factors)))
+    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
+    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
+        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
+    factor, uncertain = gains.common()
+    heavier = "heavier" if factor > 1.0 else "lighter"
+    return judged(
+        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
+    )
 
 
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:

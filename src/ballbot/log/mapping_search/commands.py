@@ -1,6 +1,6 @@
 """What the commands of a foreign log are: which wheel each drives, with which sign, in which scale, and how late.
 
-Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
+Ball and wheels pass each other the torques that the motion needs (`ballbot.log.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
 
     s_j d_j = a n_i + b w_i + h mean(w) + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
@@ -27,8 +27,7 @@ from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.lean import Motion, motion_of
-from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
+from ballbot.log.balancing_motion import Motion, motion_of
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
@@ -46,6 +45,7 @@ from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
 from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
+from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
 from ballbot.robot import Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.log.checks.lean import block_sums
+from ballbot.log.balancing_motion import block_sums
 from ballbot.log.columns import FACTORS, Bools, Columns, Floats
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn

@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.log.columns import UNIT_OF, Floats
+from ballbot.log.columns import UNIT_OF, Floats, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 
@@ -234,16 +234,14 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     """Return the words of a name in lower case without its unit, and the unit."""
     unit, name = None, name.translate(_UMLAUTS)
     for content in re.findall(r"[\(\[\{]([^\)\]\}]*)[\)\]\}]", name):
-        spelled = re.sub(r"[\s_·*\.]", "", content.lower())
-        if spelled in UNIT_OF:
-            unit = UNIT_OF[spelled]
-            name = name.replace(content, " ")
+        if spelled := unit_spelled(content):
+            unit, name = spelled, name.replace(content, " ")
     name = re.sub(r"/(?!(?:s|sec|min)\b)", " ", name)  # of a path, not of a unit
     parts = [part for part in re.split(r"[^0-9A-Za-zµμ%°/^²]+", name) if part]
     if unit is None:
-        parts, unit = _unit_at_the_end(parts)
+        parts, unit = unit_at_the_end(parts)
     if unit is None and len(parts) > 2 and (parts[-1].isdigit() or parts[-1].lower() in "xyz"):
-        rest, unit = _unit_at_the_end(parts[:-1])  # before a number or an axis: torque_Nm_1
+        rest, unit = unit_at_the_end(parts[:-1])  # before a number or an axis: torque_Nm_1
         if unit in _ONE_LETTER and not {part.lower() for part in rest} & _WORDS["command"]:
             unit = None
         parts = [*rest, parts[-1]] if unit else parts
@@ -259,18 +257,6 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
 
 #: `GyroX` is Gyro, X; `IMURoll` is IMU, Roll
 _CAPITALS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-zµμ]+|[A-Z]+|[0-9]+|[%°/^²]+")
-
-
-def _unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
-    """Return the parts of a name without the unit at their end, and the unit; its slash may be a part: gyro_x_rad_s."""
-    for length in (4, 3, 2, 1):
-        first, *rest = [part.lower() for part in parts[-length:] if part.lower() != "per"] or [""]
-        spelled = f"{first}/{''.join(rest)}".replace("sec", "s") if rest else first
-        if first in ("n", "mn"):
-            spelled = first + "".join(rest)
-        if len(parts) > length and (not rest) == (length == 1) and spelled in UNIT_OF:
-            return parts[:-length], UNIT_OF[spelled]
-    return parts, None
 
 
 def _parted(word: str) -> list[str]:

@@ -628,11 +628,7 @@ def answer_lines(evaluation: Evaluation) -> list[str]:
     ]
     shown = evaluation.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
-    lines += [
-        proposal
-        for proposal in shown
-        if proposal and proposal[0] != "#" and not any(words in proposal for words in usual)
-    ]
+    lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]
     lines += [f"cannot determine: {question.text}" for question in proposal.questions]
     lines += [f"{finding.severity}: {finding.text}" for finding in evaluation.findings]
     more = len(lines) - MOST_LINES

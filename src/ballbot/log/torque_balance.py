@@ -29,13 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding
-from ballbot.log.checks.kinematics import measured_wheel_speeds
-from ballbot.log.checks.lean import EVERY, Motion, as_complex, as_plane
-from ballbot.log.checks.table import judged
+from ballbot.log.balancing_motion import EVERY, Motion, as_complex, as_plane
 from ballbot.log.columns import Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
@@ -215,17 +213,3 @@ def together(gains: Sequence[Gains]) -> Gains:
     mean = np.sum(np.where(weights > 0.0, weights * [gain.factors for gain in gains], 0.0), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
-
-
-def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
-    factors, errors = gains.unlike()
-    off = np.nan_to_num(np.abs(np.log(factors)))
-    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
-    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
-        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
-    factor, uncertain = gains.common()
-    heavier = "heavier" if factor > 1.0 else "lighter"
-    return judged(
-        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
-    )
