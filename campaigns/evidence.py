@@ -51,11 +51,6 @@ CAMPAIGNS = {
     "firmware_fuzz": "campaigns.firmware_fuzz",
 }
 
-#: campaigns whose section the page does not have, and why
-NOT_ON_THE_PAGE = {
-    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it"
-}
-
 _HEAD = """# Evidence
 
 The results of long campaigns, of which the tests run samples. `make evidence` writes this page; the command under a

@@ -79,7 +79,7 @@ def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None
         more = f"; {len(changed) - _MOST_NAMED} more differ" if len(changed) > _MOST_NAMED else ""
         sentences.insert(
             0,
-            f"The controller was designed for other values: {every(changed[:_MOST_NAMED])}{more}. Design it anew for "
+            f"The controller was designed for other values: {every(changed[:_MOST_NAMED])}{more}. Design it again for "
             f"the robot {robot.name!r}.",
         )
     for sentence in filter(None, sentences):

@@ -59,8 +59,8 @@ def friction_table(robot: Robot) -> FrictionTable:
     if not error <= LARGEST_ERROR:
         raise InputError(
             f"The friction law {friction.law} cannot be compensated: a table of {SPEEDS} speeds from 0 to "
-            f"{grid[-1]:.3g} rad/s, with a load that adds in proportion, has an error of {100.0 * error:.3g} % of the "
-            f"friction; at most {100.0 * LARGEST_ERROR:g} % are allowed. Use a law without steps, or no compensation."
+            f"{grid[-1]:.3g} rad/s, with friction in proportion to the load, has an error of {100.0 * error:.3g} % "
+            f"of the friction; at most {100.0 * LARGEST_ERROR:g} %. Use a law without steps, or no compensation."
         )
     return FrictionTable(speeds=grid[knots], sizes=exact[:, knots], load=load, error=error)
 

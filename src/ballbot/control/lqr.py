@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ballbot.arrays import instead_of_sample_time, real_array
+from ballbot.arrays import instead_of_sample_time, positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -185,8 +185,7 @@ def held(
 
     InputError if the sample time is not positive, or so long that the result overflows.
     """
-    if not (np.isfinite(sample_time) and sample_time > 0.0):
-        raise InputError(f"The sample time is {sample_time!r}; it must be a positive time in seconds.")
+    positive_number(sample_time, "The sample time")
     m, n = B.shape
     with np.errstate(over="ignore", invalid="ignore"):
         both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
@@ -252,7 +251,7 @@ def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[n
         lowest, highest = np.linalg.eigvalsh(matrix)[[0, -1]]
         if lowest < -_ROUNDING * abs(highest):
             raise InputError(
-                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); none may be negative."
+                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); no eigenvalue may be negative."
             )
 
 

@@ -203,14 +203,14 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
     if not isinstance(loop, RobotLoop):
         given = repr(loop) if isinstance(loop, str) else f"an object of type {type(loop).__name__}"
         raise InputError(
-            f"The margins of {given} are not known; give a Controller, which knows its robot, or the name of a "
+            f"The margins of {given} cannot be computed; give a Controller, which knows its robot, or the name of a "
             "ready-made one with the robot, as in loop_margins('nominal', robot='alten')."
         )
     radius = _radius(loop.closed())
     if not radius < 1.0:
         raise InputError(
             f"The loop of this controller is unstable (a mode grows by {radius:.6g} in each sample): leave out or "
-            "change a part that turns its phase, such as a notch at a low frequency, or shorten the sample time."
+            "change a part that adds phase lag, such as a notch at a low frequency, or shorten the sample time."
         )
     count = len(loop.wheels)
     omega = _frequencies(loop)

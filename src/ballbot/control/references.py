@@ -22,6 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import positive_number
 from ballbot.errors import InputError, suggest
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
@@ -54,7 +55,7 @@ def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
     >>> square(side=0.5, period=32.0)(9.0)[:2]
     array([0.5, 0. ])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
     points = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
     corners = [_pose(x, y, 0.0) for x, y in points]
     return lambda t: corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
@@ -88,7 +89,7 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
     >>> circle(radius=0.5, period=30.0)(7.5)[:2].round(3)
     array([0.5, 0.5])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
@@ -106,11 +107,50 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
     >>> figure_eight(length=1.0, width=0.5, period=40.0)(10.0)[:2].round(3)
     array([0.5, 0. ])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
         return _pose(0.5 * length * np.sin(angle), 0.5 * width * np.sin(2.0 * angle), 0.0)
+
+    return reference
+
+
+def drive(*, speed: float = 0.5, begin: float = 2.0, ramp: float = 0.0, end: float = np.inf) -> Reference:
+    """Go along x at a speed [m/s] from `begin` [s] on, reached evenly within `ramp` [s], and stop at once at `end` [s].
+
+    InputError if the ramp is negative.
+
+    >>> [drive(speed=1.0, begin=2.0, ramp=2.0, end=5.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 5.0, 6.0)]
+    [0.0, 0.25, 1.0, 2.0, 2.0]
+    """
+    if not ramp >= 0.0:
+        raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero or positive.")
+
+    def reference(t: float) -> NDArray[np.float64]:
+        since = max(min(t, end) - begin, 0.0)
+        rising = min(since, ramp)
+        share = 0.5 * rising / ramp if ramp else 0.0
+        return _pose(speed * (share * rising + since - rising), 0.0, 0.0)
+
+    return reference
+
+
+def velocity_steps(*, speed: float = 0.5, period: float = 16.0) -> Reference:
+    """Stand, go along x at a speed [m/s], stand, and go back at it, each for a quarter of the period [s].
+
+    InputError if the period is not positive.
+
+    >>> [velocity_steps(speed=0.5, period=8.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 6.0, 7.0, 8.0)]
+    [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
+    """
+    positive_number(period, "The reference's period")
+    quarter = period / 4.0
+
+    def reference(t: float) -> NDArray[np.float64]:
+        into = t % period
+        forth, back = (min(max(into - k * quarter, 0.0), quarter) for k in (1, 3))
+        return _pose(speed * (forth - back), 0.0, 0.0)
 
     return reference
 
@@ -123,6 +163,8 @@ REFERENCES = MappingProxyType(
         "change_pose": change_pose,
         "circle": circle,
         "figure_eight": figure_eight,
+        "drive": drive,
+        "velocity_steps": velocity_steps,
     }
 )
 
@@ -141,11 +183,6 @@ def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
     pose[_POSE_INDICES] = x, y, psi
     pose.setflags(write=False)  # some references return the same array at every call
     return pose
-
-
-def _check_positive(what: str, value: float) -> None:
-    if not value > 0.0:
-        raise InputError(f"The reference's {what} is {value:g}; it must be positive.")
 
 
 #: the columns of a file, and the indices of their values in the state

@@ -402,7 +402,7 @@ def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
     sentences: list[str] = []
     if alignment.sensors is None:
         sentences.append(
-            "The log has no theta, phi and psi in common with the cameras: clocks and markers are aligned alone."
+            "The log has no theta, phi and psi in common with the cameras: only clocks and markers are aligned."
         )
     else:
         sentences += [_heading(alignment.sensors), _leans(alignment.sensors)]

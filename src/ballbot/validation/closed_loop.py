@@ -15,20 +15,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
+from ballbot.mechanics.model import Model
 from ballbot.summary import counted
 from ballbot.validation.models import (
     Case,
     Comparison,
     ErrorPair,
-    ModelPair,
     Trajectories,
     in_heading_frame,
     rows_after,
@@ -190,10 +189,11 @@ class ClosedLoop(Comparison):
 def closed_loop(case: Case) -> ClosedLoop | str:
     """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    Without the controller that recorded the log its gain is recovered; if that fails, the reason is returned. Every run
-    has its own copy of the controller. InputError if a given controller did not record the log.
+    Without the controller that recorded the log its gain is recovered; if that fails, the reason is returned.
+    InputError if a given controller did not record the log.
     """
-    models, log, controller, recovered = case.models, case.log, case.controller, None
+    models, log, recovered = case.models, case.log, None
+    controller = copy.deepcopy(case.controller)  # several logs are validated in parallel
     if controller is None:
         try:
             recovered = recover_gain(log)
@@ -211,7 +211,10 @@ def closed_loop(case: Case) -> ClosedLoop | str:
     # a whole number of runs in the longest interval, so that none of it is lost by a missing sample
     samples = longest // max(1, round(longest * log.sample_time / _RESTART))
     starts = window_starts(case.parts, samples=samples, every=samples)
-    restarted = _run_models(models, log, starts, samples, controller, delay)
+    first, second = (
+        [_run(model, log, int(start), samples, controller, delay) for start in starts]
+        for model in models.both
+    )
     measured = log.states[rows_after(starts, samples)]
     # the loop of the thesis's equations would take a minute to compile, for this comparison only
     exact = all(model.formulation == "exact" for model in models.both)
@@ -220,40 +223,24 @@ def closed_loop(case: Case) -> ClosedLoop | str:
         whole = (compare_whole_log(case, controller, delay=delay),)
     return ClosedLoop(
         models=models,
-        restarted=ErrorPair.of_runs(list(measured), *map(list, restarted)),
+        restarted=ErrorPair.of_runs(list(measured), first, second),
         restart_every=samples * log.sample_time,
         recovered=recovered,
         whole=whole,
     )
 
 
-def _run_models(
-    models: ModelPair, log: Log, starts: NDArray[np.int64], samples: int, controller: Feedback, delay: int
-) -> Floats:
-    """Return the states (2, starts, samples, 10) of both models, all runs stepped together."""
-    measured, torques, references, t = log.states, log.torques, log.reference, log.t
-    sample_time = log.sample_time
-    begins, lanes_of = np.tile(starts, 2), [model for model in models.both for _ in starts]
-    steps = [model.steps_in(sample_time) for model in lanes_of]
-    controllers = [copy.deepcopy(controller) for _ in begins]
-    for driver in controllers:
-        driver.reset()
-    states = measured[begins]
-    out = np.empty((len(begins), samples, states.shape[1]))
-    asked = np.empty((samples, len(begins), torques.shape[1]))
-    for k in range(samples):
-        for lane, (driver, row) in enumerate(zip(controllers, begins + k, strict=True)):
-            asked[k, lane] = driver.update(float(t[row]), states[lane], references[row])
+def _run(model: Model, log: Log, start: int, samples: int, controller: Feedback, delay: int) -> Floats:
+    """Return the states (samples, 10) of a model from the measured state in row `start` on."""
+    states, asked = np.empty((samples, len(STATE_NAMES))), np.empty((samples, log.torques.shape[1]))
+    measured, torques, references = log.states, log.torques, log.reference
+    state, steps = measured[start], model.steps_in(log.sample_time)
+    controller.reset()
+    for k, row in enumerate(range(start, start + samples)):
+        asked[k] = controller.update(float(log.t[row]), state, references[row])
         # the measured torques act until the first delayed torque arrives
-        held = asked[k - delay] if k >= delay else torques[begins + k]
-        for lane, model in enumerate(lanes_of):  # simulate_lanes would check its inputs at every sample
-            out[lane, k] = simulate_one(
-                model.selected,
-                model.packed,
-                states[lane],
-                held[lane],
-                sample_time=sample_time,
-                steps=steps[lane],
-            )
-        states = out[:, k]
-    return out.reshape(2, len(starts), samples, -1)
+        held = asked[k - delay] if k >= delay else torques[row]
+        states[k] = state = simulate_one(
+            model.selected, model.packed, state, held, sample_time=log.sample_time, steps=steps
+        )
+    return states

@@ -154,14 +154,10 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
                 "No row of the log lies in the holdout intervals; "
                 f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
-    breaks = np.flatnonzero(np.diff(log.t) > _GAP * log.sample_time) + 1
-    runs = []
-    for part in np.split(np.arange(len(log)), breaks):
-        inside = part[counts[part]]
-        for rows in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
-            if len(rows) > 1:
-                runs.append(range(int(rows[0]), int(rows[-1]) + 1))
-    return runs
+    compared = np.flatnonzero(counts)
+    gaps = (np.diff(compared) > 1) | (np.diff(log.t[compared]) > _GAP * log.sample_time)
+    parts = np.split(compared, np.flatnonzero(gaps) + 1)
+    return [range(int(rows[0]), int(rows[-1]) + 1) for rows in parts if len(rows) > 1]
 
 
 def window_starts(parts: Sequence[range], *, samples: int, every: int) -> NDArray[np.int64]:

@@ -43,7 +43,7 @@ def validate(
     The logs are checked first, and the validations of several are joined (`join_validations`). `accept` has codes of
     errors in the logs that are accepted (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
     or a file. InputError if the robot has no friction, the checks find an error whose code is not accepted, and as
-    `validate_pair` does.
+    `validate_pair` does. The package `ballbot.validation` has an example.
     """
     robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot))

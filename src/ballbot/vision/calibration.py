@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
-from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
+from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched, piece_of
 from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, moved
 from ballbot.vision.tracking import follow
 from ballbot.vision.video import Video
@@ -72,6 +72,7 @@ def _calibrate(
         scale = _scatter(S, pulls - pulls.mean(axis=0))
         off, slopes = _off_outline(view, points, size, assumed)
         prior = slopes.T / spread**2
+        # Gauss-Newton with the outline as a prior of variance `spread`^2; s^2 scales the seam's normal equations
         covariance = np.linalg.inv(S / scale + prior @ slopes)
         step = -covariance @ (pulls.sum(axis=0) / scale + prior @ off)
         step[3] = np.clip(step[3], *(np.array(CLOSENESS) - view.closeness))
@@ -105,23 +106,20 @@ def _pull(
     r, n, q, w = matched(table, seen, fit.R, _REACH)
     by_view = np.einsum("kgi,ki->kg", finder.pixels.by_view[seen.indices], n @ fit.R.T.astype(np.float32))
     table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
-    piece = _pieces((q - r[:, None] * n).astype(np.float32))
+    # means over pieces of the seam, weighted by area: within a piece the seam's width cancels
+    piece = piece_of(q - r[:, None] * n, _CELLS)
     weight = np.bincount(piece, weights=w)
     means = np.column_stack([np.bincount(piece, weights=w * column) for column in table_of.T])
     means /= np.maximum(weight, 1e-12)[:, None]
     J, r_mean = means[:, :7], means[:, 7]
     weighted = J * weight[:, None]
     normal, right = weighted.T @ J, weighted.T @ r_mean
+    # Schur complement: the normal equations of the view with the frame's rotation d_k solved for; the small diagonal
+    # term keeps them solvable if the visible seam does not determine d_k
     turn = normal[:3, :3] + 1e-6 * np.trace(normal[:3, :3]) * np.eye(3)
     across = np.linalg.solve(turn, np.column_stack([normal[:3, 3:], right[:3]]))
     S = normal[3:, 3:] - normal[3:, :3] @ across[:, :4]
     return S, right[3:] - normal[3:, :3] @ across[:, 4], fit.R
-
-
-def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Return the number of the piece of the seam that each foot (k, 3) is on."""
-    cell = ((feet + np.float32(1.0)) * np.float32(0.5 * _CELLS)).astype(np.int64)
-    return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
 
 
 def _scatter(S: Floats, pulls: Floats) -> float:

@@ -258,14 +258,19 @@ def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> Seam
     )
 
 
+def piece_of(feet: Floats | NDArray[np.float32], cells: int) -> NDArray[np.intp]:
+    """Return the piece (k,) of the seam that each foot (k, 3) is on: a cell of the cube about the ball."""
+    cell = np.minimum(((feet + 1.0) * (0.5 * cells)).astype(np.intp), cells - 1)
+    return (cell[:, 0] * cells + cell[:, 1]) * cells + cell[:, 2]
+
+
 def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
     """Return the rotation's covariance (3, 3) by the gradients (k, 3) of points, clustered by piece of the seam.
 
     The pieces are cells of the points' feet (k, 3). The sandwich estimator of K.-Y. Liang and S. Zeger, Biometrika 73
     (1986) 13-22: blur, shadows, a wrong view or a wrong curve act alike within a piece and differently on the next.
     """
-    cell = np.minimum(((feet + 1.0) * (0.5 * _PIECES)).astype(np.intp), _PIECES - 1)
-    piece = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2]
+    piece = piece_of(feet, _PIECES)
     sums = np.stack([np.bincount(piece, weights=pulls[:, axis]) for axis in range(3)])
     inverse = np.linalg.inv(H + TRUST / 3.0 * max(float(np.trace(H)), 1e-9) * np.eye(3))
     return inverse @ (sums @ sums.T) @ inverse

@@ -81,12 +81,12 @@ class Spin:
 
     def log(self) -> Log:
         """Return t, tracked (0 or 1), ball_omega_x .. z and their standard errors ball_omega_x_error .. z."""
-        columns = {"t": self.t, "tracked": self.track.tracked.astype(np.float64)}
-        for axis, name in enumerate("xyz"):
-            columns[f"ball_omega_{name}"] = self.omega[:, axis]
-        for axis, name in enumerate("xyz"):
-            columns[f"ball_omega_{name}_error"] = self.errors[:, axis]
-        return Log(columns)
+        names = [f"ball_omega_{axis}" for axis in "xyz"]
+        return Log(
+            {"t": self.t, "tracked": self.track.tracked.astype(np.float64)}
+            | dict(zip(names, self.omega.T, strict=True))
+            | dict(zip((f"{name}_error" for name in names), self.errors.T, strict=True))
+        )
 
 
 def facing(forward: float) -> Rotation:

@@ -1,7 +1,7 @@
 """A limit of the lean that errors command, so that no error of position or speed commands more than is available.
 
-The part of K e for position and speed, K_p (e_x e_y e_x' e_y'), equals the torques of a lean error a = K_l^+ K_p (e_x
-e_y e_x' e_y'): the commanded lean. First the position errors are scaled down together if they alone command more than
+The part of K e for position and speed, K_p (e_x e_y e_x' e_y'), equals the torques of a lean error, the commanded lean
+a = K_l^+ K_p (e_x e_y e_x' e_y'). First the position errors are scaled down together if they alone command more than
 the limit, so that a distant robot approaches no faster than it can be stopped; then all four if |a| still exceeds it.
 While a fall or a push must be caught, the wheels' torque is thus available for the lean. (Saturations one within
 another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and its rate are limited by the turn
