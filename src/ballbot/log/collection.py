@@ -75,14 +75,14 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     return logs
 
 
-#: what a command without a log answers
+#: message of a command without a log
 NO_LOG = "No log is given. Name one or more log files after the robot."
 
 
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
-    Of two files whose paths differ in the format only, such as run/log.csv and run/log.mcap, the paths are whole.
+    Files whose paths differ only in the format, such as run/log.csv and run/log.mcap, keep their whole paths.
     InputError if no log is given, or one is named twice.
     """
     if not paths:

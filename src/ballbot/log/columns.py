@@ -93,7 +93,7 @@ def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
     """Return " (it has thta)" if one of the missing columns is perhaps there under a misspelt name, else nothing."""
     present = list(present)
     for name in missing:
-        # one that Ballbot knows is what it says, however near its name is
+        # a name that Ballbot knows is not a misspelling of another
         others = present if unit_of(name) is None else [other for other in present if unit_of(other) is None]
         near = nearest(name, others)
         if near:
@@ -202,9 +202,9 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
 
 
 def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
-    """Return the names that mean one of Ballbot's columns though they are written otherwise: T, and theta [deg].
+    """Return the names that mean one of Ballbot's columns in another spelling: T, and theta [deg].
 
-    By the file's name these are Ballbot's, the factor to Ballbot's unit, and the file's unit.
+    Each maps to Ballbot's name, the factor to Ballbot's unit, and the file's unit.
     """
     names = list(names)
     native: dict[str, tuple[str, float, str]] = {}

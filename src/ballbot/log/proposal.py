@@ -1,4 +1,4 @@
-"""What a foreign log is: the search, what it leaves to ask, the mapping file, and the log that this makes.
+"""Propose how a foreign log becomes one of Ballbot's: its mapping file, open questions, and the log that it makes.
 
 The user states the kind of the command, names say which columns there are and in which units; the search finds from the
 motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once, in the mapping
@@ -46,7 +46,7 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
 
-#: standard error of the IMU's turn from which it is asked for [rad]: of four turns of the campaign's logs of 4 to 6
+#: standard error of the IMU's turn above which the user is asked [rad]: of four turns of the campaign's logs of 4 to 6
 #: degrees one is off by 15, of 140 below 4 none by more than 9
 CLEAR_TURN = math.radians(4.0)
 #: the size of the lean's response, whose angle is the turn, over the robot's, in either direction, from which the turn
@@ -54,7 +54,7 @@ CLEAR_TURN = math.radians(4.0)
 CLEAR_GAIN = 1.5
 #: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
 GAIN_RANGE = (0.5, 2.0)
-#: nothing explains the lean if the best placement leaves more of its acceleration
+#: the wheels do not explain the lean if the best placement leaves more of its acceleration than this share
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
@@ -72,7 +72,7 @@ MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
-#: what each log is usable for
+#: uses of each kind of log
 _USES: dict[What, str] = {
     "balancing": "identify, simulate and validate",
     "held by hand": "nothing but checks of its sensors",
@@ -85,9 +85,9 @@ MOST_LINES = 30
 
 @dataclass(frozen=True)
 class Question:
-    """What the log and its user leave open."""
+    """A question that the log and the user's statements leave open."""
 
-    key: str  #: where the answer stands: "[input] kind"
+    key: str  #: the mapping's entry for the answer: "[input] kind"
     name: str  #: "kind of the command"
     answers: tuple[str, ...]  #: the likeliest first
     evidence: str
@@ -100,7 +100,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """What a foreign log is."""
+    """A proposed mapping of a foreign log, with its evidence."""
 
     base: Columned
     lean: Unit | None
@@ -157,7 +157,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
 
 
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
-    """Return the rows that are taken of a file's columns, and what is left out."""
+    """Return the rows of a file that are used, and findings on those that are left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
     clock, _ = continuous_clock(table.columns[roles.time])
     time = time_unit(clock, roles.unit((roles.time,)))
@@ -281,7 +281,7 @@ def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterat
 
 
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
-    """Yield what was noticed and not changed."""
+    """Yield findings that the mapping does not correct."""
     roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
@@ -321,7 +321,7 @@ def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[
 
 
 def _answers(proposal: Proposal) -> dict[str, object]:
-    """Return what a log shows with confidence and another of the same robot must show, too."""
+    """Return the properties of the robot that a log shows with confidence."""
     answers: dict[str, object] = {}
     if proposal.tested is not None and proposal.tested.confidence >= CONFIDENT:
         answers["order of the wheels"] = proposal.frame.order
@@ -336,7 +336,7 @@ def _answers(proposal: Proposal) -> dict[str, object]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """All that a proposal comes to."""
+    """A proposal's mapping file, the log that it makes, and the findings on both."""
 
     proposal: Proposal
     findings: tuple[Finding, ...]
@@ -346,7 +346,7 @@ class Evaluation:
 
 
 def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
-    """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
+    """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
     asked = [len(evaluation.proposal.questions) + bool(evaluation.refusal) for evaluation in evaluated]
     margins = [
         evaluation.proposal.tested.margin if evaluation.proposal.tested else 0.0 for evaluation in evaluated
@@ -427,7 +427,7 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
 
 
 def _refusal(proposal: Proposal, robot: Robot) -> str:
-    """Return why a proposal makes no log of the robot; empty if nothing says so."""
+    """Return why a proposal makes no log of the robot; empty if it makes one."""
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -450,7 +450,7 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
-#: where the answer to an unstated dead band stands
+#: key of the question for an unstated dead band
 _BAND_KEY = "[input] dead_band"
 
 
@@ -619,7 +619,7 @@ def _kind_lines(
 
 
 def answer_lines(evaluation: Evaluation) -> list[str]:
-    """Return what the log is, what the mapping says that is not usual, and what is open, in at most `MOST_LINES`."""
+    """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     proposal = evaluation.proposal
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     lines = [

@@ -18,7 +18,7 @@ needs gives too small a factor, because the need is computed from differentiated
 is therefore that of the part of the need that gravity causes: its noise is that of another sensor, an instrumental
 variable. Its error has three parts: the scatter of the seconds; what friction's three terms miss, a fraction of the
 friction that grows with the part of it that goes along with the need; and a floor. A log in which friction is most of
-the torque hardly bounds the scale, and says so.
+the torque hardly bounds the scale; a finding then reports the bounds.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ USUAL = 0.15
 #: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5), and the
 #: factor of one torque over the others that is
 SURE, UNLIKE = 5.0, 1.25
-#: a factor that a log must be able to exclude, or its bounds are said
+#: a factor that a log must exclude; otherwise its bounds are reported
 MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05

@@ -1,4 +1,4 @@
-"""Headings that are kept within one turn and clocks that begin again, continued where a log is read.
+"""Unwrap headings and clocks when a log is read.
 
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
@@ -17,7 +17,7 @@ from ballbot.summary import counted
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
 #: far from row to row, and a commanded half turn keeps its sign
 LARGEST_TURN = 1.5 * np.pi
-#: a heading stays within one turn if this share of its values does (others are spikes), by this much of rounding [rad]
+#: share of the values within one turn that shows a wrapped heading (others are spikes), and their rounding [rad]
 _WITHIN, _ROUNDED = 0.98, 1e-3
 
 
@@ -37,7 +37,7 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
     if not known.any() or np.count_nonzero(inside) < _WITHIN * np.count_nonzero(known):
         return heading, np.zeros(0, dtype=np.intp)
     rows = np.flatnonzero(inside)
-    # the heading before may be turns away, and leads only to the turn of the first value
+    # `after` may be whole turns away; it decides only the turn of the first value
     steps = np.diff(heading[rows], prepend=after if abs(after) <= turn else heading[rows[0]])
     jumps = np.abs(steps) > LARGEST_TURN
     if not jumps.any():
@@ -72,10 +72,10 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
     return continued, findings
 
 
-#: after what clocks begin again, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
+#: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
 #: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
 _PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
-#: usual intervals that may pass meanwhile
+#: most usual intervals across a restart
 _MEANWHILE = 5.0
 
 

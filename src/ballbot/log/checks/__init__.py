@@ -44,14 +44,14 @@ from ballbot.robot.plausibility import robot_findings
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
 
-#: what a fault makes other checks find: its codes, theirs, and whether only on its own columns
+#: findings that a fault causes in other checks: its codes, theirs, and whether only on the fault's columns
 _FOLLOWS = (
     (("stuck", "dead-motor"), ("torque-",), True),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
     # a scaled velocity of the ball, which both checks use
     (("lean-scale",), ("wheels",), False),
-    # from the wrong axes of the ball, or the ball's path by wrong wheels
+    # the ball's axes are wrong, or its path comes from wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
 )
 
@@ -99,7 +99,7 @@ def _log_findings(log: Log, robot: Robot | None, of_physics: Sequence[Finding]) 
         findings += [*check_stuck_encoders(log, wheel_count=wheel_count), *of_physics]
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
     findings = _causes(findings)
-    # an error would be its cause, and it takes the longest
+    # an error would explain a disturbance, and this check takes the longest
     if robot and not any(item.severity == "error" for item in findings):
         findings += check_disturbance(log, robot)
     return by_severity(findings)
@@ -130,7 +130,7 @@ DRIVELINES = "identification of drivelines"
 
 
 def missing_columns(log: Log, *, wheel_count: int) -> dict[str, list[str]]:
-    """Return the columns that the log lacks by its uses; none if it permits the use."""
+    """Return, for each use of a log, the columns that it lacks; an empty list if it permits the use."""
     torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     needed = {
         BALANCING: ("t", *torques, *STATE_NAMES),
@@ -165,7 +165,7 @@ class CheckedLogs:
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return what is wrong with logs by their names, and with their robot; errors first.
+    """Return the findings on logs, by name, and on their robot; errors first.
 
     InputError if two logs are of the same run.
     """

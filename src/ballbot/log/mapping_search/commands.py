@@ -1,4 +1,4 @@
-"""What the commands of a foreign log are: which wheel each drives, with which sign, in which scale, and how late.
+"""Identify the commands of a foreign log: the wheel that each drives, its sign, its scale and its delay.
 
 Ball and wheels pass each other the torques that the motion needs (`ballbot.log.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
@@ -49,7 +49,7 @@ from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_
 from ballbot.robot import Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
-#: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
+#: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
 SAME_TORQUES = 0.1
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
@@ -81,7 +81,7 @@ FULL_SCALE_FITS = 0.35
 #: both, each of 6 logs of the campaign whose torques one made wrong by more than a fifth is asked for, and none of 9
 #: without one. A wheel's torque counts as at least this part of all wheels' (root mean square)
 LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.25, 0.5
-#: what turns a number in a unit into N m, A or V
+#: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
     "current": {"A": 1.0, "mA": 1e-3},
@@ -108,12 +108,12 @@ class CommandOrder:
 
 @dataclass(frozen=True, kw_only=True)
 class CommandDrive:
-    """What the commands are."""
+    """Assignment, kind, scale and delay of the commands."""
 
     assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
     scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
-    #: by kind, what most likely turns the file's number into N m, A, V or a duty, and how many times as large as the
+    #: by kind, the likeliest factor from the file's number to N m, A, V or a duty, and how many times as large as the
     #: motion needs the torques then are (nan if that is not known)
     ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
@@ -121,7 +121,7 @@ class CommandDrive:
 
     @property
     def scale(self) -> float:
-        """What turns the file's number into N m, A, V or a duty."""
+        """The factor from the file's number to N m, A, V or a duty."""
         return self.ratios[self.kind][0] if self.kind in self.ratios else 1.0
 
     @property

@@ -1,4 +1,4 @@
-"""What the names of a foreign table say: the kind, axis or wheel, and unit of each column, and its role in the log.
+"""Read the names of a foreign table: the kind, axis or wheel, and unit of each column, and its role in the log.
 
 A name is cut into words at separators, brackets, digits and capital letters, so that `GyroX_dps`, `gyro_x (deg/s)` and
 `GYRO-X [dps]` have one reading. Words in brackets, or at the end, that are a unit are the unit. Letters, corners and
@@ -9,7 +9,7 @@ current in amperes. The rest decides the kind:
 2. Words for time, roll, pitch and yaw, and gyro.
 3. Words with the number of a wheel: a command, an angle or a speed.
 
-A name that says nothing is of the kind "other". How plainly a name says what it says is its weight, from 0 to 1.
+A name without a known word is of the kind "other". The weight, from 0 to 1, is how clearly a name states its kind.
 
 A series is as many columns of one kind and stem as the robot has wheels, numbered from 1 or 0. Of several the plainest
 name is taken.
@@ -34,7 +34,7 @@ Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "comman
 
 _ANGLES = ("rad", "deg", "turn", "counts")
 _RATES = ("rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "turn/s", "rps", "counts/s")
-#: what a unit says of a command
+#: the kind of a command by its unit
 INPUT_OF_UNIT: dict[str, InputKind] = {
     **dict.fromkeys(("N m", "mN m", "N cm"), "torque"),
     **dict.fromkeys(("A", "mA"), "current"),
@@ -52,7 +52,7 @@ _UNITS_OF_KIND: dict[Kind, tuple[str, ...]] = {
     "other": (),
 }
 
-#: the words of names, English and German, by what they say
+#: the words of names, English and German, by meaning
 _WORDS = {
     group: frozenset(words.split())
     for group, words in {
@@ -92,7 +92,7 @@ _KNOWN = frozenset().union(*_WORDS.values())
 _LONG = "|".join(sorted((word for word in _KNOWN if len(word) > 2), key=len, reverse=True))
 #: words that are written as one: imuroll, gyrox, dpsi, motorstrom
 _GLUED = re.compile(rf"(d)?((?:{_LONG})+|q|th)([xyz])?")
-#: what numbers the wheels of a robot besides numbers: letters, corners and sides
+#: series that number a robot's wheels without digits: letters, corners and sides
 _SERIES = ("abcdef", ("fl", "fr", "rl", "rr"), ("lf", "rf", "lr", "rr"), ("fl", "fr", "bl", "br"),
            ("front", "rear", "back", "left", "right"))  # fmt: skip
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
@@ -101,7 +101,7 @@ _ONE_LETTER = ("A", "m", "s", "V")
 
 @dataclass(frozen=True, kw_only=True)
 class NameReading:
-    """What the name of a column says."""
+    """The meaning of a column's name."""
 
     name: str  #: as the file has it
     kind: Kind
@@ -109,11 +109,11 @@ class NameReading:
     index: int | None = None  #: number of a wheel or motor, as the file counts
     unit: str | None = None  #: one of `columns.UNITS`; None if the name has none that fits the kind
     stem: str = ""  #: the words without number, axis and unit: columns of one group have one stem
-    weight: float = 0.0  #: how plainly the name says it, from 0 to 1
+    weight: float = 0.0  #: how clearly the name states its kind, from 0 to 1
 
 
 def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[NameReading]:
-    """Return what the names of a file's columns say, with the units (by name) that a row below the header has."""
+    """Return the readings of a file's column names; `units`, by name, are those of a row below the header."""
     numbered, readings = _numbered(names), []
     for name in names:
         spelled, unit = numbered.get(name, name), units.get(name, "").strip("[](){}<> ")
@@ -146,7 +146,7 @@ def _numbered(names: Sequence[str]) -> dict[str, str]:
 
 
 def read_name(name: str) -> NameReading:
-    """Return what a column's name says; any text has a reading."""
+    """Return the reading of a column's name; every text has one."""
     words, unit = _words_and_unit(name)
     axis, index, bare = None, None, list[str]()
     for word in words:
@@ -260,7 +260,7 @@ _CAPITALS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-zµμ]+|[A-Z]+|[0-9]+|[%�
 
 
 def _parted(word: str) -> list[str]:
-    """Return the words that one in lower case is made of; itself if they are not known."""
+    """Return the words that make up a word in lower case; the word itself if they are not known."""
     if word in _KNOWN or word in UNIT_OF:
         return [word]
     if re.fullmatch("[gw][xyz]", word):
@@ -280,7 +280,7 @@ UPSIDE_DOWN, UPSIDE_DOWN_ROWS = 0.1, 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The file's names of what the log is made of; empty or None if there is none."""
+    """The file's column of each quantity of the log; empty or None if there is none."""
 
     time: str
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw

@@ -100,7 +100,7 @@ LEAST_TOGETHER = 0.003
 #: weight of motion that all wheels share in a log without heading, over motion that no rolling ball allows. Four wheels
 #: have both: opposite wheels exchanged and negated turn the one into the other, and change nothing else
 UNKNOWN_HEADING = 0.3
-#: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
+#: prior probabilities: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: weight for each second of the logarithm of the ratio of two misfits (`behind`)
 EACH_SECOND = 0.6

@@ -1,4 +1,4 @@
-"""In which units a foreign file has its time, wheels and lean: by its headings, else by what physics supports.
+"""Find the units of a foreign file's time, wheels and lean: from its headings, else from the physics.
 
 A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
