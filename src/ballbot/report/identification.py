@@ -27,7 +27,7 @@ from ballbot.identification.laws import LawCandidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.log import Log
-from ballbot.log.checks.kinematics import measured_wheel_speeds
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED

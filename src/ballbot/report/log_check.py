@@ -17,8 +17,8 @@ from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
-from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
+from ballbot.log.proposal import Evaluation, Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.report.words import capital

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 
@@ -262,10 +262,10 @@ class _File:
         text = self.units.get(name, "")
         bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
         if unit := (bracketed.group(1) if bracketed else text).strip():
-            return UNIT_OF.get(re.sub(r"[ ·*]", "", unit).lower(), unit)
-        parts = name.lower().split("_")
-        ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
-        return next((UNIT_OF[end] for end in ends if len(end) > 1 and end in UNIT_OF), "")
+            return unit_spelled(unit) or unit
+        parts = name.split("_")
+        rest, unit = unit_at_the_end(parts)
+        return unit if unit and len("".join(parts[len(rest) :])) > 1 else ""
 
     def times(self, name: str, rows: int) -> NDArray[np.float64]:
         """Return the time of each row (N,), from a variable or from the interval between rows."""

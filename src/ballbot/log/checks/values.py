@@ -61,18 +61,18 @@ _NOT_MEASURED = ("ref_", TRUE_PREFIX)
 
 def spikes(values: Floats) -> Bools:
     """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
-    found = np.zeros(len(values), dtype=bool)
+    is_spike = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
     if rows.size < 50:  # the usual range is unknown
-        return found
+        return is_spike
     known = values[rows]
     there, back = np.diff(known)[:-1], -np.diff(known)[1:]
     off = np.where(there * np.sign(back) > 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
     excluded = math.ceil(0.005 * known.size)
     ordered = np.sort(known)
     usual = ordered[-1 - excluded] - ordered[excluded]
-    found[rows[1:-1]] = (usual > 0.0) & (off > 5.0 * usual)
-    return found
+    is_spike[rows[1:-1]] = (usual > 0.0) & (off > 5.0 * usual)
+    return is_spike
 
 
 def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
@@ -257,7 +257,9 @@ def _resting_lean(log: Log, rows: Bools) -> complex:
     # a positive phi leans towards x, a positive theta away from y
     pull = 1j * np.gradient(velocity, t) * turn
     starts = np.unique(np.floor(t - t[0]), return_index=True)[1]
-    lean, pull = (np.add.reduceat(one, starts) / np.diff(np.append(starts, len(t))) for one in (lean, pull))
+    lean, pull = (
+        np.add.reduceat(signal, starts) / np.diff(np.append(starts, len(t))) for signal in (lean, pull)
+    )
     centred = pull - pull.mean()
     slope = float(np.vdot(centred, lean).real) / max(float(np.vdot(centred, centred).real), 1e-12)
     return complex(lean.mean() - slope * pull.mean())

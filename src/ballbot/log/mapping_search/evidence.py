@@ -31,10 +31,10 @@ Candidate = TypeVar("Candidate", bound=Hashable)
 def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
     """Return the candidates' probabilities from the logarithms of their weights, the likeliest first."""
     largest = max(log_weights.values())
-    weights = {one: math.exp(weight - largest) for one, weight in log_weights.items()}
+    weights = {hypothesis: math.exp(weight - largest) for hypothesis, weight in log_weights.items()}
     total = sum(weights.values())
-    ranked = sorted(weights, key=lambda one: -weights[one])
-    return {one: weights[one] / total for one in ranked}
+    ranked = sorted(weights, key=lambda hypothesis: -weights[hypothesis])
+    return {hypothesis: weights[hypothesis] / total for hypothesis in ranked}
 
 
 def advantage_confidence(z: float) -> float:
@@ -91,7 +91,7 @@ def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
     if np.argmin(total) in (0, len(total) - 1):
         return _vertex(places, total), math.inf  # it may lie beyond
     used = by_block.sum(axis=0) > 0.0
-    each = np.array([_vertex(places, total - one) for one in by_block.T[used]])
+    each = np.array([_vertex(places, total - values) for values in by_block.T[used]])
     return _vertex(places, total), float(jackknife_error(each))
 
 

@@ -1,4 +1,4 @@
-"""In which units a foreign file has its time, wheels and lean: by its headings, else by what physics supports.
+"""Find the units of a foreign file's time, wheels and lean: from its headings, else from the physics.
 
 A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
@@ -79,7 +79,7 @@ def wheel_units(
     whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else encoder_step(angles)
     speeds = np.abs(angles) if of_speeds else np.abs(np.diff(angles, axis=0)) / float(np.median(np.diff(t)))
     largest = float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
-    found = []
+    units = []
     for name in ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts"):
         factor, reason = table[name], "no other unit fits as well"
         weight = 0.0 if name.startswith("rad") or name == "rpm" else -1.0
@@ -90,8 +90,8 @@ def wheel_units(
         elif not whole and step is not None and abs(step * factor / count - 1.0) < STEP_AGREEMENT:
             weight, reason = weight + ONE_COUNT, f"steps of {step:.5g} are one encoder count"
         weight -= 9.0 if largest * factor > BEYOND_LIMIT * robot.drive.top_speed else 0.0
-        found.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
-    return found
+        units.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
+    return units
 
 
 def lean_units(lean: Floats, named: str | None) -> list[Unit]:
