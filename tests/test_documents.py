@@ -186,7 +186,8 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 _WITH_EXAMPLES = (
     "control.controller control.lqr control.margins control.parts control.references control.safety estimation "
     "estimation.onboard log.checks log.collection log.columns log.log mechanics.model robot.derived robot.friction_law "
-    "robot.robot simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
+    "robot.robot robot.variations simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin "
+    "validation viewer.page"
 )
 
 
