@@ -153,8 +153,9 @@ def _cell(found: Standing, metric: Metric) -> Cell:
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
         return Cell(text)
-    star = " *" if difference.sign else ""
-    return Cell(text, f"{_estimate(difference, metric.scale, plus='+')}{star}")
+    shown = _estimate(difference, metric.scale, plus="+", beside=found.means[metric.key].mean)
+    star = " *" if difference.sign and not shown.startswith("0") else ""
+    return Cell(text, f"{shown}{star}")
 
 
 def _is_bound(found: Standing, metric: Metric) -> bool:
@@ -163,11 +164,15 @@ def _is_bound(found: Standing, metric: Metric) -> bool:
     return there.get(metric.key, found.runs) < found.runs - found.falls
 
 
-def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
-    """Return a mean with its interval, such as "−120 (−130 to −110)"; of too few seeds for one the mean."""
+def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "", beside: float = 0.0) -> str:
+    """Return a mean with its interval, such as "−120 (−130 to −110)"; of too few seeds for one the mean.
+
+    What rounding leaves of the difference between equal numbers `beside` is 0.
+    """
 
     def shown(value: float) -> str:
-        return f"{plus if value > 0.0 else ''}{digits(scale * value)}".replace("-", "−")
+        text = digits(scale * value, beside=1e-6 * scale * beside)
+        return f"{plus if value > 0.0 and text != '0' else ''}{text}".replace("-", "−")
 
     mean = shown(found.mean)
     return mean if math.isnan(found.low) else f"{mean} ({interval(found.low, found.high, shown)})"
