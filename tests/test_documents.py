@@ -184,12 +184,12 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 
 
 _WITH_EXAMPLES = (
-    "control.controller control.lqr control.margins control.parts control.references control.safety estimation "
-    "estimation.onboard identification.axis.identify identification.axis.record identification.driveline "
-    "identification.geometry identification.holdout identification.identify identification.quantities "
-    "identification.swing identification.upside_down log.checks log.collection log.columns log.log mechanics.model "
-    "robot.derived robot.friction_law robot.robot simulation.batch simulation.run twin.scenario twin.scenario_file "
-    "twin.twin validation viewer.page"
+    "control.controller control.lqr control.margins control.parts control.references control.safety "
+    "estimation estimation.onboard identification.axis.identify identification.axis.record "
+    "identification.driveline identification.geometry identification.holdout identification.identify "
+    "identification.quantities identification.swing identification.upside_down log.checks log.collection "
+    "log.columns log.log mechanics.model robot.derived robot.friction_law robot.robot robot.variations "
+    "simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
 )
 
 

@@ -307,7 +307,7 @@ IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
 
 @dataclass(frozen=True, kw_only=True)
 class LogMapping:
-    """How a foreign file becomes a log: the tables of a mapping file, and each of its columns by what it becomes."""
+    """The tables of a mapping file, and the source of each of the log's columns."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
@@ -427,7 +427,7 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
 
 
 def _contradictions(mapping: LogMapping) -> Iterator[str]:
-    """Yield what a mapping lacks, and which of its entries contradict each other."""
+    """Yield the missing entries of a mapping, and those that contradict each other."""
     file, angle, speed, imu = mapping.file, mapping.wheels.angle, mapping.wheels.speed, mapping.attitude
     if not mapping.complete:
         yield 'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'

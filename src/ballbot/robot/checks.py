@@ -176,7 +176,7 @@ def check_number(
     label: str,  # its name, with the place of the value in a list
     value: object,
 ) -> None:
-    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot."""
+    """Raise InputError if a value is not a finite number, has the wrong sign, or is larger than on any robot."""
     whole = parameter.shape == "whole number"
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         raise InputError(f"{label} is {value!r}; it must be a {'whole ' if whole else ''}number.")

@@ -182,7 +182,7 @@ class Sensors:
 class Friction:
     """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
 
-    The tuples hold a value for each wheel. Those of the last three terms are empty where a robot lacks the term.
+    The tuples hold a value for each wheel. Those of the last three terms are empty if the robot lacks the term.
 
     Usual values: torques are those of motors of some N m. A v_s far below the speeds of a log, with a large s, is
     friction that hardly ever acts, and traps a search. Measured delta range from 0.5 to 2, and are much larger where a

@@ -44,7 +44,7 @@ class Derived:
 
 
 def derived_quantities(robot: Robot) -> list[Derived]:
-    """Return what `ballbot check` prints of a robot's parameters, in reading order."""
+    """Return the derived quantities that `ballbot check` prints, in reading order."""
     ball, body, drive, wheels = robot.ball, robot.body, robot.drive, robot.wheels
     central = np.diag(body.inertia_about_center_of_mass())
     pivot = np.diag(body.inertia_about_ball_center())

@@ -63,7 +63,7 @@ class LawParameter:
 
     @property
     def is_proportional(self) -> bool:
-        """Whether friction that is twice as large has it twice as large."""
+        """Whether the parameter doubles if the friction doubles."""
         return self.unit.startswith("N m") if self.proportional is None else self.proportional
 
     @property

@@ -1,4 +1,4 @@
-"""Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
+"""Check that a robot's numbers are plausible together: sizes, masses, inertias, motors and rates.
 
 `ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an error where
 a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The ranges are
@@ -28,7 +28,7 @@ Range = tuple[float, float]
 
 
 class _Usual(NamedTuple):
-    """What a number that follows from a robot's parameters is on robots."""
+    """A number that follows from a robot's parameters, with its usual range."""
 
     code: str  #: of its findings
     names: str  #: of the parameters that the sentence shows, with blanks between
@@ -152,21 +152,15 @@ def _of_drive(robot: Robot) -> Iterator[_Usual]:
 def _single(robot: Robot) -> Iterator[_Usual]:
     """Yield each number that has usual values."""
     for parameter in PARAMETERS:
-        value, (low, high), table = (
-            value_of(robot, parameter),
-            parameter.usual,
-            parameter.table.partition(".")[0],
-        )
+        value, (low, high) = value_of(robot, parameter), parameter.usual
+        table = parameter.table.partition(".")[0]
         if isinstance(value, tuple) or math.isinf(low):
             continue
         if parameter.key.startswith("stribeck_") and not any(robot.friction.stribeck):
             continue  # the speed and the exponent of a term that no wheel has
         possible = _ANY if table == "friction" else (low / _FAR if low > 0.0 else -math.inf, _FAR * high)
-        slip = (
-            f"was it meant in {parameter.written_in}?"
-            if value > high and parameter.written_in != parameter.unit
-            else ""
-        )
+        in_file_units = value > high and parameter.written_in != parameter.unit
+        slip = f"was it meant in {parameter.written_in}?" if in_file_units else ""
         rest = parameter.name, value, parameter.usual, possible, slip
         if table:
             code = f"robot-{table}"
@@ -176,7 +170,7 @@ def _single(robot: Robot) -> Iterator[_Usual]:
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:
-    """Yield a finding for each number that is beyond what robots have."""
+    """Yield a finding for each number outside the usual range of robots."""
     for code, columns, value, (least, most), possible, meaning in (
         *_single(robot),
         *_of_body(robot),
@@ -205,12 +199,10 @@ def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
     def completed(finding: Finding) -> Finding:
         text = finding.text
         if finding.severity == "error":
-            mended = slip and all(
-                (item.code, item.where) != (finding.code, finding.where) for item in slip[1]
-            )
-            text += (
-                f" Did you mean {slip[0]}?" if slip and mended else f" Check {every(finding.where.columns)}."
-            )
+            hint = f" Check {every(finding.where.columns)}."
+            if slip and all((item.code, item.where) != (finding.code, finding.where) for item in slip[1]):
+                hint = f" Did you mean {slip[0]}?"
+            text += hint
         return replace(finding, text=text, where=replace(finding.where, file=file))
 
     return by_severity(map(completed, findings))

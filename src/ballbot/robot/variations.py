@@ -1,4 +1,4 @@
-"""Robots near this one, drawn from its standard deviations.
+"""Draw robots near this one from its standard deviations, and propagate them to results.
 
 Errors of different parameters count as independent, but for those whose correlations the robot states. A number that
 was estimated without a standard error is drawn within the interval that the robot states, with the deviation of an even
@@ -24,9 +24,9 @@ from ballbot.robot.robot import Robot, with_values
 
 #: differences are taken over this fraction of a standard deviation
 STEP = 0.1
-#: draws that describe no robot, for each that does, before a robot's standard deviations are refused
+#: draws that describe no robot, for each that does, before the standard deviations are refused
 _MOST_REFUSALS = 20
-#: of v_s and delta, which are above zero, at the least
+#: smallest fraction of v_s and delta, which must stay above zero, that is drawn
 _LEAST_SHARE = 0.1
 
 
@@ -74,11 +74,15 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
 def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
 
-    Friction is drawn at its least value if it would be below: estimates of a term that is hardly there lie near zero,
-    and several such terms would leave hardly any draw. Other draws that describe no robot (a negative mass, an inertia
+    Friction is drawn at its least value if it would be below: estimates of a very small term lie near zero, and with
+    several such terms hardly any draw would be valid. Other draws that describe no robot (a negative mass, an inertia
     that no body has) are drawn again.
 
-    InputError if nearly all draws are such.
+    InputError if nearly all draws describe no robot.
+
+    >>> weighed = Robot.load("alten").annotated(standard_deviations={"body.mass": 0.1})
+    >>> len({robot.body.mass for robot in draw_robots(weighed, 3, seed=0)})
+    3
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
     mixing = _square_root(correlations(robot))
@@ -155,6 +159,11 @@ def propagate(
     """Carry a robot's standard deviations through to a result, linearly.
 
     InputError if no robot a tenth of a standard deviation away can exist, on either side.
+
+    >>> weighed = Robot.load("alten").annotated(standard_deviations={"body.mass": 0.1})
+    >>> doubled = propagate(weighed, lambda robot: np.array(2.0 * robot.body.mass))
+    >>> round(float(doubled.deviation), 9)
+    0.2
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
@@ -167,7 +176,7 @@ def propagate(
                 refusal = error
         if not ends:
             raise InputError(f"{number.label} cannot vary by a tenth of its standard deviation: {refusal}")
-        # one end alone is a number at what no robot goes beyond, as friction of zero
+        # a number at its bound, such as friction of zero, can only be shifted to one side
         (ahead, high), (behind, low) = ends if refusal is None else (*ends, (0.0, value))
         parts[number.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
     stacked = np.array([*parts.values()]).reshape(len(parts), *value.shape)

@@ -8,9 +8,10 @@ It contains no torque and no driveline friction: the robot accelerates towards i
 evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
 both terms get a free complex gain, whose size is a scale and whose angle is a turn about the vertical.
 
-What else moves the ball is not independent of the lean: a controller answers a push with a lean, again and again in the
-same way, so that no standard error over blocks shows it. Unless the law explains nearly everything, a scale is an error
-only if a disturbance of the size of the residual, correlated with the lean by `CONFOUNDED`, could not have made it.
+Disturbances of the ball are not independent of the lean: a controller answers each push with a lean, always in the
+same way, so that no standard error over blocks shows the correlation. Unless the law explains nearly everything, a
+scale is an error only if a disturbance of the size of the residual, correlated with the lean by `CONFOUNDED`, could not
+have made it.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ READINGS: list[Reading] = list(product((False, True), (1, -1), (1, -1)))
 
 
 def matrix_of(reading: Reading) -> Floats:
-    """Return what turns (2, 2) the logged columns into the quantities."""
+    """Return the matrix (2, 2) from the logged columns to the quantities."""
     exchanged, *signs = reading
     return np.diag(np.array(signs, dtype=np.float64))[:: -1 if exchanged else 1]
 

@@ -1,4 +1,4 @@
-"""Whether logs agree with the robot's own equations: one log by itself, several logs with each other.
+"""Check logs against the robot's equations: one log by itself, several logs with each other.
 
 `examine` runs the checks of one log in the order in which they depend on each other: the delay of the torques, the lean
 axes against the ball's acceleration, the torques against those that the motion needs. They use neither friction nor the
@@ -196,7 +196,7 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
 
 
 def _fault(names: tuple[str, ...], order: CommandOrder) -> str:
-    """Return what is wrong with torques of this order and these signs."""
+    """Return the fault of torques with this order and these signs, in words."""
     moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(order.wheels) if wheel != j]
     negated = [name for name, sign in zip(names, order.signs, strict=True) if sign < 0]
     have = f"{every(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign" if negated else ""

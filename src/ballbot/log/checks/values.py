@@ -1,4 +1,4 @@
-"""What columns show by themselves: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
+"""Check each column by itself: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
 
 A value is a spike if it differs from both neighbouring rows, to the same side, by more than five times the range of
 nearly all others: a corrupted message, or a marker such as 9999 for a missing one. A motion takes several rows to get
@@ -37,7 +37,7 @@ from ballbot.log.log import Log
 from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
-#: an interval this many times the usual longest one is a gap; one missing row of a regular log gives 2
+#: an interval this many times the longest usual one is a gap; one missing row of a regular log gives 2
 GAP_RATIO = 1.5
 FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind recovers
 #: smallest jump beyond the integral of the rates [m, m, rad, rad, rad]; and so many times the usual change
@@ -121,7 +121,7 @@ def _gaps(log: Log, *_: object) -> Floats:
     return np.where(intervals > _longest_usual(log), intervals, 0.0)
 
 
-#: faults that single rows of a signal show: the key, the signals that may have it, and the statistic of each row (N,)
+#: faults in single rows of a signal: the key, the signals that may have it, and the statistic of each row (N,)
 ROW_CHECKS: tuple[tuple[str, tuple[str, ...], Callable[[Log, str, Drive | None], Floats | Bools]], ...] = (
     ("gap", ("t",), _gaps),
     (  # accelerometers measure shocks, and references may jump
@@ -275,7 +275,7 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         return
     torques = [name for name in _TORQUES if name in log and {*STATE_NAMES} <= set(log.names)]
     noisy = [n for n in log.names if n.startswith(("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_"))]
-    together: list[tuple[int, int, list[str]]] = []  # the columns that stand still from one row to another
+    together: list[tuple[int, int, list[str]]] = []  # the columns that are constant between two rows
     for name in (*noisy, *torques):
         values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
         starts, lengths = runs_of(values)

@@ -61,7 +61,7 @@ def read_bag(path: Path) -> Columns:
 
 
 def _fields_of(message: object) -> dict[str, object]:
-    """Return a message's numbers as nested dicts; arrays that have names are told apart by these."""
+    """Return a message's numbers as nested dicts; arrays with names are split by them."""
     values: dict[str, object] = {}
     for field in fields(message) if is_dataclass(message) else ():
         covariance = getattr(message, f"{field.name}_covariance", ())

@@ -60,7 +60,7 @@ class Head:
     named: bool = False  #: whether a line is above them
     #: lines down to the one with the names, or units; None if no line has a name for each column
     above: int | None = None
-    problems: tuple[str, ...] = ()  #: sentences on what the names lack
+    problems: tuple[str, ...] = ()  #: sentences on missing or unusable names
     units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the names gives them
 
     @property
@@ -265,7 +265,7 @@ def _is_row(cells: list[str], layout: TextLayout) -> bool:
 
 
 def _are_units(row: list[str]) -> bool:
-    """Return whether the cells of a row are units, with marks of none among them."""
+    """Return whether the cells of a row are units, some of them marks for no unit."""
     units = [cell for cell in row if cell not in ("", "-", "1")]
     return bool(units) and all(map(_is_unit, units))
 

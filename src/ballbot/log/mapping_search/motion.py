@@ -44,7 +44,7 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
-#: [s] at the ends, where a fit is from one side, that do not show the handedness; least standard error of what shows it
+#: time [s] at each end, with a one-sided fit, that is not used for the handedness; its least standard error
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
 PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)

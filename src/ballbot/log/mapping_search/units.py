@@ -28,7 +28,7 @@ STEP_AGREEMENT = 0.02
 #: no wheel turns faster than this many times the drive's own limit
 BEYOND_LIMIT = 1.5
 #: the robot file's radii, masses and heights give the lean's response to this [log]; a ball that pivots turns the
-#: wheels less than the heading says, so that the second counts for little
+#: wheels less than the heading implies, so that the second counts for little
 GAIN_DEVIATION, TURNING_DEVIATION, PIVOTS = 0.25, 0.1, 0.15
 #: log weights: of steps of one count, and whole numbers that are counts
 ONE_COUNT, WHOLE = 5.0, 8.0
@@ -36,12 +36,12 @@ ONE_COUNT, WHOLE = 5.0, 8.0
 
 @dataclass(frozen=True, kw_only=True)
 class Unit:
-    """The unit of columns, and what turns their numbers into Ballbot's."""
+    """The unit of columns, and the factor to Ballbot's."""
 
     name: str
     factor: float
     reason: str = ""
-    weight: float = 0.0  #: logarithm, before the motion is seen
+    weight: float = 0.0  #: logarithm of the prior weight
 
 
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
