@@ -81,7 +81,7 @@ REFUSALS = [
     ("view alten log.csv", "--robot alten"),
     ("view a=log.csv a=other.csv --robot alten", "label 'a'"),
     ("view missing.csv --robot alten", "missing.csv cannot be read"),
-    ("view log.csv --robot alten --plant twin", "a robot that is simulated"),
+    ("view log.csv --robot alten --plant twin", "name a robot to simulate"),
     ("view /dev/ttyACM0 --robot alten", "ballbot run monitor /dev/ttyACM0"),
     ("view alten --port 70000", "from 0 (any free one) to 65535"),
 ]

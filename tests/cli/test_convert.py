@@ -23,7 +23,7 @@ def test_a_log_converts_from_format_to_format_by_one_command(tmp_path, capsys, l
     for name in ("a.mat", "b.mcap", "c.csv", "d.parquet"):
         out = tmp_path / name
         assert main(["convert", str(path), str(out)]) == 0
-        assert capsys.readouterr().out.splitlines()[0] == str(out)
+        assert capsys.readouterr().out.splitlines()[1] == str(out)
         path = out
     again = Log.read(path)
     for column in log:

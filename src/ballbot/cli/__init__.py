@@ -1,4 +1,4 @@
-"""The commands: options and a few calls each. `app` lists them, `main` runs one; `context` has what they share."""
+"""The commands: options and a few calls each. `app` lists them, `main` runs one, `context` is their common part."""
 
 import sys
 import threading
@@ -6,14 +6,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from time import monotonic
 
-_BETWEEN = 0.25  #: [s] between two pictures of the line
+_BETWEEN = 0.25  #: [s] between two updates of the line
 
 
 class Waiting:
     """A line on the terminal while a command is imported and compiled, until it shows its own; `end` removes it."""
 
     def __init__(self, words: str) -> None:
-        """Show words and the seconds since now, if anyone watches."""
+        """Show words and the seconds since now, if the output is a terminal."""
         self._words, self._began, self._ended = words, monotonic(), threading.Event()
         self._thread = threading.Thread(target=self._show, daemon=True)
         if sys.stdout is not None and sys.stderr is not None and sys.stdout.isatty() and sys.stderr.isatty():
@@ -36,7 +36,7 @@ class Waiting:
 
 @dataclass(kw_only=True)
 class Output:
-    """How the command that runs prints, and what it has to print at its end."""
+    """The output of the running command: its options, and what it prints at its end."""
 
     json: bool = False  #: results as JSON on standard output, and nothing else there
     quiet: bool = False  #: no results and no progress
@@ -44,7 +44,7 @@ class Output:
     waiting: Waiting | None = None  #: the line until the command prints something
 
     def begin(self) -> None:
-        """Make room for what the command prints."""
+        """Remove the waiting line before the command prints."""
         if self.waiting is not None:
             self.waiting.end()
 

@@ -42,12 +42,12 @@ def align(
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
     """
-    run, film = Log.read(log, mapping=mapping), Log.read(mocap)
+    run, cameras = Log.read(log, mapping=mapping), Log.read(mocap)
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
         try:
-            alignment = align_log(run, film)
+            alignment = align_log(run, cameras)
         except InputError as error:
             raise InputError(f"{log} and {mocap}: {error}") from None
         page = alignment_report(

@@ -1,7 +1,7 @@
-"""The application: the list of commands, what `ballbot` alone prints, and the options that every command has.
+"""The application: the list of commands, the text of `ballbot` alone, and the options that every command has.
 
-A command's module is imported only when that command runs or prints its help, so that `ballbot --help` is there at
-once.
+A command's module is imported only when that command runs or prints its help, so that `ballbot --help` appears
+immediately.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Example: `ballbot study alten square.csv hold.csv --out found`
 """
 
 
-#: what `ballbot` alone prints
+#: printed by `ballbot` without arguments
 START = """Ballbot models, identifies, validates and controls ball-balancing robots.
 
   ballbot demo                              two recorded runs in the browser, and the friction in one
@@ -41,7 +41,7 @@ class Command(NamedTuple):
 
     @property
     def target(self) -> tuple[str, str]:
-        """Its module, which is imported only if the command is named, and in it the function, or an App of several."""
+        """Its module, imported only if the command is named, and its function, or its App if it has subcommands."""
         function = self.name.replace("-", "_")
         module = "identify_parts" if self.name.startswith("identify-") else function
         return f"ballbot.cli.{module}", function
@@ -77,8 +77,8 @@ COMMANDS = (
     Command("completion", "Help", "Print a script that completes commands and options in a shell."),
 )
 
-#: of `ballbot --help`
-_GROUPS = {name: Group.create_ordered(name) for name in dict.fromkeys(one.group for one in COMMANDS)}
+#: headings of `ballbot --help`
+_GROUPS = {name: Group.create_ordered(name) for name in dict.fromkeys(command.group for command in COMMANDS)}
 _OUTPUT_GROUP = Group.create_ordered("Output of every command")
 
 
@@ -107,7 +107,7 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
     tokens : sequence of str
         The command line, without the program's name. Only the command that it names is imported.
     unavailable : collection of str
-        Commands that stand in the list without their options, because what they need is not installed.
+        Commands that are listed without their options, because a package that they need is not installed.
     """
     app = App(
         name="ballbot",
@@ -119,12 +119,12 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         group_commands=Group.create_ordered("This program"),
         suppress_keyboard_interrupt=False,
     )
-    for place, command in enumerate(COMMANDS):
+    for index, command in enumerate(COMMANDS):
         module, function = command.target
         if command.name not in tokens[:1] or command.name in unavailable:
             target = _unavailable if command.name in unavailable else f"{module}:{function}"
             group = _GROUPS[command.group]
-            app.command(target, name=command.name, help=command.summary, group=group, sort_key=place)
+            app.command(target, name=command.name, help=command.summary, group=group, sort_key=index)
         else:
             loaded = getattr(importlib.import_module(module), function)
             if isinstance(loaded, App):  # a group of commands has its name already
@@ -133,9 +133,9 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
                 ).ABOUT  # a list of all commands has left its line there
                 app.command(loaded)
             else:
-                app.command(loaded, name=command.name, sort_key=place)
+                app.command(loaded, name=command.name, sort_key=index)
 
-    app.meta.suppress_keyboard_interrupt = False  # it does not take the app's
+    app.meta.suppress_keyboard_interrupt = False  # not inherited from the app
 
     @app.meta.default
     def launch(
@@ -150,7 +150,7 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
 
 
 def _default_words(value: object) -> str | None:
-    """Return a default as it is written on a command line; None for nothing, and for a switch that is off."""
+    """Return a default as written on a command line; None for an empty value or a switch that is off."""
     if value is None or value is False or value in ("", ()):
         return None
     if isinstance(value, tuple):
@@ -159,7 +159,7 @@ def _default_words(value: object) -> str | None:
 
 
 def _unavailable(*words: str) -> None:
-    """Stand for a command that cannot be imported."""
+    """Take the place of a command that cannot be imported."""
 
 
 def version() -> str:

@@ -68,7 +68,7 @@ def check(
         )
     hung = Robot.load(robot)
     of_robot = stop_or_show(robot_findings(hung), accept=accept, show=False)
-    # compiled code, once the robot has passed its checks
+    # imported late: they compile, and a bad robot is reported first
     from ballbot.report.robot_check import robot_check_report
     from ballbot.twin.recording import twin_findings
     from ballbot.workflows.robot_check import CheckedRobot, check_swing, follow_reference
@@ -91,7 +91,7 @@ def check(
             following=None if reference is None else follow_reference(hung, reference, controller),
         )
         page = robot_check_report(checked)
-        found = [finding_line(one, accepted=True) for one in checked.findings]
-        printed = [page.title, *page.parts(), *found]
+        lines = [finding_line(finding, accepted=True) for finding in checked.findings]
+        printed = [page.title, *lines, *page.parts()]
         step = f"`ballbot check-log LOG --robot {robot}`"
         result.write(page, printed=printed, named=[RESULTS], next_step=step)

@@ -46,8 +46,8 @@ def check_log(
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
     For files that are not in Ballbot's format and have no mapping, propose one and test it against the robot's
-    equations. Several logs of one robot give one mapping. What cannot be determined is asked for all at once, in the
-    mapping file, and the exit code is 2.
+    equations. Several logs of one robot give one mapping. If something cannot be determined, the mapping file lists all
+    questions at once, and the exit code is 2.
 
     Example: `ballbot check-log run1.csv --robot alten`
 
@@ -64,9 +64,9 @@ def check_log(
     command
         What the firmware's command of a motor is: torque at the wheel, current, voltage or PWM duty.
     full_scale
-        The number in a foreign log that is a full duty: 1, 100, 255, 1000.
+        The number that stands for full duty in a foreign log: 1, 100, 255, 1000.
     counts_per_turn
-        The encoder's counts in one turn of a wheel, gear included, if they are not the robot file's.
+        The encoder's counts in one turn of a wheel, gear included, if they differ from the robot file's.
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
@@ -92,8 +92,8 @@ def check_log(
         if robot and described and proposes:
             _show(files, described, stated, source=robot, result=result)
         else:
-            for one in files:
-                _check(one, described, mapping, result, source=robot)
+            for path in files:
+                _check(path, described, mapping, result, source=robot)
 
 
 def _column_names(columns: str | None) -> list[str] | None:
@@ -121,49 +121,53 @@ def _check(
     command = next((_COMMANDS[use] for use in checked.uses if use in _COMMANDS), "")
     tail = ["--mapping", str(mapping)] if mapping else []
     step = "" if errors else _next_step(command if source else "check-log", source, file, tail)
-    printed = [page.lead, *page.parts(), *map(finding_line, checked.findings)]
+    printed = [page.lead, *map(finding_line, checked.findings), *page.parts()]
     result.write(page, printed=printed, next_step=step)
     if errors:
         more = f" ({len(errors) - 1} more, shown above)" if len(errors) > 1 else ""
         raise InputError(f"{file}: {errors[0].text}{more}")
 
 
-#: the command of a use
+#: the command for a use
 _COMMANDS = {BALANCING: "study", DRIVELINES: "identify-driveline"}
 
 
 def _next_step(command: str, robot: str | None, log: Path, tail: Sequence[str]) -> str:
-    """Return the command that a log is next used with; none if it can be used for nothing."""
+    """Return the command to use a log with next; without one, what to add to the log."""
+    if not command:
+        return "add the missing columns that are listed above; a mapping file gives them their names (docs/logs.md)."
     words = [command, str(log), "--robot", "ROBOT"] if robot is None else [command, robot, str(log)]
     folder = [] if robot is None else ["--out", "found"]
-    return f"`{shell_line(['ballbot', *words, *tail, *folder])}`" if command else ""
+    return f"`{shell_line(['ballbot', *words, *tail, *folder])}`"
 
 
 def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, result: CommandResult) -> None:
-    """Show the mapping proposed for foreign files; with a folder, write it, the surest log and results.json.
+    """Show the mapping proposed for foreign files; with a folder, write it, the log of the surest and results.json.
 
-    InputError if something cannot be determined, or a log contradicts the others or the robot; everything that was
-    determined is shown and written first.
+    Raise InputError if something cannot be determined, or if a log contradicts the others or the robot, after
+    everything that was determined is shown and written.
     """
     evaluated = list[Evaluation]()
     for file in paths:
         with progress_bar(result.console, f"comparing {file.name} with the robot"):
             evaluated.append(evaluate(propose(file, robot, stated), robot))
-    found = surest(evaluated)
+    best = surest(evaluated)
     if len(paths) > 1:
-        evaluated = [evaluate(one.proposal, robot, common=found.proposal) for one in evaluated]
-        found = surest(evaluated)
-    printed = [Text(line) for one in evaluated for line in answer_lines(one)]
-    texts: dict[str, Content] = {"mapping.toml": found.text}
-    files = texts if found.log is None else texts | {"log.csv": found.log.write}
-    problem, step = _problem(evaluated, found.proposal), ""
+        evaluated = [evaluate(evaluation.proposal, robot, common=best.proposal) for evaluation in evaluated]
+        best = surest(evaluated)
+    printed = [Text(line) for evaluation in evaluated for line in answer_lines(evaluation)]
+    texts: dict[str, Content] = {"mapping.toml": best.text}
+    files = texts if best.log is None else texts | {"log.csv": best.log.write}
+    problem, step = _problem(evaluated, best.proposal), ""
     if result.folder is None:
-        printed.append(Text("\n" + found.text))
-    elif not problem and found.proposal.roles.commands:
-        command = "identify" if found.proposal.roles.attitude else "identify-driveline"
+        printed.append(Text("\n" + best.text))
+        step = "" if problem else "the same command with `--out checked` writes the mapping and the log."
+    elif not problem:
+        attitude, commands = best.proposal.roles.attitude, best.proposal.roles.commands
+        command = ("identify" if attitude else "identify-driveline") if commands else "check-log"
         tail = ["--mapping", str(result.folder.path / "mapping.toml")]
-        step = _next_step(command, source, found.proposal.base.path, tail)
-    page = proposal_report(found, evaluated, robot, kept=result.folder is not None)
+        step = _next_step(command, source if commands else None, best.proposal.base.path, tail)
+    page = proposal_report(best, evaluated, robot, kept=result.folder is not None)
     result.write(page, files=files, printed=printed, named=[*files], next_step=step)
     if problem:
         raise InputError(problem)
@@ -171,12 +175,19 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
 
 def _problem(evaluated: Sequence[Evaluation], surest: Proposal) -> str:
     """Return why no mapping can be used for these logs; empty if one can."""
-    for other, words in contradictions([one.proposal for one in evaluated], surest):
-        return f"{other.base.path} contradicts the other logs by its {words}: it is of another robot or firmware."
-    for one in evaluated:
-        if one.proposal.base.layout.names != surest.base.layout.names:
+    for other, words in contradictions([evaluation.proposal for evaluation in evaluated], surest):
+        return f"{other.base.path} contradicts the other logs in its {words}: it is from another robot or firmware."
+    for evaluation in evaluated:
+        if evaluation.proposal.base.layout.names != surest.base.layout.names:
             return (
-                f"{one.proposal.base.path} has other columns than {surest.base.path}: the logs agree, but each needs "
-                "a mapping of its own, by a check of its own."
+                f"The columns of {evaluation.proposal.base.path} differ from those of {surest.base.path}: the logs "
+                "agree, but each needs its own mapping. Check them one by one."
             )
-    return next((f"{one.proposal.base.path}: {one.refusal}" for one in evaluated if one.refusal), "")
+    return next(
+        (
+            f"{evaluation.proposal.base.path}: {evaluation.refusal}"
+            for evaluation in evaluated
+            if evaluation.refusal
+        ),
+        "",
+    )

@@ -67,21 +67,21 @@ def compare(
             "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
         )
     numbers = parse_seeds(seeds)
-    made = {one.name: one.controller(described) for one in candidates}
-    warn_of_idle_compensation(made)
+    by_name = {candidate.name: candidate.controller(described) for candidate in candidates}
+    warn_of_idle_compensation(by_name)
     references = [course.reference_spec.name for course in chosen]
     beside = [Path(name) for name in references if is_reference_file(name)]
-    doing = f"{counted(len(made) * len(chosen) * len(numbers), 'run')} on the {plant}"
+    doing = f"{counted(len(by_name) * len(chosen) * len(numbers), 'run')} on the {plant}"
     with (
         open_result(out, doing=doing, beside=beside, seed=seeds) as result,
-        cluster_or(cluster, Processes(count=processes)) as made_by,
+        cluster_or(cluster, Processes(count=processes)) as workers,
     ):
         league = run_league(
             described,
-            made,
+            by_name,
             chosen,
             seeds=numbers,
-            workers=made_by,
+            workers=workers,
             threads=processes,
             run=Run(progress=result.report),
         )
@@ -89,10 +89,10 @@ def compare(
         if confirm is not None:
             twin = run_league(
                 described,
-                {name: made[name] for name in best_two(league)},
+                {name: by_name[name] for name in best_two(league)},
                 choose_courses(courses, described, "twin"),
                 seeds=range(1, 1 + confirm),
-                workers=made_by,
+                workers=workers,
                 run=Run(progress=in_stage(result.report, "the best two on the twin")),
             )
         page = league_report(league, twin=twin)

@@ -1,4 +1,4 @@
-"""`ballbot completion`: a shell's completion of commands, options and their choices, by cyclopts."""
+"""`ballbot completion`: a script for a shell that completes commands, options and their choices, by cyclopts."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
 """The command context: what every command needs around its own work.
 
     with open_result(out, doing="aligning") as result:
-        found = align_log(run, film, progress=result.report)
-        result.write(align_report(found))
+        alignment = align_log(run, mocap)
+        result.write(alignment_report(alignment))
 
-The provenance of a result is the command line itself (`main` records it), and the files that it names. Logs and lists
-of seeds are read here, too, and a Dask cluster is found.
+The provenance of a result is the command line (`main` records it) and the files that it names. Logs and lists of seeds
+are also read here, and Dask clusters connected.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
 
 
 def robot_words(source: str, changes: Sequence[str] | None) -> str:
-    """Return a robot and its changes as a command line has them."""
+    """Return a robot and its changes as words of a command line."""
     return shell_line([source, *(word for change in changes or () for word in ("--set", change))])
 
 
@@ -84,15 +84,15 @@ Content = str | bytes | Callable[[Path], object]
 
 @dataclass(frozen=True, kw_only=True)
 class CommandResult:
-    """A command's result while it is made: its folder, where it came from, the console, and how far the work is."""
+    """The context of a command's result: its folder, provenance, console and progress."""
 
-    folder: ResultFolder | None  #: None if the command got no --out
+    folder: ResultFolder | None  #: None without --out
     origin: Provenance
     console: Console
     report: ProgressCallback
 
     def path(self, name: str) -> str:
-        """Return where a file of the result is; its name alone without a folder."""
+        """Return the path of a file of the result; its name without a folder."""
         return str(self.folder.path / name) if self.folder else name
 
     def write(
@@ -100,18 +100,18 @@ class CommandResult:
         result: Result,
         *,
         files: Mapping[str, Content] = MappingProxyType({}),
-        printed: Iterable[RenderableType] | None = None,  # what a terminal shows, if not the page's parts
-        named: Sequence[str] = (),  # files whose places are printed before the page's
-        next_step: str = "",  # what to do next, with its commands
+        printed: Iterable[RenderableType] | None = None,  # for the terminal, instead of the page's parts
+        named: Sequence[str] = (),  # files whose paths are printed before the page's
+        next_step: str = "",  # what to do next, with the commands for it
     ) -> None:
         """Write results.json, report.html and other files by their names, all of them or none; then print the page.
 
-        Of a result in a folder, a terminal shows `Result.parts` in brief; of another, everything.
+        With a folder, the terminal shows `Result.parts` in brief, otherwise all of them.
         """
         result = replace(result, provenance=self.origin, next_step=next_step)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
-            # with templates and scripts, which a refusal does without
+            # imported late: an error needs no templates and scripts
             from ballbot.report.page import render
 
             with self.folder.replaced() as new:
@@ -127,7 +127,7 @@ class CommandResult:
             print_parts([f"Next: {next_step}"], self.console)
 
     def write_robot(self, result: Result, robot: Robot, verdict: Verdict, *, next_step: str) -> None:
-        """Write and print an identification, and its robot as robot.toml if it is usable; InputError if it is not."""
+        """Write and print an identification; write robot.toml if it is usable, else raise InputError."""
         files = {"robot.toml": robot_text(robot)} if verdict.usable else {}
         self.write(result, files=files, named=[*files], next_step=next_step if files else "")
         if not files:
@@ -146,31 +146,32 @@ def _write(path: Path, content: Content) -> None:
 def open_result(
     out: Path | None,  # without it, the results are printed only
     *,
-    command: str = "",  # whose result it is, as "run wiring"; that of the command line if not given
-    doing: str = "",  # what is being done; nothing is shown without it
+    command: str = "",  # such as "run wiring"; that of the command line if not given
+    doing: str = "",  # the label of the progress bar; no bar without it
     # the files that the command may write there besides report.html and results.json
     writes: Collection[str] = (),
-    beside: Sequence[Path] = (),  # files that it is made from and the command line does not name
+    beside: Sequence[Path] = (),  # input files that the command line does not name
     seed: int | str = 0,  # for the provenance
 ) -> Iterator[CommandResult]:
-    """Hold a command's folder while the block runs, and show how far the work is.
+    """Lock a command's folder while the block runs, and show the progress.
 
-    InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be read.
+    Raise InputError if the folder cannot be used (see `ballbot.result_folder.result_folder`) or an input cannot be
+    read.
     """
     files, console = input_files(ARGV.get()[1:], beside), standard_output()
     origin = provenance(command=shell_line(["ballbot", *ARGV.get()]), files=files, seed=seed)
     names = {PAGE, RESULTS, *writes}
     command = command or next(iter(ARGV.get()), "")
-    held = result_folder(out, command=command, names=names, inputs=files) if out else None
+    lock = result_folder(out, command=command, names=names, inputs=files) if out else None
     bar = progress_bar(console, doing) if doing else nullcontext(ignore_progress)
-    with held or nullcontext() as folder, bar as report:
+    with lock or nullcontext() as folder, bar as report:
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)
     if folder is None:
         suggest_page()
 
 
 def cluster_or(address: str | None, otherwise: Executor) -> AbstractContextManager[Executor]:
-    """Return the workers of a Dask scheduler at an address, or others without one; InputError if it is not there."""
+    """Return the executor of a Dask scheduler at an address, or `otherwise`; raise InputError if it is unreachable."""
     if address is None:
         return nullcontext(otherwise)
     from ballbot.fitting.cluster import Cluster
@@ -179,7 +180,7 @@ def cluster_or(address: str | None, otherwise: Executor) -> AbstractContextManag
 
 
 def parse_seeds(text: str) -> list[int]:
-    """Return the seeds that a text lists, each once; InputError if it lists none, or too many."""
+    """Return the seeds that a text lists, each once; raise InputError if it lists none, or too many."""
     seeds: dict[int, None] = {}
     for part in text.split(","):
         match = re.fullmatch(r"\s*(\d{1,9})(?:-(\d{1,9}))?\s*", part)
@@ -195,7 +196,7 @@ def parse_seeds(text: str) -> list[int]:
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
     """Return the logs by their names; see `ballbot.log.collection.named_files`.
 
-    InputError if no log is given, one is named twice or cannot be read.
+    Raise InputError if no log is given, or one is named twice or cannot be read.
     """
     from ballbot.log import Log
 
@@ -203,9 +204,9 @@ def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
 
 
 def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
-    """Return logs by their names, each with the ball's position: its own, else that by its wheels.
+    """Return logs by their names, each with the ball's position: as logged, else from the wheels.
 
-    InputError as `read_logs`; and if a log has no position and lacks what gives it.
+    Raise InputError as `read_logs`, and if a log has neither a position nor the columns to compute it from.
     """
     return {name: read_balancing_log(path, mapping, robot) for name, path in named_files(paths).items()}
 

@@ -29,33 +29,32 @@ class ControllerOptions:
     given."""
 
     def read(self, robot: Robot) -> Controller:
-        """Return the controller for a robot; print if its compensation does nothing."""
+        """Return the controller for a robot; warn if its compensation does nothing."""
         name = self.controller or "nominal"
         if name != "nominal" and self.compensation is not None:
             raise InputError(
-                f"--compensation belongs to the nominal controller, and --controller names {name}; leave one of them "
-                "out."
+                f"--compensation is for the nominal controller, but --controller is {name}; leave one of them out."
             )
-        made = named_controller(name, robot)
+        controller = named_controller(name, robot)
         if self.compensation is not None:
-            made = made.with_compensation(self.compensation)
-        warn_of_idle_compensation({self.controller or "nominal controller": made})
-        return made
+            controller = controller.with_compensation(self.compensation)
+        warn_of_idle_compensation({self.controller or "nominal controller": controller})
+        return controller
 
 
-#: the nominal one, without compensation
+#: the nominal controller, without compensation
 NOMINAL = ControllerOptions()
 
 
 def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
-    """Print a sentence for each controller, by its name, whose compensation does nothing for want of friction."""
-    for name, one in controllers.items():
-        if not isinstance(one, Controller) or one.compensation == "none":
+    """Print a warning for each controller, by its name, that compensates friction of a robot without friction."""
+    for name, controller in controllers.items():
+        if not isinstance(controller, Controller) or controller.compensation == "none":
             continue
-        if has_friction(one.robot.friction):
+        if has_friction(controller.robot.friction):
             continue
         sentence = (
-            f"{name}: {one.compensation} compensation does nothing, because the robot {one.robot.name} has no "
-            "friction. Identify it with `ballbot identify`, or write it into the robot file."
+            f"{name}: {controller.compensation} compensation does nothing, because the robot {controller.robot.name} "
+            "has no friction. Identify it with `ballbot identify`, or write it into the robot file."
         )
         notice(sentence, style="yellow")

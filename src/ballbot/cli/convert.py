@@ -29,9 +29,13 @@ def convert(log: Path, out: Path, /, *, mapping: options.Mapping = None, force: 
     force
         Replace an existing file.
     """
-    written_format(out)  # refuses a suffix before the log is read
+    written_format(out)  # raises InputError before the log is read
     check_new_file(out, force=force)
     read = Log.read(log, mapping=mapping)
     read.write(out)
-    results = {"rows": len(read), "columns": read.names}
-    show_written(out, results=results, next_step=f"`ballbot check-log {out}`")
+    show_written(
+        out,
+        f"The log has {len(read)} rows and {len(read.names)} columns.",
+        results={"rows": len(read), "columns": read.names},
+        next_step=f"`ballbot check-log {out}`",
+    )

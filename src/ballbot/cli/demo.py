@@ -1,4 +1,4 @@
-"""`ballbot demo`: two recorded runs in the browser at once, and what the log of the first one shows."""
+"""`ballbot demo`: two recorded runs in the browser, and the friction identified from the log of the first."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ballbot.viewer.page import replay_page
 from ballbot.workflows.metrics import SETTLE, position_error, settled
 
 _NEXT = (
-    "Next: push the robot yourself, `ballbot view alten --controller none --controller precise` (needs: pip install "
-    "'ballbot[view]'), or describe your own: `ballbot new mine --from alten`"
+    "Next: describe your own robot, `ballbot new mine --from alten`, or push this one, `ballbot view alten "
+    "--controller none --controller precise` (needs: pip install 'ballbot[view]')"
 )
 
 
@@ -44,20 +44,20 @@ def demo(
     shown, report = folder / "demo.html", folder / PAGE
     title = "One robot, two controllers, the same square"
     write_text(shown, replay_page(runs, robot_of_runs(), title=title, lead=_lead(runs)))
-    show_written(shown)
+    show_written(shown, "Two recorded runs, with the soft gain and with the precise controller.")
     if browser:
         open_page(shown.resolve().as_uri())
     with progress_bar(console, "identifying the friction") as progress:
-        found = friction_report(runs[SOFT], Run(progress=progress))
-    render(found, folder)
-    emit(found.to_dict())
-    print_parts([*found.parts(brief=True), str(report), _NEXT], console)
+        result = friction_report(runs[SOFT], Run(progress=progress))
+    render(result, folder)
+    emit(result.to_dict())
+    print_parts([*result.parts(brief=True), str(report), _NEXT], console)
     if browser:
         open_page(report.resolve().as_uri())
 
 
 def _lead(runs: dict[str, Log]) -> str:
-    """Return what the reader looks at, with the runs' errors."""
+    """Return the text above the replay, with the errors of both runs."""
     errors = [position_error(runs[name])[settled(runs[name], SETTLE)].max() for name in (SOFT, PRECISE)]
     soft, precise = (f"{1000.0 * error:.{0 if error > 0.01 else 1}f} mm" for error in errors)
     return (

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 else:
     Kind = Literal[tuple(KINDS)]
 
-_KINDS = f"{'; '.join(f'{name}: {one.text}' for name, one in KINDS.items())}."
+_KINDS = f"{'; '.join(f'{name}: {preset.text}' for name, preset in KINDS.items())}."
 _WRITTEN = ("controller.toml",)
 
 
@@ -116,7 +116,7 @@ def design(
     doing = "robust design" if robust else "designing the controller"
     with open_result(out, doing=doing, writes=_WRITTEN, seed=seed if robust else 0) as result:
         if robust:
-            found = robust_design(
+            designed = robust_design(
                 described,
                 compensation=parts.compensation or "none",
                 spread=spread,
@@ -124,11 +124,14 @@ def design(
                 effort=effort,
                 run=Run(seed=seed, progress=result.report),
             )
-            page, text = robust_design_report(found, findings), search_comment(found, result.origin.command)
+            page, text = (
+                robust_design_report(designed, findings),
+                search_comment(designed, result.origin.command),
+            )
         else:
-            found = design_controller(described, gain=gain, parts=parts)
-            page, text = controller_design_report(found, findings), ""
-        files = {"controller.toml": text + controller_text(found.controller)}
+            designed = design_controller(described, gain=gain, parts=parts)
+            page, text = controller_design_report(designed, findings), ""
+        files = {"controller.toml": text + controller_text(designed.controller)}
         step = f"`ballbot compare {robot_words(robot, change)} none {result.path('controller.toml')} --out compared`"
         result.write(page, files=files, named=_WRITTEN, next_step=step)
-    warn_of_idle_compensation({"controller.toml": found.controller})
+    warn_of_idle_compensation({"controller.toml": designed.controller})

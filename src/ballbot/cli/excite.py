@@ -73,7 +73,7 @@ def excite(
     conditions = load_scenario(scenario, described)
     widths = read_bounds(bounds) if bounds else None
     with open_result(out, doing="excite", writes=_WRITTEN) as result:
-        found = find(
+        excitation = find(
             described,
             chosen,
             limits=limits,
@@ -83,9 +83,9 @@ def excite(
             bounds=widths,
             run=Run(progress=result.report),
         )
-        page = excitation_report(found)
+        page = excitation_report(excitation)
         files = {
-            "reference.csv": partial(write_reference, found.sines.times, found.sines.poses()),
+            "reference.csv": partial(write_reference, excitation.sines.times, excitation.sines.poses()),
             "controller.toml": controller_text(chosen),
         }
         named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand

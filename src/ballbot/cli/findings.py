@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 
 def check_input(
-    robot: Robot | None,  # whose logs they are
+    robot: Robot | None,  # the robot of the logs
     # paths and logs: the files, and the log in each
     paths: Iterable[Path],
     logs: Iterable[Log],
     *,
-    accept: Sequence[str] | None,  # what `--accept` gave
+    accept: Sequence[str] | None,  # the codes of `--accept`
     mappings: Collection[Path | None] = (),  # the mapping files of the logs
     # whether to print the findings; if not, the command calls `show_findings` when it has printed its result
     show: bool = True,
 ) -> tuple[Finding, ...]:
     """Check the logs of a command, print accepted errors and warnings, and return all findings.
 
-    InputError if a log has an error whose code is not accepted, or a code is unknown.
+    Raise InputError if a log has an error whose code is not accepted, or if a code is unknown.
     """
     from ballbot.log.checks import findings_of
     from ballbot.log.mapping import dead_band_findings
@@ -45,9 +45,9 @@ def check_input(
 def checked_robot(
     source: str, changes: Sequence[str] | None, *, accept: Sequence[str] | None
 ) -> tuple[Robot, tuple[Finding, ...]]:
-    """Return a robot and what the check of its numbers against one another finds; see `changed_robot`.
+    """Return a robot and the findings of the check of its values; see `changed_robot`.
 
-    Prints accepted errors and warnings. InputError if there is another error, or a code is unknown.
+    Print accepted errors and warnings. Raise InputError if there is another error, or if a code is unknown.
     """
     robot = changed_robot(source, changes)
     findings = robot_findings(robot, file=f"robot {robot.name}")
@@ -55,21 +55,20 @@ def checked_robot(
 
 
 def in_file(path: Path, findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings with a file as their place."""
-    return [replace(one, where=replace(one.where, file=str(path))) for one in findings]
+    """Return findings with a file as their location."""
+    return [replace(finding, where=replace(finding.where, file=str(path))) for finding in findings]
 
 
 def stop_or_show(
     findings: Iterable[Finding], *, accept: Sequence[str] | None, others: str = "", show: bool = True
 ) -> tuple[Finding, ...]:
-    """Stop on an error that is not accepted; else print accepted errors and warnings, if asked for.
+    """Stop on an error that is not accepted; else print accepted errors and warnings, if `show`.
 
-    Without a command that shows the other errors (`others`), they are printed here. Returns the findings, errors first.
-
-    InputError on such an error, or if a code is unknown.
+    `others` is the command that shows the other errors; without it, they are printed here. Return the findings, errors
+    first. Raise InputError on such an error, or if a code is unknown.
     """
     accepted, findings = check_codes(accept or ()), by_severity(findings)
-    errors = [one for one in findings if one.severity == "error" and one.code not in accepted]
+    errors = [finding for finding in findings if finding.severity == "error" and finding.code not in accepted]
     if not others:
         show_findings(errors[1:], accept=accepted)
     stop_on_errors(errors, others=others or "above")
@@ -81,10 +80,10 @@ def stop_or_show(
 def show_findings(
     findings: Collection[Finding],
     *,
-    # codes of errors that the user has accepted; all of them if it is not given
+    # codes of errors that the user has accepted; all of them if not given
     accept: Collection[str] | None = None,
 ) -> None:
-    """Print errors and warnings, a line each; notes stand in the report."""
+    """Print errors and warnings, a line each; notes are in the report only."""
     for finding in findings:
         if finding.severity != "note":
             notice(finding_line(finding, accepted=accept is None or finding.code in accept))

@@ -74,8 +74,8 @@ def identify(
     bounds
         A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
     sweep
-        results.json of `ballbot identify-driveline`: its b and c are combined with what the logs show, weighted by
-        their uncertainties. With --estimate torque_gain only the ratios between the wheels count.
+        results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
+        their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
     window
         Length of the predicted windows [s].
     search
@@ -96,14 +96,14 @@ def identify(
     mappings = mapping if mapping and len(mapping) == len(paths) else (mapping or [None])[:1] * len(paths)
     read = [read_balancing_log(*each, described) for each in zip(paths, mappings, strict=True)]
     within = read_bounds(bounds) if bounds else Bounds()
-    # all logs together, as they are one robot's
+    # all logs are checked together, because they are of one robot
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
     with (
         open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
-        cluster_or(cluster, Threads()) as made_by,
+        cluster_or(cluster, Threads()) as executor,
     ):
-        found, selection = identify_by_law(
+        fit, selection = identify_by_law(
             described,
             checked,
             free=estimate,
@@ -116,22 +116,22 @@ def identify(
                 sweep=of_sweep,
                 search=search,
             ),
-            run=Run(seed=seed, executor=made_by, progress=result.report),
+            run=Run(seed=seed, executor=executor, progress=result.report),
         )
-        held = slice(len(named), None)
+        rest = slice(len(named), None)
         holdouts = [
-            cross_validate(found, log, name=name, starts=_states_at(path, each, described))
-            for name, path, log, each in zip(held_out, paths[held], read[held], mappings[held], strict=True)
+            cross_validate(fit, log, name=name, starts=_states_at(path, each, described))
+            for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
         ]
         page = identification_report(
-            found, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
+            fit, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
         )
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
-        result.write_robot(page, found.robot, found.verdict, next_step=step)
+        result.write_robot(page, fit.robot, fit.verdict, next_step=step)
 
 
 def _states_at(path: Path, mapping: Path | None, robot: Robot) -> InitialStates | None:
-    """Return what gives the states known at times of a log's rows; None where its rows are the file's own."""
+    """Return the function that gives the states known at given times; None without a mapping."""
     if mapping is None:
         return None
     return lambda moments: causal_states(path, mapping=mapping, robot=robot, moments=moments)

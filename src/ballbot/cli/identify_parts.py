@@ -31,7 +31,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from ballbot.summary import counted
 
-#: r_b / r_w by the logs over the file's; beyond, a unit or a column is wrong rather than a tape measure
+#: plausible ratios of r_b / r_w from the logs to the file's; outside, a unit or a column is wrong
 _RADII = (0.4, 2.5)
 _COLUMNS, _METHOD = AxisColumns(), axis.AxisOptions()
 
@@ -50,7 +50,7 @@ def identify_driveline(
 
     Each wheel is an axis of the robot file's inertia (`ballbot identify-axis`) with that law. Writes report.html,
     results.json and robot.toml (with each wheel's b, c and s, the mean of v_s, and their standard deviations and
-    correlations). Friction in the robot file that states standard deviations is compared.
+    correlations). If the friction in the robot file has standard deviations, the two are compared.
 
     Example: ballbot identify-driveline alten sweep/log.csv --out found
 
@@ -68,16 +68,16 @@ def identify_driveline(
     findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
     with open_result(out, doing="sweep", writes=["robot.toml"]) as result:
         fits = [
-            fit_driveline(one, run=Run(progress=in_stage(result.report, f"wheel {one.wheel}")))
-            for one in sweeps
+            fit_driveline(sweep, run=Run(progress=in_stage(result.report, f"wheel {sweep.wheel}")))
+            for sweep in sweeps
         ]
         estimate = sweep_estimate(fits)
         findings = by_severity([*findings, *file_findings(described, estimate)])
         source = f"identified: sweep of the free wheels, {log.name}"
         files = {"robot.toml": robot_text(robot_with_friction(described, estimate, source=source))}
         page = driveline_report(described.name, sweeps, fits, findings)
-        sweep = result.path("results.json")
-        step = f"`ballbot identify {robot} LOG --sweep {sweep} --out found`, with logs of balancing"
+        results = result.path("results.json")
+        step = f"`ballbot identify {robot} LOG --sweep {results} --out found`, with logs of balancing"
         result.write(page, files=files, next_step=step)
 
 
@@ -110,18 +110,18 @@ def identify_upside_down(
     described, named = Robot.load(robot), read_logs(logs, mapping)
     by_path = dict(zip(map(str, logs), named.values(), strict=True))
     of_ball = [
-        one
+        finding
         for path, log in by_path.items()
-        for one in in_file(Path(path), upside_down_findings(described, log))
+        for finding in in_file(Path(path), upside_down_findings(described, log))
     ]
     findings = stop_or_show([*bench_findings(described, by_path), *of_ball], accept=accept)
     check_seed(seed)
     with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
-        found = find_friction(described, list(named.values()), window=window, run=run)
-        page = upside_down_report(found, described, named, findings=findings)
+        fit = find_friction(described, list(named.values()), window=window, run=run)
+        page = upside_down_report(fit, described, named, findings=findings)
         step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
-        result.write_robot(page, found.robot, found.verdict, next_step=step)
+        result.write_robot(page, fit.robot, fit.verdict, next_step=step)
 
 
 def identify_geometry(
@@ -153,9 +153,9 @@ def identify_geometry(
         any clock and in any frame.
     """
     described = Robot.load(robot)
-    on_wheels, runs, films = upside_down or [], balancing or [], motion_capture or []
-    if len(runs) != len(films):
-        numbers = counted(len(runs), "time"), counted(len(films), "time")
+    on_wheels, runs, captures = upside_down or [], balancing or [], motion_capture or []
+    if len(runs) != len(captures):
+        numbers = counted(len(runs), "time"), counted(len(captures), "time")
         raise InputError(
             f"--balancing is given {numbers[0]} and --motion-capture {numbers[1]}. Give one motion capture for each "
             "balancing log, in the same order."
@@ -163,7 +163,7 @@ def identify_geometry(
     of_ball = list(read_logs(on_wheels, mapping).values()) if on_wheels else []
     of_runs = list(read_logs(runs, mapping).values()) if runs else []
     named = dict(zip(map(str, (*on_wheels, *runs)), (*of_ball, *of_runs), strict=True))
-    # the robot's radii are estimated, so that encoders need not agree with them closely
+    # the radii are estimated, so that encoders may differ from them
     encoders = [
         finding
         for path, log in zip(on_wheels, of_ball, strict=True)
@@ -171,24 +171,25 @@ def identify_geometry(
     ]
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
-        found = survey_geometry(
+        geometry = survey_geometry(
             described,
             upside_down=of_ball,
-            balancing=[(log, Log.read(film)) for log, film in zip(of_runs, films, strict=True)],
+            balancing=[(log, Log.read(capture)) for log, capture in zip(of_runs, captures, strict=True)],
             progress=result.report,
         )
-        of_geometry, files = geometry_findings(found), dict[str, str]()
+        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
+        of_geometry, files = geometry_findings(geometry), dict[str, str]()
         try:
-            files["robot.toml"] = robot_text(robot_with_geometry(described, found))
+            files["robot.toml"] = robot_text(robot_with_geometry(described, geometry))
         except InputError as error:
             text = (
-                "No robot.toml was written, because the geometry found is not possible with the other values of the "
-                f"robot file: {error}"
+                "No robot.toml was written, because the identified geometry is not possible with the other values of "
+                f"the robot file: {error}"
             )
             of_geometry.append(note("no-robot-file", text))
-        page = geometry_report(found, of_geometry, robot=described, log_findings=findings)
-        step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
-        result.write(page, files=files, next_step=step if files else "")
+            step = f"correct {robot} as the note no-robot-file says, and repeat this command."
+        page = geometry_report(geometry, of_geometry, robot=described, log_findings=findings)
+        result.write(page, files=files, next_step=step)
 
 
 def identify_axis(
@@ -201,11 +202,11 @@ def identify_axis(
     method: Annotated[axis.AxisOptions, Parameter(name="*")] = _METHOD,
     accept: options.Accept = None,
 ) -> None:
-    """Find the mass (or inertia) and friction of one axis in records of its force and position.
+    """Identify the mass (or inertia) and friction of one axis from records of its force and position.
 
-    The inverse model by least squares begins, output error over windows refines it. Forces over position, friction
-    under load and the friction law are selected by the prediction of held-out blocks of time. Writes report.html and
-    results.json.
+    The fit starts from the inverse model by least squares and minimises the output error over windows. Forces over
+    position, friction under load and the friction law are selected by the prediction of held-out blocks of time. Writes
+    report.html and results.json.
     For a robot's own drivelines use `ballbot identify-driveline`.
 
     Example: ballbot identify-axis axis.csv --out found
@@ -225,16 +226,18 @@ def identify_axis(
     read = [read_axis_record(path, columns) for path in paths]
     of_records = [
         finding
-        for path, one in zip(paths, read, strict=True)
-        for finding in in_file(path, record_findings(one))
+        for path, axis_record in zip(paths, read, strict=True)
+        for finding in in_file(path, record_findings(axis_record))
     ]
     findings = stop_or_show(of_records, accept=accept)
     with open_result(out, doing="identifying the axis") as result:
-        found = axis.identify_axis(
+        fit = axis.identify_axis(
             read[: len(fitted)],
             options=method,
             validation_records=read[len(fitted) :],
             run=Run(progress=result.report),
         )
-        step = "name another record of the axis after this one, to validate what was found"
-        result.write(axis_report(found, read[0], findings), next_step="" if against else step)
+        step = "name another record of the axis after this one, to validate the result."
+        if against:
+            step = "take mass and friction from results.json into your model of the axis."
+        result.write(axis_report(fit, read[0], findings), next_step=step)

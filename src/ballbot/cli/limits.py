@@ -16,7 +16,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, twin_limits
 
-#: directions tried on the twin, of the model's
+#: indices of the model's directions that are tried on the twin
 _ON_TWIN = (0, 9, 18, 27)
 
 
@@ -34,8 +34,8 @@ def limits(
     """Find the largest tilts and impulses that a robot recovers from with its controllers.
 
     Computes a lower and an upper bound of each limit: up to the lower bound, no wheel slips on the ball; the upper
-    bound assumes that wheels never slip. Both respect the torque limit and the motors' speed limit, and have the
-    sensors, delay, noise, floor and payload of the scenario on the compiled loop, but not its play.
+    bound assumes that wheels never slip. Both are computed on the compiled loop with the torque limit, the motors'
+    speed limit, and the sensors, delay, noise, floor and payload of the scenario, but not its play.
 
     Writes report.html and results.json.
 
@@ -44,16 +44,17 @@ def limits(
     Parameters
     ----------
     controllers
-        none and full if not given. none, full and partial (the nominal gain with that compensation), precise, and
-        controller files. As in
-        compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
+        none, full and partial (the nominal gain with that compensation), precise, or controller files; none and full
+        if not given. As in compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
     grip
         Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
     """
     described, candidates = changed_robot(robot, change), parse_candidates(controllers or ("none", "full"))
-    chosen = {one.name: _law(one.name, one.controller(described)) for one in candidates}
+    chosen = {
+        candidate.name: _law(candidate.name, candidate.controller(described)) for candidate in candidates
+    }
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
     truth = load_scenario(scenario, described)

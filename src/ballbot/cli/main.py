@@ -16,7 +16,7 @@ from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, START, build_app
 from ballbot.errors import InputError, missing_package
 from ballbot.printable import printable_line
 
-#: characters of a refusal
+#: longest error message [characters]
 _LONGEST_SENTENCE = 1000
 
 #: packages that not every installation has, and the extra of Ballbot that brings each
@@ -65,7 +65,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt as interrupt:
         _say(str(interrupt) or "interrupted; files written so far are complete.")
         return 130
-    except BrokenPipeError:  # the reader has gone (`ballbot check alten | head`)
+    except BrokenPipeError:  # the reader has ended (`ballbot check alten | head`)
         _close_standard_output()
         return 1
     except OSError as error:
@@ -99,13 +99,13 @@ def _run(tokens: list[str]) -> int:
 
 
 def _show_warning(message: Warning | str, *_: object) -> None:
-    """Print a warning as one line, without the place in our code that it comes from."""
+    """Print a warning as one line, without its location in the code."""
     OUTPUT.get().begin()
     print(f"ballbot: warning: {message}", file=sys.stderr)
 
 
 def _refuse(sentence: str) -> int:
-    if len(sentence) > _LONGEST_SENTENCE:  # it quotes what a file holds
+    if len(sentence) > _LONGEST_SENTENCE:  # it quotes the content of a file
         half = _LONGEST_SENTENCE // 2
         sentence = f"{sentence[:half]} [..] {sentence[-half:]}"
     _say(sentence)
@@ -113,7 +113,7 @@ def _refuse(sentence: str) -> int:
 
 
 def _say(sentence: str) -> None:
-    with suppress(OSError):  # nobody is there to hear it
+    with suppress(OSError):  # standard error is closed
         print(f"ballbot: {printable_line(sentence)}", file=sys.stderr, flush=True)
 
 
@@ -124,7 +124,7 @@ def _close_standard_output() -> None:
 
 
 def _survive_narrow_encodings() -> None:
-    """Let drawings and Greek letters become question marks on a terminal that cannot show them."""
+    """Replace characters that a terminal cannot show by question marks."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

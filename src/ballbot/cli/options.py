@@ -16,7 +16,7 @@ from ballbot.log.formats import WRITTEN_FORMATS, check_format
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
-    """Return the whole number that is given; 1.5 is refused, where cyclopts would round it."""
+    """Return a whole number; raise ValueError for 1.5, which cyclopts would round."""
     given = tokens[0].value
     if not re.fullmatch(r"[+-]?\d+", given):
         raise ValueError(f"{given!r} is not a whole number.")
@@ -47,7 +47,7 @@ def _check_positive(_: type, value: float | None) -> None:
         raise ValueError("It must be above 0.")
 
 
-#: every option that is a size, a number of things or a length of time
+#: every option that must be above zero
 Positive = Annotated[float, Parameter(validator=_check_positive)]
 
 Count = Annotated[int, Parameter(converter=_whole_number, validator=_check_positive)]
@@ -108,7 +108,7 @@ LogFormat = Annotated[
     ),
 ]
 
-#: the option --cluster of the commands whose work or runs can be spread
+#: the option --cluster of the commands whose work can be distributed
 Cluster = Annotated[
     str | None,
     Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),

@@ -1,7 +1,7 @@
 """Where commands print, and how they show progress: a bar on a terminal, lines on standard error if piped.
 
-The options --json and --quiet of every command act here: text goes nowhere, warnings and questions go to standard
-error, and with --json the results (`emit`) are all that standard output gets.
+The options --json and --quiet of every command act here: text is discarded, warnings and questions go to standard
+error, and with --json only the results (`emit`) go to standard output.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from ballbot.progress import Progress, ProgressCallback, fraction, ignore_progre
 from ballbot.report.blocks import PLAIN_WIDTH, PlainConsole, Sheet
 
 _BEFORE_LINES = 3.0  #: [s] before the first line of progress, if no bar can be drawn
-#: the last stage of a command, which is not printed if no stage before it was
+#: the last stage of a command; not printed unless an earlier stage was
 WRITING = "writing the report"
 _BETWEEN_LINES = 15.0  #: [s] between lines of progress within a stage
 
 
 class _Console(PlainConsole):
-    """A console whose first output takes the place of the line that was shown until then."""
+    """A console whose first output replaces the line that is shown while a command starts."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         OUTPUT.get().begin()
@@ -42,7 +42,7 @@ class _Console(PlainConsole):
 
 
 def standard_output() -> PlainConsole:
-    """Return the console that commands print results to: plain where it is no terminal, silent if so asked."""
+    """Return the console for results: plain if it is no terminal, silent with --json or --quiet."""
     if _is_silent():
         return PlainConsole(file=io.StringIO(), width=PLAIN_WIDTH)
     console = _Console()
@@ -50,7 +50,7 @@ def standard_output() -> PlainConsole:
 
 
 def notice(text: RenderableType, *, style: str = "") -> None:
-    """Print a warning or a question, which neither --json nor --quiet hides."""
+    """Print a warning or a question, also with --json or --quiet."""
     console = _Console(file=sys.stderr) if _is_silent() else standard_output()
     console.print(text, style=style, markup=False, soft_wrap=True)
 
@@ -60,21 +60,25 @@ def _is_silent() -> bool:
 
 
 def emit(results: Mapping[str, object]) -> None:
-    """Give the results that --json prints when the command ends; those of a folder are its results.json."""
+    """Set the results that --json prints when the command ends; with a folder, those of its results.json."""
     OUTPUT.get().results = results_text(results)
 
 
 def show_written(
-    *paths: Path, results: Mapping[str, object] = MappingProxyType({}), next_step: str = ""
+    path: Path,
+    sentence: str,  # what the file is
+    *,
+    results: Mapping[str, object] = MappingProxyType({}),
+    next_step: str = "",
 ) -> None:
-    """Print where files are that a command without a folder of results wrote; --json has them, and results."""
+    """Print the result of a command that wrote one file and no folder; --json prints the path and the results."""
     steps = [f"Next: {next_step}"] if next_step else []
-    print_parts([*map(str, paths), *steps], standard_output())
-    emit({"files": paths, **results})
+    print_parts([sentence, str(path), *steps], standard_output())
+    emit({"files": [path], **results})
 
 
 def suggest_page() -> None:
-    """Print on standard error, unless --json or --quiet is given, that a command without --out could write a page."""
+    """Print on standard error that --out would write a page, unless --json or --quiet is given."""
     if not _is_silent():
         PlainConsole(file=sys.stderr).print("--out FOLDER also writes report.html.", soft_wrap=True)
 
@@ -86,18 +90,18 @@ def open_page(address: str) -> None:
 
 
 def print_parts(parts: Iterable[RenderableType], console: Console) -> None:
-    """Print tables, which keep to the width, and lines, which are not broken."""
+    """Print tables within the console's width, and lines without breaking them."""
     for part in parts:
         console.print(part, markup=False, soft_wrap=not isinstance(part, Sheet))
 
 
 def _drawn(bar: RichProgress, task: TaskID) -> ProgressCallback:
-    """Return what moves a bar on a terminal."""
+    """Return the callback that moves a bar on a terminal."""
     stage = ""
 
     def report(progress: Progress) -> None:
         nonlocal stage
-        if progress.stage != stage:  # another total forgets the pace of the stage before
+        if progress.stage != stage:  # a new total discards the speed of the previous stage
             stage = progress.stage
             bar.update(task, total=None)
         bar.update(
@@ -112,9 +116,9 @@ def _drawn(bar: RichProgress, task: TaskID) -> ProgressCallback:
 
 
 def _written(doing: str) -> ProgressCallback:
-    """Return what writes lines on standard error, for output that is piped or kept: one a stage, and some in between.
+    """Return the callback that writes lines on standard error if output is piped: one a stage, and some in between.
 
-    Nothing is written in the first seconds, so that input that is refused is answered by one sentence alone.
+    Nothing is written in the first seconds, so that bad input is answered by one sentence only.
     """
     stage, written, due = doing, "", monotonic() + _BEFORE_LINES
 

@@ -55,15 +55,15 @@ def record(
     duration
         Duration [s]. If not given, 40 s balancing, 125.66 s for the sweep, or 60 s upside down.
     seeds
-        Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Runs that are there are kept
-        if they have the same settings: the same command goes on after it was stopped.
+        Several seeds, such as 1-200 or 1,4,7-9: runs on all cores, each in its own folder. Existing runs with the same
+        settings are kept: after an interruption, the same command resumes.
     estimator
         The state estimate that the controller feeds back and the log contains: onboard (a sum of wheel
         speeds); or kalman, a filter that also uses the scenario's fixes. If not given, the one that the
         controller's file names.
     """
     described, findings = checked_robot(robot, change, accept=accept)
-    # refused before anything is run or made
+    # raise InputError before anything runs
     as_reference(reference)
     several = None if seeds is None else parse_seeds(seeds)
     controller = chosen.read(described)
@@ -82,12 +82,12 @@ def record(
     if seeds is not None and several is not None:
         doing = f"recording {counted(len(several), 'run')} of {job.duration:g} s"
         with (
-            cluster_or(cluster, Processes()) as made_by,
+            cluster_or(cluster, Processes()) as workers,
             open_result(out, command="record --seeds", doing=doing, seed=seeds) as result,
         ):
-            runs = record_runs(job, several, out, workers=made_by, progress=result.report)
-            made = " ".join(str(out / next(iter(runs)) / name) for name in ("robot.toml", f"log.{format}"))
-            step = f"`ballbot {_NEXT[experiment]} {made} --out found`"
+            runs = record_runs(job, several, out, workers=workers, progress=result.report)
+            paths = " ".join(str(out / next(iter(runs)) / name) for name in ("robot.toml", f"log.{format}"))
+            step = f"`ballbot {_NEXT[experiment]} {paths} --out found`"
             result.write(recordings_report(job, runs, findings), next_step=step)
         return
     with open_result(out, doing=doing, writes=RECORD_FILES, seed=job.seed) as result:
@@ -96,8 +96,8 @@ def record(
             f"{name}.{job.log_format}": log.write for name, log in recording.logs.items()
         }
         files |= settings(job)
-        made = f"{result.path('robot.toml')} {result.path(f'log.{format}')}"
-        step = f"`ballbot {_NEXT[experiment]} {made} --out found`"
+        paths = f"{result.path('robot.toml')} {result.path(f'log.{format}')}"
+        step = f"`ballbot {_NEXT[experiment]} {paths} --out found`"
         result.write(recording_report(job, recording, findings), files=files, named=[*files], next_step=step)
 
 

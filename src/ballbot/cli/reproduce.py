@@ -28,8 +28,9 @@ def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed =
 
     items_named(only)
     with open_result(out, doing="reproducing the thesis", seed=seed) as result:
-        found = remake(seed=seed, only=only, progress=result.report)
-        rows = [[item.name, item.title, item.verdict] for item in found.items]
+        reproduction = remake(seed=seed, only=only, progress=result.report)
+        rows = [[item.name, item.title, item.verdict] for item in reproduction.items]
         sheet = Sheet(caption="The thesis reproduced", headings=("", "title", "verdict"), rows=rows)
-        page = reproduction_report(found)
-        result.write(page, printed=[*verdict_lines(page.verdict), sheet])
+        page = reproduction_report(reproduction)
+        step = "the same for your robot, from its logs: `ballbot study ROBOT LOG --out found`"
+        result.write(page, printed=[sheet, *verdict_lines(page.verdict)], next_step=step)

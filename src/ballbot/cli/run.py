@@ -57,7 +57,7 @@ Port = Annotated[str | None, Parameter(help="A serial port such as /dev/ttyACM0?
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class LinkOptions:
-    """The robot at the other end."""
+    """The robot to connect to."""
 
     emulated: Annotated[bool, Parameter(negative="")] = False
     """An emulated robot instead of one at a port: the firmware, compiled for this computer, with a simulated body."""
@@ -66,7 +66,7 @@ class LinkOptions:
     """The body of an emulated robot: the equations of motion (model) or the physics engine (twin)."""
 
     robot: str | None = None
-    """A preset's name or a robot file. Needed if a controller is sent; of an emulated robot alten by default."""
+    """A preset's name or a robot file. Needed if a controller is sent; for --emulated, alten by default."""
 
     scenario: options.Scenario = "nominal"
 
@@ -86,9 +86,10 @@ class LinkOptions:
     def connect(
         self, port: str | None, *, hold: Hold = "on_ball", real_time: bool = False, imu_checked: bool = True
     ) -> AbstractContextManager[Connection]:
-        """Hold the link to a robot while a block runs; the options are an emulated one's.
+        """Connect to a robot while a block runs; the keyword options are for an emulated robot.
 
-        InputError if there is no such robot, both or neither of port and --emulated are given, or the link fails.
+        Raise InputError if there is no such robot, if both or neither of port and --emulated are given, or if the link
+        fails.
         """
         if self.emulated == (port is not None):
             both = f", not both: {port} would be a port" if port else ""
@@ -109,9 +110,6 @@ class LinkOptions:
         return connect_emulated(described, emulated, filmed_by=filmed_by)
 
 
-run = App(name="run", help=ABOUT)
-
-
 _LINK = LinkOptions()
 
 
@@ -130,8 +128,8 @@ def balance(
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
-    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms: of a run that was cut off,
-    log.recording.csv stays.
+    Ctrl-C disarms. While the robot runs, every row of the log is on the disk within 100 ms: if the run is cut off,
+    log.recording.csv remains.
 
     Example: ballbot run /dev/ttyACM0 --reference square --duration 32 --out run1
 
@@ -174,7 +172,7 @@ def balance(
 
 @run.command
 def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: options.Positive = 60.0) -> None:
-    """Show a robot's sensors, self-test and stops, and what it runs; nothing is driven.
+    """Show a robot's sensors, self-test, stops and controller; no torque is applied.
 
     Example: ballbot run monitor /dev/ttyACM0
 
@@ -194,6 +192,8 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
             console.print(line, soft_wrap=True)
         with _monitor().shown() as monitor:
             robot.watch(monitor.states_of(robot), duration=duration)
+        console.print(f"The robot sent its sensors for {duration:g} s; no torque was applied.")
+        console.print(f"Next: `ballbot run wiring {port or '--emulated'}`", soft_wrap=True)
 
 
 @run.command
@@ -216,13 +216,15 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
             turns = measure_turns(robot, connection.operator, watch=monitor.states_of(robot))
         check = check_turns(turns, robot.ball_from_wheels)
         page = wiring_report(check, about=connection.words)
-        printed = [*page.parts(), *map(finding_line, check.findings)]
+        printed = [*map(finding_line, check.findings), *page.parts()]
         with open_result(out, command="run wiring") as result:
             result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
             console.print("Every motor turns its own encoder forward: the self-test passed.")
-            console.print("Next: `ballbot run PORT --duration 30 --out run`")
+            console.print(
+                f"Next: `ballbot run {port or '--emulated'} --duration 30 --out run`", soft_wrap=True
+            )
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
 
@@ -291,9 +293,9 @@ def compare(
     lean: options.LeanLimit = 0.35,
     out: options.Out,
 ) -> None:
-    """Compare a study's controller with the one before it on the robot: runs in turn on the same course, A B A B.
+    """Compare a study's controller with the previous one on the robot: alternating runs on the same course, A B A B.
 
-    What drifts from run to run, such as battery and floor, is not counted as a gain. Every run of the study's
+    Drift from run to run, such as of battery and floor, is not counted as a gain. Every run of the study's
     controller is compared with the study's prediction, as `ballbot validate --prediction` does. Put the robot back to
     its start before each run.
 
@@ -309,7 +311,7 @@ def compare(
         Runs of each controller, two or more.
     """
     if rounds < MIN_RUNS // 2:
-        raise InputError(f"There are {rounds} rounds; runs in turn need {MIN_RUNS // 2} or more.")
+        raise InputError(f"--rounds is {rounds}; the comparison needs {MIN_RUNS // 2} or more.")
     predicted = read_prediction(prediction)
     described = Robot.load(prediction.with_name("robot.toml"))
     files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
@@ -329,21 +331,23 @@ def compare(
                 connection.robot.use_parameters(export_controller(controllers[k % 2], lean=lean).parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
-                made = connection.run(
+                live_run = connection.run(
                     commander,
                     _monitor(),
                     duration=predicted.course.duration,
                     recording=out / f"{name}{SUFFIX}",
                 )
-                _finish(connection, made)
-                result.console.print(made.ending.text, soft_wrap=True)
-                logs.append(made.whole_log())
+                _finish(connection, live_run)
+                result.console.print(live_run.ending.text, soft_wrap=True)
+                logs.append(live_run.whole_log())
         performances = [
             Performance.of(log, torque_limit=controllers[k % 2].torque_limit) for k, log in enumerate(logs)
         ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
-        found, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
-        page = alternation_report(found, logs, controllers=compared, about=connection.words, origin=about)
+        alternation, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
+        page = alternation_report(
+            alternation, logs, controllers=compared, about=connection.words, origin=about
+        )
         written: dict[str, Content] = {
             f"{name}.csv": log.write for name, log in zip(names, logs, strict=True)
         }
@@ -351,7 +355,7 @@ def compare(
             "keep": f"go on with {files[1]}.",
             "weaken": "`ballbot design ROBOT --compensation-gain 0.8 --out weaker`",
             "revert": f"go back to {files[0]}.",
-        }[found.recommendation]
+        }[alternation.recommendation]
         result.write(page, files=written, next_step=step)
         for name in names:
             (out / f"{name}{SUFFIX}").unlink(missing_ok=True)
@@ -362,18 +366,18 @@ def _record(
     commander: Commander,
     duration: float,
     out: Path | None,
-    then: str,  # the command that takes the log, LOG, next
+    then: str,  # the next command, with LOG for the log
     *,
     seed: int,
     ramp: float = 0.0,
 ) -> None:
-    """Make a run, and write its log and results into a folder if there is one; the log so far if the link is lost."""
+    """Run the robot, and write log and results into the folder, if any; if the link is lost, the log so far."""
     recording, held = None if out is None else out / f"log{SUFFIX}", isinstance(commander, TorqueProgram)
     if recording is not None:
         check_no_recording(recording)
     with open_result(out, command="run", writes=["log.csv"], seed=seed) as result:
-        made = connection.run(commander, _monitor(), duration=duration, ramp=ramp, recording=recording)
-        log = made.whole_log()
+        live_run = connection.run(commander, _monitor(), duration=duration, ramp=ramp, recording=recording)
+        log = live_run.whole_log()
         summary: dict[str, object] = {}
         if held:
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
@@ -383,8 +387,8 @@ def _record(
         results = {
             "rows": len(log),
             "sample_time": connection.robot.sample_time,
-            "ended": made.ending.kind,
-            "reason": made.ending.text,
+            "ended": live_run.ending.kind,
+            "reason": live_run.ending.text,
             **summary,
             "provenance": to_results(result.origin) | connection.provenance,
         }
@@ -392,22 +396,23 @@ def _record(
             log,
             connection.described,
             held=held,
-            ending=made.ending.text,
+            ending=live_run.ending.text,
             about=connection.words,
             data=results,
         )
-        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`" if out else ""
+        step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"
+        step = step if out else "repeat the run with `--out run`, which keeps its log."
         result.write(page, files={"log.csv": log.write}, named=["log.csv"], next_step=step)
         if recording is not None:
             recording.unlink(missing_ok=True)
-    _finish(connection, made)
+    _finish(connection, live_run)
 
 
 def _monitor() -> Monitor:
     return Monitor(None if OUTPUT.get().quiet else standard_output())
 
 
-def _finish(connection: Connection, made: LiveRun) -> None:
-    """Print what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
-    for trouble in connection.troubles(made):
+def _finish(connection: Connection, live_run: LiveRun) -> None:
+    """Print problems of a run; raise InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
+    for trouble in connection.troubles(live_run):
         notice(trouble, style="yellow")

@@ -82,7 +82,7 @@ def spin(
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=frame_rate)
     with open_result(out, doing="looking", writes=_WRITTEN) as result:
-        found = measure_spin(
+        measured = measure_spin(
             film,
             seam=curve,
             circle=outline,
@@ -91,15 +91,15 @@ def spin(
         comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:
             try:
-                comparison = compare_with_wheels(found, run, described, known=turn)
+                comparison = compare_with_wheels(measured, run, described, known=turn)
             except InputError as error:
                 raise InputError(f"{video} and {log}: {error}") from None
             turn = turn or comparison.motion.body_marker
-        found = replace(found, robot_camera=turn) if turn is not None else found
+        measured = replace(measured, robot_camera=turn) if turn is not None else measured
         if run is not None and comparison is not None:
-            files["log.csv"] = log_with_spin(run, found, comparison.motion.clock).write
-        files |= {"spin.csv": found.log().write, "overlay.png": (picture := overlay(found))}
-        page = spin_report(found, comparison, video=video.name, picture=picture, log_findings=findings)
+            files["log.csv"] = log_with_spin(run, measured, comparison.motion.clock).write
+        files |= {"spin.csv": measured.log().write, "overlay.png": (picture := overlay(measured))}
+        page = spin_report(measured, comparison, video=video.name, picture=picture, log_findings=findings)
         step = "give the log of the run with --log and --robot."
         if run is not None:
             step = f"`ballbot identify-upside-down {robot} {result.path('log.csv')} --out found`"

@@ -81,10 +81,10 @@ def study(
         )
     with (
         open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result,
-        cluster_or(cluster, Threads()) as made_by,
+        cluster_or(cluster, Threads()) as executor,
     ):
         assert result.folder is not None
-        found = run_study(
+        studied = run_study(
             described,
             CheckedLogs(logs=named, findings=findings),
             scenario=truth,
@@ -96,10 +96,10 @@ def study(
                 confirm=confirm,
                 quick=quick,
             ),
-            run=Run(seed=seed, executor=made_by, progress=result.report),
+            run=Run(seed=seed, executor=executor, progress=result.report),
         )
         result.write(
-            study_report(found),
-            files=study_texts(found, result.folder.path),
-            next_step=next_step(found, result.path),
+            study_report(studied),
+            files=study_texts(studied, result.folder.path),
+            next_step=next_step(studied, result.path),
         )

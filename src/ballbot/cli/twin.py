@@ -45,7 +45,7 @@ def export(
     Parameters
     ----------
     scenario
-        A named scenario or a scenario file; "nominal" by default. URDF has none.
+        A named scenario or a scenario file; "nominal" by default. Not for URDF.
     mounting
         floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
     out
@@ -56,14 +56,17 @@ def export(
     if kind not in (".xml", ".urdf"):
         raise InputError(f"{out} must end in .xml for MJCF, or in .urdf.")
     if kind == ".urdf" and (scenario or mounting != "floor"):
-        raise InputError("URDF has the robot alone: leave out --scenario and --mounting, or write .xml.")
+        raise InputError("URDF describes the robot only: leave out --scenario and --mounting, or write .xml.")
     check_file(out)
     if kind == ".urdf":
         write_text(out, robot_urdf(described))
+        sentence, step = f"{described.name} as URDF, with its own friction.", f"open {out} in RViz."
     else:
         chosen = load_scenario(scenario or "nominal", described)
         write_text(out, twin_mjcf(described, chosen, mounting=mounting) + "\n")
-    show_written(out, next_step=f"open {out} in a program that reads it.")
+        sentence = f"The twin of {described.name} as MJCF, with the scenario {chosen.name}."
+        step = f"`python -m mujoco.viewer --mjcf={out}`"
+    show_written(out, sentence, next_step=step)
 
 
 @twin.command
@@ -86,4 +89,8 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
     described = Robot.load(robot)
     check_new_file(out, force=force)
     write_text(out, scenario_text(load_scenario(source, described)))
-    show_written(out, next_step=f"change its values, then `ballbot record {out} --robot {robot} --out run`")
+    show_written(
+        out,
+        f"The scenario {source}, to be changed.",
+        next_step=f"change its values, then `ballbot record {out} --robot {robot} --out run`",
+    )

@@ -1,6 +1,6 @@
 """`ballbot validate`: two models of a robot against its logs, by default with its friction and without any.
 
-With `--prediction`, a log made with a study's controller is compared with what the study predicted.
+With `--prediction`, a log made with a study's controller is compared with the study's prediction.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ def _validate_prediction(
     driver = read_controller(controller, robot)
     check_controller(prediction, driver, file=controller)
     log = read_balancing_log(file, mapping, robot)
-    # what the robot does wrong, the verdict is about
+    # errors that the verdict itself explains do not stop the command
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
-    found = check_input(robot, [file], [log], accept=accepted, mappings=[mapping], show=False)
+    findings = check_input(robot, [file], [log], accept=accepted, mappings=[mapping], show=False)
     try:
-        verdict = evaluate_log(prediction, log, driver, log_findings=found)
+        verdict = evaluate_log(prediction, log, driver, log_findings=findings)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=beside, controller=controller)
@@ -58,12 +58,12 @@ def _validate_prediction(
         prediction,
         title=f"{file}: the controller against its prediction",
         series=over_time(log, robot),
-        findings=found,
+        findings=findings,
         steps=steps,
     )
     with open_result(out, beside=[controller]) as result:
         result.write(page, next_step=" ".join(steps))
-    show_findings(found)
+    show_findings(findings)
 
 
 def validate(
@@ -124,14 +124,14 @@ def validate(
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
     driver = read_controller(controller, described) if controller else None
-    found = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
+    findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
     fitted = fitted_findings(models, named)
     show_findings(fitted)
-    found = by_severity([*fitted, *found])
+    findings = by_severity([*fitted, *findings])
     with open_result(out, doing="validating", seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         parts = validate_logs(models, named, controller=driver, run=run)
-        validation = replace(join_validations(tuple(parts.values())), log_findings=found)
+        validation = replace(join_validations(tuple(parts.values())), log_findings=findings)
         first, second = models.names
         title = f"{described.name}: the models {first} and {second} against its logs"
         page = validation_report(

@@ -1,4 +1,4 @@
-"""`ballbot view`: logs in three dimensions as a page in the browser, or robots that you push."""
+"""`ballbot view`: logs in three dimensions as a page in the browser, or simulated robots to push."""
 
 from __future__ import annotations
 
@@ -54,25 +54,25 @@ def view(
         Logs, at most four, or robots: presets' names or robot files.
         LABEL=LOG names a log in the page.
     robot
-        The robot of the logs. If not given, each log's is the file robot.toml in the log's folder.
+        The robot of the logs. If not given, the file robot.toml in each log's folder.
     layout
         side (each log in its own picture) or ghosts (all in one); the page can change it.
     start
         First time of the logs to show [s].
     end
-        Time of the logs to stop at [s].
+        Last time of the logs to show [s].
     save
         The HTML file to write; a robot is at rest in it. If no file is to be written, the browser opens.
     plant
-        Of a live view: the exact equations of motion (model, the default) or the physics engine (twin).
+        For a live view: the exact equations of motion (model, the default) or the physics engine (twin).
     controller
         none, full or partial (the nominal gain with that friction compensation), precise, a controller file, or your
         own as FILE.py:NAME; none if not given. Each stands on the floor with a robot of its own. LABEL=... renames one.
     scenario
-        The true friction, and of a twin the sensors and faults: a scenario (name or file).
+        The true friction, and for the twin also sensors and faults: a scenario's name or file.
     host
-        The address to listen on, 127.0.0.1 if not given. Any but this computer's own lets others in who have the link
-        with its token.
+        The address to listen on, 127.0.0.1 if not given. Any other address admits everyone who has the link with its
+        token.
     port
         The port to listen on; a free one by default.
     browser
@@ -83,7 +83,10 @@ def view(
     robots, paths = robots_and_logs(shown)
     live = any(option is not None for option in (plant, scenario, host, port)) or controller or not browser
     if live and (paths or save):
-        raise InputError("Options of a live view need a robot that is simulated, without logs and files.")
+        raise InputError(
+            "--plant, --controller, --scenario, --host, --port and --no-browser are for a live view; name a robot to "
+            "simulate, without logs and without --save."
+        )
     if robots and save is None:
         if find_spec("websockets") is not None:
             show_live(
@@ -103,7 +106,9 @@ def view(
     page = replay_page(logs, owners, title=every(logs) if logs else ", ".join(robots), layout=layout)
     path = save or Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
     write_text(path, page)
-    show_written(path)
+    sentence = f"The page shows {every(logs)}." if logs else f"The page shows {every(robots)} at rest."
+    step = f"open {path} in a browser; it needs no network." if save else "give --save FILE to keep the page."
+    show_written(path, sentence, next_step=step)
     if save is None:
         open_page(path.resolve().as_uri())
 
@@ -118,7 +123,7 @@ def show_live(
     port: int,
     browser: bool,
 ) -> None:
-    """Simulate robots, by their names, one of each for each controller, and serve their page until Ctrl-C."""
+    """Simulate each robot once with each controller, and serve their page until Ctrl-C."""
     from ballbot.viewer.live import World, live_entries, live_view_page
     from ballbot.viewer.server import LOOPBACK, Access, serve_live
     from ballbot.workflows.candidates import parse_candidates
