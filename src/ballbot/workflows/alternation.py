@@ -1,7 +1,7 @@
-"""Two controllers compared on one robot by runs in turn, A B A B: what drifts meanwhile is not counted as a gain.
+"""Two controllers compared on one robot by alternating runs, A B A B, so that drift is not counted as a gain.
 
-A battery runs down and a floor gets dusty, so that the later run is the worse one whatever its controller. Runs of both
-controllers are therefore made in turn, and a drift that is steady from run to run is estimated beside the gain:
+A battery runs down and a floor gets dusty, so that the later run is the worse one whatever its controller. The runs of
+both controllers therefore alternate, and a drift that is steady from run to run is estimated together with the gain:
 
     log q_k = a + d k + g b_k + e_k        k: number of the run;  b_k = 1 with the new controller, else 0
 
@@ -10,7 +10,7 @@ limit that is used). exp(g) is the factor by which the new controller changes th
 g is free of d: it is the mean of each inner run against the mean of its two neighbours. Its 95 % interval is Student's,
 with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. More rounds make it narrow quickly.
 
-Each run of the new controller is compared with the study's prediction besides (`controller_prediction`), as
+Each run of the new controller is also compared with the study's prediction (`controller_prediction`), as
 `ballbot validate --prediction` does with a single log.
 """
 
@@ -37,7 +37,7 @@ _WORST_FIRST: tuple[Recommendation, ...] = ("revert", "weaken", "keep")
 
 @dataclass(frozen=True, kw_only=True)
 class PairedGain:
-    """The factor by which the new controller changes a quantity, the drift removed."""
+    """The factor by which the new controller changes a quantity, without the drift."""
 
     factor: float
     low: float  #: of the 95 % interval
@@ -46,7 +46,7 @@ class PairedGain:
 
     @reported
     def verdict(self) -> Literal["smaller", "larger", "undecided"]:
-        """Whether the quantity is smaller or larger with the new controller: only if the whole interval is."""
+        """Whether the quantity is significantly smaller or larger with the new controller."""
         if self.high < 1.0:
             return "smaller"
         return "larger" if self.low > 1.0 else "undecided"
@@ -54,7 +54,7 @@ class PairedGain:
 
 @dataclass(frozen=True, kw_only=True)
 class Alternation:
-    """The result of runs in turn."""
+    """The result of alternating runs."""
 
     performances: tuple[Performance, ...]  #: of every run, in order; the old controller's first
     gains: Mapping[str, PairedGain]  #: by quantity; without those that a run did not show
@@ -63,21 +63,23 @@ class Alternation:
     @property
     def recommendation(self) -> Recommendation:
         """The worst of the recommendations of the new controller's runs."""
-        given = {one.recommendation for one in self.verdicts}
-        return next(one for one in _WORST_FIRST if one in given)
+        given = {verdict.recommendation for verdict in self.verdicts}
+        return next(recommendation for recommendation in _WORST_FIRST if recommendation in given)
 
 
 def alternate(performances: Sequence[Performance], verdicts: Sequence[ControllerVerdict]) -> Alternation:
-    """Compare two controllers by runs in turn: all performances, A B A B and so on, and the verdicts of B's runs.
+    """Compare two controllers by alternating runs: all performances, A B A B and so on, and the verdicts of B's runs.
 
-    InputError if there are fewer than four runs, or not as many of one controller as of the other.
+    Raise InputError if there are fewer than four runs, or more of one controller than of the other.
     """
     if len(performances) < MIN_RUNS or len(performances) % 2:
         raise InputError(
-            f"{counted(len(performances), 'run')} in turn cannot be compared. Make {MIN_RUNS} or more, as many with "
-            "one controller as with the other."
+            f"{counted(len(performances), 'run')} cannot be compared. Make {MIN_RUNS} or more, the same number with "
+            "each controller, alternately."
         )
-    sizes = {name: np.array([one.sizes()[name] for one in performances]) for name in QUANTITIES}
+    sizes = {
+        name: np.array([performance.sizes()[name] for performance in performances]) for name in QUANTITIES
+    }
     shown = {name: each for name, each in sizes.items() if (np.isfinite(each) & (each > 0.0)).all()}
     gains = {name: paired_gain(each) for name, each in shown.items()}
     return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))

@@ -49,14 +49,14 @@ _Result = TypeVar("_Result")
 class UserController:
     """A user's controller, made by their file; an error in it is reported in one sentence.
 
-    A copy, in this process or in another, is made anew from the file: so that runs cannot remember each other.
+    A copy, in this process or in another, is made again from the file, so that runs share no state.
     """
 
     sample_time: float  #: [s]
     estimator: EstimatorName  #: of its on-board state; the user's `estimator`, else "onboard"
 
     def __init__(self, path: str, made_by: str, robot: Robot, estimator: EstimatorName | None = None) -> None:
-        """Make it: `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
+        """Call `made_by(robot)` in the Python file at `path`; `estimator` replaces the one that it names."""
         self._path, self._made_by, self._robot = path, made_by, robot
         make: Callable[[Robot], object] | None = getattr(user_module(path), made_by, None)
         if not callable(make):
@@ -64,14 +64,14 @@ class UserController:
                 f"{path} has no {made_by!r} to call; it must be a class or a function that takes the robot."
             )
         self._checksum = sha256_of(Path(path))
-        made = self._guarded("when it was made", lambda: make(robot))
-        lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(made, name)]
+        controller = self._guarded("when it was made", lambda: make(robot))
+        lacking = [name for name in ("sample_time", "reset", "update") if not hasattr(controller, name)]
         if lacking:
             raise InputError(
-                f"what {self._place} makes has no {lacking[0]}; a controller has sample_time, reset() and "
+                f"The controller of {self._place} has no {lacking[0]}; it needs sample_time, reset() and "
                 "update(t, state, reference)."
             )
-        self._made = cast("Feedback", made)
+        self._made = cast("Feedback", controller)
         self.sample_time = self._made.sample_time
         checked_sample_time(self.sample_time, f"the sample_time of {self._place}")
         self.estimator = estimator or estimator_of(self._made)
@@ -93,17 +93,17 @@ class UserController:
         """Return the wheel torques (n,) [N m]."""
         torques = self._guarded(f"at t = {t:g} s", lambda: self._made.update(t, state, reference))
         try:
-            found = np.array(torques, dtype=np.float64)
+            values = np.array(torques, dtype=np.float64)
         except (TypeError, ValueError):
             raise InputError(
                 f"{self._place} returned {type(torques).__name__} at t = {t:g} s, but it must return an array "
                 "of torques."
             ) from None
-        if not np.isfinite(found).all():  # in a user's program a mistake, not a fall
+        if not np.isfinite(values).all():  # a mistake in the user's program, not a fall
             raise InputError(
-                f"{self._place} returned torques {found.tolist()} at t = {t:g} s; all must be finite."
+                f"{self._place} returned torques {values.tolist()} at t = {t:g} s; all must be finite."
             )
-        return found
+        return values
 
     @property
     def _place(self) -> str:
@@ -121,10 +121,10 @@ class UserController:
 
 
 def _remake(path: str, made_by: str, robot: Robot, estimator: EstimatorName, checksum: str) -> UserController:
-    """Return a copy of a controller, if its file is as it was."""
+    """Return a copy of a controller; raise InputError if its file has changed."""
     if not Path(path).is_file() or sha256_of(Path(path)) != checksum:
         raise InputError(
-            f"{path} was changed while {path}:{made_by} ran; begin anew, so that all runs are of one controller."
+            f"{path} was changed while {path}:{made_by} ran; start again, so that all runs have the same controller."
         )
     return UserController(path, made_by, robot, estimator)
 
@@ -143,9 +143,9 @@ class Candidate:
     estimator: EstimatorName | None = None
 
     def controller(self, robot: RobotLike) -> Feedback:
-        """Return it, new; InputError if there is no such controller, or a user's file does not make one."""
-        made = self._made(as_robot(robot))
-        return made if self.estimator is None else made.with_estimator(self.estimator)
+        """Return a new controller; raise InputError if there is none, or if a user's file does not make one."""
+        controller = self._made(as_robot(robot))
+        return controller if self.estimator is None else controller.with_estimator(self.estimator)
 
     def _made(self, robot: Robot) -> Controller | UserController:
         for compensation in get_args(Compensation):
@@ -177,12 +177,12 @@ class Candidate:
 def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
     """Return the candidates that words of the command line name.
 
-    InputError if no controller is named, two have one name, or there is no such estimator.
+    Raise InputError if no controller is named, if two have the same name, or if there is no such estimator.
     """
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")
     short = [Path(word).name for word in words]
-    found: dict[str, Candidate] = {}
+    by_name: dict[str, Candidate] = {}
     for word, ending in zip(words, short, strict=True):
         name, equals, source = word.partition("=")
         if not equals:  # by its file's name, if that is unique
@@ -192,8 +192,8 @@ def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
             before, estimator = source, ""
         if not (name and before):
             raise InputError(f"The controller {word!r} lacks its name or its source; write NAME=SOURCE.")
-        if name in found:
+        if name in by_name:
             raise InputError(f"Two controllers are called {name!r}; rename one with NAME=SOURCE.")
         known = checked_name(estimator) if estimator else None
-        found[name] = Candidate(name=name, source=before, estimator=known)
-    return tuple(found.values())
+        by_name[name] = Candidate(name=name, source=before, estimator=known)
+    return tuple(by_name.values())

@@ -56,12 +56,12 @@ from ballbot.workflows.statistics import MedianEstimate, median_with_interval
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlantDraw:
-    """One robot to try controllers on."""
+    """A robot drawn from the identified uncertainty, to try controllers on."""
 
     robot: Robot  #: the true one
     known: Robot  #: as identified; what the estimator knows
     scenario: Scenario  #: its friction is not used
-    seed: int  #: of noise, start and all else that is random in a run
+    seed: int  #: of everything random in a run, such as noise and start
 
     @cached_property
     def on_loop(self) -> LoopRobot:
@@ -76,7 +76,7 @@ class PlantDraw:
         return TwinRobot(robot=self.robot, scenario=scenario, known=self.known)
 
 
-def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
+def draw_plants(fit: Identification, *, scenario: Scenario, count: int, seed: int) -> tuple[PlantDraw, ...]:
     """Draw robots from what an identification, and the robot's file, leave uncertain, with a scenario's imperfections.
 
     Draw k has the seed `seed` + k. InputError if `count` is below 1, or the deviations are too large for a robot.
@@ -84,8 +84,8 @@ def draw_plants(found: Identification, *, scenario: Scenario, count: int, seed: 
     if count < 1:
         raise InputError(f"The number of draws is {count}; it must be 1 or more, such as 100.")
     return tuple(
-        PlantDraw(robot=robot, known=found.robot, scenario=scenario, seed=seed + k)
-        for k, robot in enumerate(draw_robots(found.robot, count, seed=seed))
+        PlantDraw(robot=robot, known=fit.robot, scenario=scenario, seed=seed + k)
+        for k, robot in enumerate(draw_robots(fit.robot, count, seed=seed))
     )
 
 
@@ -148,7 +148,7 @@ class Trial:
     @property
     def roughness(self) -> MedianEstimate:
         """Median RMS change of the torques from sample to sample, with its 95 % interval [N m]."""
-        return median_with_interval([one.rms_torque_change for one in self.scores])
+        return median_with_interval([score.rms_torque_change for score in self.scores])
 
     def ratio_to(self, other: Trial) -> MedianEstimate:
         """Return the median of this trial's peak error over the other's, draw by draw, with its 95 % interval."""
@@ -157,7 +157,7 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerChoice:
-    """What the candidates did, and which was chosen."""
+    """The candidates' trials and the chosen controller."""
 
     plants: tuple[PlantDraw, ...]
     course: NamedCourse
@@ -168,7 +168,7 @@ class ControllerChoice:
     @property
     def runs(self) -> dict[str, Log]:
         """The candidates' runs on the first plant."""
-        return {name: one.log for name, one in self.trials.items() if one.log is not None}
+        return {name: trial.log for name, trial in self.trials.items() if trial.log is not None}
 
     @property
     def controller(self) -> Controller | None:
@@ -177,7 +177,7 @@ class ControllerChoice:
 
     @property
     def gain(self) -> MedianEstimate | None:
-        """By how much the chosen controller's peak error is smaller than that without compensation; None if none is."""
+        """The peak error without compensation over the chosen controller's; None if none is chosen."""
         if self.chosen is None:
             return None
         return self.trials["none"].ratio_to(self.trials[self.chosen])
@@ -186,28 +186,31 @@ class ControllerChoice:
     def compensated(self) -> str | None:
         """The best candidate that compensates friction; None if all of them fall on some plant."""
         named = self.trials.items()
-        return smoothest_of_best({name: one for name, one in named if one.controller.compensation != "none"})
+        return smoothest_of_best(
+            {name: trial for name, trial in named if trial.controller.compensation != "none"}
+        )
 
 
-def candidates(found: Identification, *, sample_time: float) -> dict[str, Controller]:
+def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controller]:
     """Return the candidates by name, sampled at that time [s], each with the on-board state that it is made for.
 
     All compensate the friction that is present with 95 % confidence (`ballbot.control.overcompensation`).
     """
-    robot = compensated_robot(found)
+    robot = compensated_robot(fit)
     gain = design_gain(robot, sample_time=sample_time).gain
-    made: Mapping[str, Controller] = {
+    by_kind: Mapping[str, Controller] = {
         "nominal": Controller(robot, gain, sample_time=sample_time),
         "precise": precise_controller(robot, design=design_integral_gain(robot, sample_time=sample_time)),
     }
     return {
-        name: made[kind].with_compensation(compensation) for name, (kind, compensation) in CANDIDATES.items()
+        name: by_kind[kind].with_compensation(compensation)
+        for name, (kind, compensation) in CANDIDATES.items()
     }
 
 
-def compensated_robot(found: Identification) -> Robot:
+def compensated_robot(fit: Identification) -> Robot:
     """Return the identified robot with no more friction than is certain."""
-    return found.robot.replace(friction=certain_friction(found.robot))
+    return fit.robot.replace(friction=certain_friction(fit.robot))
 
 
 def choose_controller(
@@ -243,19 +246,19 @@ def run_trials(
     """
     conditions = [
         Condition(
-            plant=one.on_twin if on_twin else one.on_loop,
+            plant=draw.on_twin if on_twin else draw.on_loop,
             reference=course.reference_spec.reference,
             duration=course.duration,
-            seed=one.seed,
+            seed=draw.seed,
             course=course.name,
         )
-        for one in plants
+        for draw in plants
     ]
 
-    def ask(one: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
-        assert isinstance(one.controller, Controller)
-        kept = log if logged and one.condition is conditions[0] else None
-        return one.score(log), Performance.of(log, torque_limit=one.controller.torque_limit), kept
+    def ask(grid_run: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
+        assert isinstance(grid_run.controller, Controller)
+        kept = log if logged and grid_run.condition is conditions[0] else None
+        return grid_run.score(log), Performance.of(log, torque_limit=grid_run.controller.torque_limit), kept
 
     table = run_grid(grid_runs(controllers, conditions), ask, workers=Threads(), run=run)
     trials = {}
@@ -295,7 +298,7 @@ class Confirmation:
 
     @property
     def contradiction(self) -> str | None:
-        """What the twin contradicts, in a sentence; None if it does not."""
+        """The sentence on how the twin contradicts the loop; None if it does not."""
         for name, trial in self.on_twin.items():
             if trial.falls and not self.on_loop[name].falls:
                 return (

@@ -153,10 +153,10 @@ def design_controller(
             sample_time=gain.sample_time,
         )
 
-    found, certain = designed(robot), certain_friction(robot)
+    design, certain = designed(robot), certain_friction(robot)
     uncertainty = propagate(robot, lambda of: designed(of).gain)
     compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
-    controller = kind.controller(compensated, found, parts.compensation or kind.compensation)
+    controller = kind.controller(compensated, design, parts.compensation or kind.compensation)
     if parts.notch is not None:
         controller = controller.with_parts(replace(controller.parts, notch=Notch(frequency=parts.notch)))
     if parts.delay is not None:
@@ -168,7 +168,7 @@ def design_controller(
     refuse_without_margin(controller)
     return ControllerDesign(
         controller=controller,
-        gain=found,
+        gain=design,
         uncertainty=uncertainty,
         stated=robot.friction,
         certain=certain,

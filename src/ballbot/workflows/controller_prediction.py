@@ -1,14 +1,14 @@
-"""What a controller will do on the robot's next run of a course, and the verdict of that run's log.
+"""Prediction of a controller's performance on the robot's next run of a course, and the verdict of that run's log.
 
 A study runs its candidates on robots drawn from what identification leaves uncertain. Their performances are taken as
 lognormal: the logarithm of a new one is Student's t about their mean,
 
     log q = m + t_{n-1} s sqrt(1 + 1/n).
 
-A real robot has faults that no draw has. What these do is a model discrepancy, a factor calibrated on twins with faults
+A real robot has faults that no draw has. Their effect is a model discrepancy, a factor calibrated on twins with faults
 that their study did not know (`DISCREPANCY`); it is added to the half widths in the root of the sum of squares.
 
-The verdict says whether the prediction is confirmed, by how much not and in which quantity, and what to do:
+The verdict says whether the prediction is confirmed, which quantities differ and by how much, and what to do:
 
     revert   the run ended early, or its error is not below the interval predicted for the nominal gain without
              compensation, or a quantity is worse than predicted and the controller compensates nothing
@@ -42,7 +42,7 @@ from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, Na
 from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
 from ballbot.workflows.statistics import CONFIDENCE, student_quantile
 
-#: fewest performances that an interval can be made of
+#: fewest performances for an interval
 MIN_RUNS = 6
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
@@ -81,14 +81,14 @@ SHOWN: Mapping[str, Metric] = {
 
 @dataclass(frozen=True, kw_only=True)
 class PredictionInterval:
-    """What a quantity will be in one new run."""
+    """The prediction interval of a quantity in one new run."""
 
     median: float
     low: float
     high: float
 
     def place(self, value: float) -> Literal["inside", "below", "above"]:
-        """Return where a value lies; what is not a number is above."""
+        """Return where a value lies; NaN is above."""
         if value < self.low:
             return "below"
         return "inside" if value <= self.high else "above"
@@ -96,18 +96,18 @@ class PredictionInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerPrediction:
-    """What the controller of a study, and none at all, will do on the next run of a course."""
+    """The predicted performance of a study's controller, and without compensation, on the next run of a course."""
 
     course: NamedCourse
     controller: str  #: name of the candidate
     checksum: str  #: SHA-256 of the controller's file
     torque_limit: float  #: of the controller, each wheel [N m]
-    scenario: str  #: name of what is true of the robots
+    scenario: str  #: name of the scenario of the robots
     draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
     #: the same without friction compensation; None if that falls
     none: Mapping[str, PredictionInterval] | None
-    log_findings: tuple[str, ...] = ()  #: codes of what the checks of the study's logs found
+    log_findings: tuple[str, ...] = ()  #: codes of the findings on the study's logs
 
     @reported
     def confidence(self) -> float:
@@ -116,7 +116,7 @@ class ControllerPrediction:
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
-    """Return what the chosen controller will do on the next run of the course; `log_findings` are of the study's logs.
+    """Predict the chosen controller's next run of the course; `log_findings` are of the study's logs.
 
     None if no controller was chosen or fewer than six robots were drawn.
     """
@@ -127,7 +127,11 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
     def intervals(candidate: str) -> dict[str, PredictionInterval] | None:
         """Return the intervals of a candidate; runs that ended early do not count, and six others are needed."""
         trial = choice.trials[candidate]
-        stood = [one for one, run in zip(trial.performances, trial.scores, strict=True) if run.ended is None]
+        stood = [
+            performance
+            for performance, run in zip(trial.performances, trial.scores, strict=True)
+            if run.ended is None
+        ]
         kind = "precise" if CANDIDATES[candidate][0] == "precise" else "none"
         return performance_intervals(stood, discrepancy=DISCREPANCY[kind]) if len(stood) >= MIN_RUNS else None
 
@@ -142,7 +146,7 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
         draws=len(choice.plants),
         chosen=predicted,
         none=intervals("none"),
-        log_findings=tuple(dict.fromkeys(one.code for one in log_findings)),
+        log_findings=tuple(dict.fromkeys(finding.code for finding in log_findings)),
     )
 
 
@@ -155,17 +159,17 @@ def performance_intervals(
     performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
 ) -> dict[str, PredictionInterval]:
     """Return each quantity's prediction interval for a new run on a robot with unknown faults (`DISCREPANCY`)."""
-    sizes = [one.sizes() for one in performances]
-    found = {
+    sizes = [performance.sizes() for performance in performances]
+    intervals = {
         name: lognormal_interval(np.array([each[name] for each in sizes]), discrepancy=discrepancy[name])
         for name in QUANTITIES
     }
     # the share of the torque limit that is left; no motor gives more than its limit
-    used = found["torque_margin"]
-    found["torque_margin"] = PredictionInterval(
+    used = intervals["torque_margin"]
+    intervals["torque_margin"] = PredictionInterval(
         median=1.0 - min(used.median, 1.0), low=1.0 - min(used.high, 1.0), high=1.0 - used.low
     )
-    return found
+    return intervals
 
 
 def lognormal_interval(
@@ -182,28 +186,28 @@ def lognormal_interval(
 
 
 def read_prediction(path: str | Path) -> ControllerPrediction:
-    """Return the prediction in a study's results.json; InputError if it cannot be read or holds none."""
+    """Return the prediction in a study's results.json; raise InputError if it cannot be read or holds none."""
     tree = read_results(path)
     if not (isinstance(tree, dict) and tree.get("prediction")):
         raise InputError(
             f"{path} holds no prediction; give the results.json of `ballbot study` with {MIN_RUNS} draws or more."
         )
     try:
-        found = validate_table(
+        prediction = validate_table(
             ControllerPrediction, tree["prediction"], of="the prediction in a results.json"
         )
-        found.course.reference_spec.reference()
+        prediction.course.reference_spec.reference()
     except InputError as error:
         raise InputError(f"{path}: prediction: {error} Run `ballbot study` again.") from None
-    tables = (found.chosen, found.none or found.chosen)
-    if found.controller not in CANDIDATES or any(set(one) != set(QUANTITIES) for one in tables):
-        raise InputError(f"{path}: the prediction is not one of this version; run `ballbot study` again.")
-    return found
+    tables = (prediction.chosen, prediction.none or prediction.chosen)
+    if prediction.controller not in CANDIDATES or any(set(table) != set(QUANTITIES) for table in tables):
+        raise InputError(f"{path}: the prediction is of another version; run `ballbot study` again.")
+    return prediction
 
 
 Recommendation = Literal["keep", "weaken", "revert"]
 
-#: errors of a log's checks that describe the robot's motion: the verdict is about them, and is given all the same
+#: errors of a log's checks that describe the robot's motion: the verdict is about them, so they do not stop it
 EXPLAINED_CODES = frozenset(
     {
         *("ball-axes", "degrees", "heading-sign", "lean-axes", "lean-scale", "scale", "sign", "swapped"),
@@ -244,7 +248,7 @@ class QuantityResult:
 
     @reported
     def factor(self) -> float:
-        """Its size over that at the end of the interval that it is beyond, or 1; of the torque margin, what is used."""
+        """Its size over the nearest end of the interval, 1 if inside; for the torque margin, of the share used."""
         ends = {"inside": self.value, "below": self.predicted.low, "above": self.predicted.high}
         size, end = self.value, ends[self.place]
         if self.name == "torque_margin":
@@ -261,13 +265,13 @@ class ControllerVerdict:
     quantities: tuple[QuantityResult, ...]
     none: Mapping[str, PredictionInterval] | None  #: predicted without compensation; None if that falls
     ended: str | None  #: why the run ended before the course, or None
-    differences: tuple[str, ...]  #: what the log shows and the study's logs did not, in sentences
+    differences: tuple[str, ...]  #: findings on this log but not on the study's logs, in sentences
     foreign: bool  #: whether the torques are not those that the controller gives for the logged states
 
     @reported
     def confirmed(self) -> bool:
         """Whether the whole course was run, and no quantity is worse than predicted."""
-        return self.ended is None and not any(one.worse for one in self.quantities)
+        return self.ended is None and not any(quantity.worse for quantity in self.quantities)
 
 
 def evaluate_log(
@@ -309,7 +313,9 @@ def evaluate_log(
         quantities=quantities,
         none=prediction.none,
         ended=ended,
-        differences=tuple(one.text for one in log_findings if one.code not in prediction.log_findings),
+        differences=tuple(
+            finding.text for finding in log_findings if finding.code not in prediction.log_findings
+        ),
         foreign=foreign,
     )
 
@@ -385,10 +391,14 @@ def _recommended(
     """Return what to do, and whether the prediction is confirmed, by how much and in which quantity."""
     if ended is not None:
         return "revert", f"Refuted: the run ended before the course did ({ended})."
-    worse = [one for one in quantities if one.worse]
-    better = [SHOWN[one.name].words for one in quantities if one.place != "inside" and not one.worse]
+    worse = [quantity for quantity in quantities if quantity.worse]
+    better = [
+        SHOWN[quantity.name].words
+        for quantity in quantities
+        if quantity.place != "inside" and not quantity.worse
+    ]
     if worse:
-        reason = f"Refuted: {every([_amount(one) for one in worse])}."
+        reason = f"Refuted: {every([_amount(quantity) for quantity in worse])}."
     elif better:
         verb = "is" if len(better) == 1 else "are"
         reason = f"Confirmed: nothing is worse than predicted, and the {every(better)} {verb} better."
@@ -406,10 +416,10 @@ def _recommended(
     return ("weaken" if worse else "keep"), reason
 
 
-def _amount(one: QuantityResult) -> str:
+def _amount(quantity: QuantityResult) -> str:
     """Return by how much a quantity is worse than predicted, in words."""
-    shown, interval = SHOWN[one.name], one.predicted
-    value = f"the {shown.words} is {shown.shown(one.value)} {shown.unit}"
-    if one.name == "torque_margin":
+    shown, interval = SHOWN[quantity.name], quantity.predicted
+    value = f"the {shown.words} is {shown.shown(quantity.value)} {shown.unit}"
+    if quantity.name == "torque_margin":
         return f"{value}, predicted {shown.shown(interval.low)} {shown.unit} or more"
-    return f"{value}, {one.factor:.2g} times the upper end of its interval"
+    return f"{value}, {quantity.factor:.2g} times the upper end of its interval"

@@ -1,4 +1,4 @@
-"""Courses: the reference that a robot follows and the conditions it meets, as values and as TOML files.
+"""Courses: the reference that a robot follows and the conditions of its runs, as values and as TOML files.
 
 The built-in courses are in courses.toml beside this file, in sets; a user's own file has the same form.
 """
@@ -32,13 +32,13 @@ from ballbot.workflows.metrics import BAND, METRIC_BY_KEY, SETTLE, Rules
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceSpec:
-    """A reference by what makes it, so that it can go to other processes."""
+    """The name and options of a reference, so that it can be sent to other processes."""
 
     name: str  #: of `ballbot.control.references`, or a reference file
     options: tuple[tuple[str, float], ...] = ()  #: of the named one, such as ("ramp", 0.0)
 
     def reference(self) -> Reference:
-        """Return it; InputError if there is no such reference, or it has no such option."""
+        """Return the reference; raise InputError if there is none of that name, or if it has no such option."""
         if is_reference_file(self.name):
             if self.options:
                 raise InputError(
@@ -58,7 +58,7 @@ class ReferenceSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelMismatch:
-    """How the robot that runs differs from the one described, which the controllers know: factors."""
+    """Factors from the robot as described, which the controllers know, to the one that runs."""
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
@@ -105,7 +105,7 @@ class RisingPushes(BaseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class Course:
-    """What every controller is put through."""
+    """A reference with the conditions and rules of its runs."""
 
     name: str
     about: str  #: in a sentence, for those who read the table
@@ -113,15 +113,15 @@ class Course:
     duration: float  #: [s]
     rules: Rules
     metrics: tuple[str, ...] = ()  #: those that its table shows; the league's if there are none
-    published: tuple[str, ...] = ()  #: what others have published of it, each with its source
-    until_fall: bool = False  #: whether it gets harder until the robot falls, so that a fall says nothing
+    published: tuple[str, ...] = ()  #: published results on it, each with its source
+    until_fall: bool = False  #: whether it gets harder until the robot falls, so that falls are not counted
     mismatch: ModelMismatch = ModelMismatch()
     rising: RisingPushes | None = None
     scenario: Scenario
     on: PlantName
 
     def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
-        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
+        """Return the robot to run; the model has the robot's friction, the twin the scenario's.
 
         Rising pushes have the direction of the seed.
         """
@@ -172,15 +172,15 @@ def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Cour
 
     InputError if there is no such course, a file cannot be read or describes no courses, or two have one name.
     """
-    robot, found = as_robot(robot), dict[str, Course]()
+    robot, by_name = as_robot(robot), dict[str, Course]()
     for word in (part.strip() for part in words.split(",")):
         is_file = Path(word).suffix == ".toml"
-        for place, name, table in _in_file(word) if is_file else _built_in(word):
+        for location, name, table in _in_file(word) if is_file else _built_in(word):
             beside = Path(word).parent if is_file else Path()
-            course = _course(name, table, robot, plant, place=place, beside=beside)
-            if found.setdefault(name, course) != course:
+            course = _course(name, table, robot, plant, location=location, beside=beside)
+            if by_name.setdefault(name, course) != course:
                 raise InputError(f"There are two courses {name!r}; rename the one in {word}.")
-    return tuple(found.values())
+    return tuple(by_name.values())
 
 
 def _in_file(path: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
@@ -214,19 +214,19 @@ def _built_in(word: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
 
 
 def _course(
-    name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, place: str, beside: Path
+    name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, location: str, beside: Path
 ) -> Course:
     try:
         given = validate_table(CourseTable, table, of="a course")
         spec = _reference_spec(given.reference, beside)
-        spec.reference()  # refused before anything is run
+        spec.reference()  # raises InputError before anything runs
         scenario = scenario_of(given.scenario, robot, default_name=name)
         for key in given.metrics:
             if key not in METRIC_BY_KEY:
                 hint = suggest(key, METRIC_BY_KEY, otherwise="there are")
                 raise InputError(f"There is no metric {key!r}; {hint}")
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{location}: {error}") from None
     rising = given.rising_pushes
     pushes = rising.pushes(0.0) if rising else scenario.pushes
     return Course(

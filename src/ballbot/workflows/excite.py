@@ -1,4 +1,4 @@
-"""An informative excitation: a multisine reference within limits, beside the square one would drive without it.
+"""An informative excitation: a multisine reference within limits, compared with the square of the same length.
 
     r(t) = w(t) sum_k A_k (sin(2 pi f_k t + p_k) - sin p_k)        for each of x, y, psi;  w fades in and out
 
@@ -76,7 +76,7 @@ _UNITS = {"lean": "rad", "floor": "m", "torque": "N m"}
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """How far a run, or the worst of some, goes or may go."""
+    """The extent of a run, of the worst of several, or the limits of it."""
 
     lean: float  #: of the axis from the vertical [rad]
     floor: float  #: distance from where the run begins [m]
@@ -142,8 +142,8 @@ def task(
     scaled, friction = coordinates.scaled(coordinates.nominal), robot.friction
     if not any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
         scaled = coordinates.from_search(np.full(len(scaled), 0.5))
-    held = coordinates.scaled(coordinates.lower)
-    point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), held)
+    fixed = coordinates.scaled(coordinates.lower)
+    point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), fixed)
     return ExcitationTask(
         robot=coordinates.layout.robot_of(robot, coordinates.physical(point)),
         controller=controller,
@@ -278,7 +278,7 @@ class Multisine:
 
     @property
     def reference(self) -> Reference:
-        """What the controller is given."""
+        """The reference for the controller."""
         return sampled_reference(self.times, self.poses())
 
 
@@ -354,7 +354,7 @@ def design(task: ExcitationTask) -> tuple[Multisine, ReferenceRuns, NDArray[np.f
 
 
 def criterion(errors: NDArray[np.float64]) -> float:
-    """Return what a design makes small, of scaled errors (f,): the geometric mean of the worst and of their mean."""
+    """Return the design's objective for scaled errors (f,): the geometric mean of the worst and of their mean."""
     logs = np.log(np.clip(errors, 0.0, _MAX_ERROR))
     return float(np.exp(0.5 * (logs.max() + logs.mean())))
 
@@ -373,7 +373,7 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
         if _CLOSE <= used <= 1.0:
             break
         level = min(level * float(np.clip(_AIM / max(used, 1e-9), 0.4, 3.0)), _MAX_LEVEL)
-    # within the limits the fuller is better, beyond them the gentler
+    # within the limits the larger is better, beyond them the smaller
     _, sines, runs = max(tried, key=lambda candidate: candidate[0] if candidate[0] <= 1.0 else -candidate[0])
     return sines, runs
 

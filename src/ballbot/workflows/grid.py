@@ -1,11 +1,11 @@
-"""One grid of runs: controllers x courses x plants x seeds, each run's log reduced to an answer, one table out.
+"""A grid of runs: controllers x courses x plants x seeds, each run's log reduced to an answer, one table out.
 
-A study, the league, `excite` and the campaigns are questions to it. Runs of Ballbot's controllers on a `LoopRobot` go
-through the compiled loop, many side by side. All others, on the twin or with a controller or plant written in Python,
-are made one period at a time by workers: processes, threads or a Dask cluster. The answer of a run follows from its
-controller, plant, course and seed alone, wherever and in whatever order it is computed.
+A study, the league, `excite` and the campaigns use it. Runs of Ballbot's controllers on a `LoopRobot` go through the
+compiled loop, many side by side. All others, on the twin or with a controller or plant written in Python, are computed
+one period at a time by workers: processes, threads or a Dask cluster. The answer of a run depends on its controller,
+plant, course and seed only, not on where or in which order it is computed.
 
-Questions that need no logs, of thousands of short runs (robust design, limits), ask the loop itself: `simulate_batch`.
+Robust design and limits need thousands of short runs and no logs; they call the loop itself: `simulate_batch`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class LoopRobot:
         )
 
     def __call__(self, estimator: EstimatorName) -> Plant:
-        """Return the plant that is the same, one period at a time."""
+        """Return the same plant for runs one period at a time."""
         return SensedPlant(self.model, self.imperfections, estimator=estimator)
 
 
@@ -68,21 +68,21 @@ class LoopRobot:
 class TwinRobot:
     """A robot as the physics engine runs it, one period at a time."""
 
-    robot: Robot  #: the true one, but for its friction
-    scenario: Scenario  #: its friction is the true one
-    known: Robot  #: what the estimator knows
+    robot: Robot  #: the true one, except for its friction
+    scenario: Scenario  #: with the true friction
+    known: Robot  #: known to the estimator
 
     def __call__(self, estimator: EstimatorName) -> Twin:
-        """Return the twin, its state by that estimator."""
+        """Return the twin with that estimator."""
         state = named_estimator(estimator, self.known, sample_time=self.scenario.sensors.sample_time)
         return Twin(self.robot, self.scenario, estimator=state)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Condition:
-    """What every controller of a grid meets in one run: a plant, a course and a seed."""
+    """The conditions of a run, the same for every controller of a grid: a plant, a course and a seed."""
 
-    #: the robot on the loop or on the twin, or what makes another plant, its state by that estimator
+    #: the robot on the loop or on the twin, or a function that makes another plant with that estimator
     plant: LoopRobot | TwinRobot | Callable[[EstimatorName], Plant | Model]
     reference: Callable[[], Reference]  #: makes the reference; the same for all conditions of a course
     duration: float  #: [s]
@@ -102,9 +102,9 @@ class GridRun:
     condition: Condition
 
     def log(self) -> Log:
-        """Make the run one period at a time.
+        """Run it one period at a time.
 
-        InputError if the plant or the reference cannot be made, or the controller fails.
+        Raise InputError if the plant or the reference cannot be made, or if the controller fails.
         """
         condition = self.condition
         return simulate(
@@ -117,13 +117,13 @@ class GridRun:
         )
 
     def score(self, log: Log) -> Score:
-        """Score the run by its log; InputError if it is too short for that."""
+        """Score the run by its log; raise InputError if it is too short."""
         condition = self.condition
         try:
             return score(log, condition.rules)
         except InputError as error:
-            place = f"Course {condition.course!r}: " if condition.course else ""
-            raise InputError(f"{place}{error}") from None
+            location = f"Course {condition.course!r}: " if condition.course else ""
+            raise InputError(f"{location}{error}") from None
 
 
 Name = TypeVar("Name", bound=Hashable)
@@ -163,18 +163,18 @@ def run_grid(
     threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> GridTable[Answer]:
-    """Make all runs and ask each of them.
+    """Compute all runs and reduce each to its answer.
 
     Parameters
     ----------
     runs : sequence of GridRun
         See `grid_runs`. Runs of one course, by its name and duration, follow one reference.
     ask : callable, optional
-        From a run and its log to what is kept of it; its score by default. Pickled if there is more than one process.
+        Returns the answer of a run and its log; the score by default. Pickled if there is more than one process.
     workers : Executor, optional
-        Who make the runs that are not on the compiled loop. The answers do not depend on it.
+        Computes the runs that are not on the compiled loop. The answers do not depend on it.
     threads : int, optional
-        Of the compiled loop; all cores by default.
+        Number of threads of the compiled loop; all cores by default.
 
     Raises
     ------
@@ -187,55 +187,61 @@ def run_grid(
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")
     together = _loop_blocks(runs)
     alone = [[index] for index in sorted({*range(len(runs))}.difference(*together))]
-    found: dict[int, Answer] = {}
+    answers_by_index: dict[int, Answer] = {}
     for makers, make, blocks in (
         (Threads(count=threads), _logs_of_block, together),
         (workers, _logs_alone, alone),
     ):
         pieces = [[runs[index] for index in block] for block in blocks]
-        with closing(makers.each(partial(_asked, ask, make), pieces)) as made:
-            for piece, answers in made:
-                found.update(zip(blocks[piece], answers, strict=True))
-                run.progress(Progress(stage="comparing controllers", done=len(found), total=len(runs)))
-    return GridTable(runs=tuple(runs), answers=tuple(found[index] for index in range(len(runs))))
+        with closing(makers.each(partial(_asked, ask, make), pieces)) as results:
+            for piece, answers in results:
+                answers_by_index.update(zip(blocks[piece], answers, strict=True))
+                run.progress(
+                    Progress(stage="comparing controllers", done=len(answers_by_index), total=len(runs))
+                )
+    return GridTable(runs=tuple(runs), answers=tuple(answers_by_index[index] for index in range(len(runs))))
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
-    """Return the indices of the runs that go through the compiled loop, as many together as it steps side by side.
+    """Return the indices of the runs for the compiled loop, in blocks as wide as its lanes.
 
-    Those of one controller lie together: what sticks in one lane and slides in the next takes longer.
+    Runs of one controller are neighbours: lanes that stick beside lanes that slide take longer.
     """
-    # where each comes first
-    controllers = {id(one.controller): place for place, one in reversed(list(enumerate(runs)))}
+    # the first run of each controller
+    first = {id(grid_run.controller): index for index, grid_run in reversed(list(enumerate(runs)))}
     alike: dict[tuple[object, ...], list[int]] = {}
-    for place, one in enumerate(runs):
-        condition, plant = one.condition, one.condition.plant
-        if not (isinstance(plant, LoopRobot) and isinstance(one.controller, Controller)):
+    for index, grid_run in enumerate(runs):
+        condition, plant = grid_run.condition, grid_run.condition.plant
+        if not (isinstance(plant, LoopRobot) and isinstance(grid_run.controller, Controller)):
             continue
-        model, borne, period = plant.model, plant.imperfections, one.controller.sample_time
+        model, borne, period = plant.model, plant.imperfections, grid_run.controller.sample_time
         sampled = borne.sensors.sample_time if borne.sensors else period
         if borne.fix is None and abs(sampled - period) <= 1e-9 * sampled:
-            key = (condition.course, condition.duration, period, one.controller.estimator)
+            key = (condition.course, condition.duration, period, grid_run.controller.estimator)
             key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
-            alike.setdefault(key, []).append(place)
+            alike.setdefault(key, []).append(index)
     grouped = [
-        sorted(places, key=lambda place: controllers[id(runs[place].controller)]) for places in alike.values()
+        sorted(indices, key=lambda index: first[id(runs[index].controller)]) for indices in alike.values()
     ]
-    return [places[k : k + LANES] for places in grouped for k in range(0, len(places), LANES)]
+    return [indices[k : k + LANES] for indices in grouped for k in range(0, len(indices), LANES)]
 
 
 def _logs_of_block(runs: Sequence[GridRun]) -> list[Log]:
-    """Make runs of one course on the loop."""
-    conditions = [one.condition for one in runs]
-    plants = [one.plant for one in conditions if isinstance(one.plant, LoopRobot)]
+    """Compute runs of one course on the loop."""
+    conditions = [grid_run.condition for grid_run in runs]
+    plants = [condition.plant for condition in conditions if isinstance(condition.plant, LoopRobot)]
     batch = simulate_batch(
-        [one.model for one in plants],
-        [one.controller for one in runs],
+        [plant.model for plant in plants],
+        [grid_run.controller for grid_run in runs],
         conditions[0].reference(),
         duration=conditions[0].duration,
-        initial_states=[initial_state_of(one.seed) if one.start is None else one.start for one in conditions],
+        initial_states=[
+            initial_state_of(condition.seed) if condition.start is None else condition.start
+            for condition in conditions
+        ],
         imperfections=[
-            replace(plant.imperfections, seed=one.seed) for plant, one in zip(plants, conditions, strict=True)
+            replace(plant.imperfections, seed=condition.seed)
+            for plant, condition in zip(plants, conditions, strict=True)
         ],
         threads=1,
     )
@@ -243,7 +249,7 @@ def _logs_of_block(runs: Sequence[GridRun]) -> list[Log]:
 
 
 def _logs_alone(runs: Sequence[GridRun]) -> list[Log]:
-    return [one.log() for one in runs]
+    return [grid_run.log() for grid_run in runs]
 
 
 def _asked(
@@ -251,4 +257,4 @@ def _asked(
     make: Callable[[Sequence[GridRun]], list[Log]],
     runs: Sequence[GridRun],
 ) -> list[Answer]:
-    return [ask(one, log) for one, log in zip(runs, make(runs), strict=True)]
+    return [ask(grid_run, log) for grid_run, log in zip(runs, make(runs), strict=True)]

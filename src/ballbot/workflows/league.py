@@ -28,10 +28,10 @@ _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
 def track_of(log: Log) -> Log:
-    """Return where the robot really was in a run (t, x, y), ten times a second, to a tenth of a millimetre."""
+    """Return the true path of a run (t, x, y), ten times a second, to a tenth of a millimetre."""
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
-    place = true_place(log)
-    columns = {name: np.round(place[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    truth = true_place(log)
+    columns = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
     return Log(columns, ended=log.ended)
 
 
@@ -45,10 +45,10 @@ class League(Reported):
     seeds: tuple[int, ...]
     #: by course and controller, in the order of the seeds
     scores: Mapping[tuple[str, str], tuple[Score, ...]]
-    tracks: Mapping[tuple[str, str], Log]  #: where the robot really was with the first seed
+    tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it: standings with their intervals, and every run's score."""
+        """Return the entries of results.json: standings with their intervals, and every run's score."""
         courses = {}
         for course in self.courses:
             controllers = {
@@ -84,12 +84,12 @@ def run_league(
 ) -> League:
     """Run every controller on every course with every seed; see `run_grid` for workers and threads.
 
-    A seed gives all that is random in the plant, and the start: at rest at the origin, leaning by up to 0.02 rad.
+    A seed determines everything random in the plant, and the start: at rest at the origin, leaning by up to 0.02 rad.
 
     Parameters
     ----------
     robot : Robot, preset or robot file
-        As described; courses may differ from it. Its friction is true of the model and nothing to the twin.
+        As described; courses may differ from it. The loop has its friction, the twin that of the scenario.
     controllers : mapping of str to Feedback
         By name; every run gets a copy, and on the twin the on-board state that it is made for.
     courses : sequence of Course
@@ -119,8 +119,8 @@ def run_league(
         for course in courses
     ]
     ask = partial(_scored, seeds[0] if seeds else 0)
-    found = run_grid(grid_runs(controllers, conditions), ask, workers=workers, threads=threads, run=run)
-    answers = {(course.name, name): found.of(name, course.name) for course in courses for name in controllers}
+    table = run_grid(grid_runs(controllers, conditions), ask, workers=workers, threads=threads, run=run)
+    answers = {(course.name, name): table.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,
         courses=tuple(courses),
@@ -142,13 +142,13 @@ RATIOS = ("peak_position_error", "rms_position_error", "high_frequency_torque", 
 
 @dataclass(frozen=True, kw_only=True)
 class Standing:
-    """A controller on a course. A run that fell has no errors: it counts among the falls and nowhere else."""
+    """A controller's results on a course. Runs that fell count as falls only, and have no errors."""
 
     runs: int
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
-    arrived: int  #: runs that always came within the band at last
-    rested: int  #: runs that came to rest where they were to
+    arrived: int  #: runs that always settled within the band
+    rested: int  #: runs that came to rest if they had to
     means: Mapping[str, Estimate]  #: by the score's names, over the runs that stood, SI units
     differences: Mapping[str, Estimate]  #: from the first controller, seed by seed; empty for itself
 
@@ -175,15 +175,15 @@ def best_two(league: League) -> tuple[str, ...]:
 
 
 def standing(league: League, course: str, controller: str) -> Standing:
-    """Return how a controller did on a course."""
+    """Return a controller's standing on a course."""
     scores = league.scores[course, controller]
     first = league.scores[course, league.controllers[0]]
     falls = falls_of(scores)
-    asked = next(one.metrics for one in league.courses if one.name == course)
+    shown = next(each.metrics for each in league.courses if each.name == course)
     numbers = [
         name
         for name in Score.__dataclass_fields__
-        if name not in ("ended", "arrived", "rested") and (name not in OF_SOME_COURSES or name in asked)
+        if name not in ("ended", "arrived", "rested") and (name not in OF_SOME_COURSES or name in shown)
     ]
     return Standing(
         runs=len(scores),
@@ -201,7 +201,7 @@ def standing(league: League, course: str, controller: str) -> Standing:
 
 
 def overall(league: League, controller: str) -> Overall:
-    """Return how a controller did over all courses but those that end in a fall.
+    """Return a controller's results over all courses except those that end in a fall.
 
     A ratio is the geometric mean over the courses of its number over the first controller's on the same seed; its
     interval is over the seeds. A seed's run in which either fell does not enter it.

@@ -86,10 +86,10 @@ class Loop:
             pushes=(),
             fallen_lean=LARGEST_LEAN,
         )
-        made = LoopRobot.of(self.robot, scenario, known=self.robot)
+        robot = LoopRobot.of(self.robot, scenario, known=self.robot)
         return LoopRobot(
-            model=Model(made.model.robot, step=self.step),
-            imperfections=replace(made.imperfections, seed=self.seed),
+            model=Model(robot.model.robot, step=self.step),
+            imperfections=replace(robot.imperfections, seed=self.seed),
         )
 
     @property
@@ -161,7 +161,7 @@ def lost_lean(model: Model) -> float:
     return min(_BEYOND * float(recoverable_leans(model, _DIRECTIONS, largest=largest).max()), LARGEST_LEAN)
 
 
-#: places at which a ray is first tried, evenly spread
+#: number of sizes at which a ray is first tried, evenly spaced
 LOOKS = 24
 #: of each ray, each to half the interval left: 1/24 of the ray becomes 1/12288
 _HALVINGS = 9
@@ -196,9 +196,9 @@ def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) 
     """
     direction, lean, rate = np.broadcast_arrays(direction, lean, rate)
     states = np.zeros((*lean.shape, 10))
-    for place, size in ((2, lean), (7, rate)):
-        states[..., place] = -size * np.sin(direction)
-        states[..., place + 1] = size * np.cos(direction)
+    for index, size in ((2, lean), (7, rate)):
+        states[..., index] = -size * np.sin(direction)
+        states[..., index + 1] = size * np.cos(direction)
     return states
 
 
@@ -289,7 +289,7 @@ class RobotLimits(Reported):
         return LimitBounds(lower=self.impulse.lower[_CENTER], upper=self.impulse.upper[_CENTER])
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it."""
+        """Return the entries of results.json."""
         return to_results(self)
 
 
@@ -319,7 +319,7 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     heights = loop.robot.body.center_of_mass * np.array(HEIGHTS)
 
     def bounds(start_of: StartOf, shape: tuple[int, ...], end: float) -> LimitBounds:
-        lower, upper = (reach(one.recovers, start_of, shape=shape, end=end) for one in (loop, unlimited))
+        lower, upper = (reach(case.recovers, start_of, shape=shape, end=end) for case in (loop, unlimited))
         return LimitBounds(lower=lower, upper=upper)
 
     run.progress(Progress(stage="tilts"))
@@ -359,7 +359,7 @@ _TWIN_HALVINGS = 5
 
 
 def twin_limits(
-    loop: Loop, found: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
+    loop: Loop, on_loop: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
 ) -> list[TwinLimit]:
     """Return the twin's limits beside the loop's, by bisection between zero and 1.1 times the loop's upper bound.
 
@@ -367,11 +367,11 @@ def twin_limits(
     """
     assert loop.scenario is not None
     scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
-    bounds: dict[Kind, LimitBounds] = {"lean": found.lean, "impulse": found.central_impulse}
+    bounds: dict[Kind, LimitBounds] = {"lean": on_loop.lean, "impulse": on_loop.central_impulse}
     rays = [
         TwinLimit(
             kind=kind,
-            direction=float(found.directions[index]),
+            direction=float(on_loop.directions[index]),
             lower=float(each.lower[index]),
             twin=0.0,
             upper=float(each.upper[index]),

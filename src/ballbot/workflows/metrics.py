@@ -51,8 +51,8 @@ def settled(log: Log, settle: float) -> NDArray[np.bool_]:
 
 def position_error(log: Log) -> NDArray[np.float64]:
     """Return the horizontal distance from the reference (N,) [m]."""
-    place = true_place(log)
-    return np.hypot(place["x"] - log["ref_x"], place["y"] - log["ref_y"])
+    truth = true_place(log)
+    return np.hypot(truth["x"] - log["ref_x"], truth["y"] - log["ref_y"])
 
 
 def heading_error(log: Log) -> NDArray[np.float64]:
@@ -63,8 +63,8 @@ def heading_error(log: Log) -> NDArray[np.float64]:
 
 def leans(log: Log) -> NDArray[np.float64]:
     """Return the angle between the robot's axis and the vertical (N,) [rad]."""
-    place = true_place(log)
-    return lean_of(place["theta"], place["phi"])
+    truth = true_place(log)
+    return lean_of(truth["theta"], truth["phi"])
 
 
 def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -93,7 +93,7 @@ def settling_time(log: Log, *, disturbed: Sequence[float] = (), band: float = BA
 
 
 def true_place(log: Log) -> Log:
-    """Return the log with the truth in place of what was measured, where it has it."""
+    """Return the log with the true states in place of the measured ones, if it has them."""
     return log.truth() if "true_x" in log else log
 
 
@@ -108,7 +108,7 @@ def rms_torque_change(log: Log) -> float:
 
 
 def high_frequency_torque(log: Log) -> float:
-    """Return the root mean square of what the torques hold above 10 Hz [N m]: the worry of Figure 5.5.
+    """Return the root mean square of the torques' part above 10 Hz [N m], which the thesis's Figure 5.5 is about.
 
     As by a Butterworth high-pass of second order, forward and backward: a sine at that frequency keeps half of its
     size. It weights the sine transform of the torques less the line through their ends, whose odd extension has neither
@@ -152,24 +152,24 @@ def _jump_times(log: Log) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Stop:
-    """How a robot that drove came to rest."""
+    """How a moving robot came to rest."""
 
     time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
     rested: bool  #: whether it does
-    distance: float  #: it went from the instant at which it was to stop [m]
-    overshoot: float  #: beyond the place where it is at last, in the direction of its way [m]
+    distance: float  #: largest, from its position when it was to stop [m]
+    overshoot: float  #: beyond its final position, in its direction of motion [m]
 
 
 def stop_of(log: Log, at: float) -> Stop:
-    """Return how a robot that was to stop at a time [s] came to rest."""
-    place = true_place(log)
+    """Return how a robot that had to stop at a time [s] came to rest."""
+    truth = true_place(log)
     after = log.t >= at - _ROUNDING
-    x, y, t = place["x"][after], place["y"][after], log.t[after]
+    x, y, t = truth["x"][after], truth["y"][after], log.t[after]
     if not len(t):
         return Stop(time=np.nan, rested=False, distance=np.nan, overshoot=np.nan)
-    moving = np.flatnonzero(np.hypot(place["x_dot"][after], place["y_dot"][after]) >= REST)
+    moving = np.flatnonzero(np.hypot(truth["x_dot"][after], truth["y_dot"][after]) >= REST)
     last = int(moving[-1]) if moving.size else 0
-    way = np.array([place["x_dot"][after][0], place["y_dot"][after][0]])
+    way = np.array([truth["x_dot"][after][0], truth["y_dot"][after][0]])
     way /= max(float(np.hypot(*way)), REST)
     return Stop(
         time=float(t[last] - at),
@@ -183,8 +183,8 @@ def top_speed(log: Log) -> float:
     """Return the largest speed over the floor, as a mean over a second [m/s]; the second of a fall does not count."""
     if len(log) < 2:
         return 0.0
-    place, second = true_place(log), round(1.0 / log.sample_time)
-    x, y = (place[name][: -second if log.ended else None] for name in "xy")
+    truth, second = true_place(log), round(1.0 / log.sample_time)
+    x, y = (truth[name][: -second if log.ended else None] for name in "xy")
     ways = np.hypot(x[second:] - x[:-second], y[second:] - y[:-second])
     return float(ways.max(initial=0.0) / (second * log.sample_time))
 
@@ -193,14 +193,14 @@ def rms_speed_error(log: Log) -> float:
     """Return the root mean square difference of the velocity from the reference's, both axes [m/s]; NaN if it jumps."""
     if len(log) < 2 or len(_jump_times(log)) > 1:
         return np.nan
-    place = true_place(log)
-    errors = [place[f"{name}_dot"] - np.gradient(log[f"ref_{name}"], log.t) for name in "xy"]
+    truth = true_place(log)
+    errors = [truth[f"{name}_dot"] - np.gradient(log[f"ref_{name}"], log.t) for name in "xy"]
     return float(np.sqrt(np.mean(errors[0] ** 2 + errors[1] ** 2)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What counts in a run, and how."""
+    """Which rows and events of a run are scored, and how."""
 
     settle: float = SETTLE  #: see `settled` [s]
     band: float = BAND  #: within which a robot has arrived [m]
@@ -257,22 +257,22 @@ def falls_of(scores: Sequence[Score]) -> int:
     return sum(score.ended is not None for score in scores)
 
 
-def score_results(one: Score) -> dict[str, object]:
+def score_results(score: Score) -> dict[str, object]:
     """Return a score as results.json holds it; without arrival there is only a lower bound of the settling time."""
-    results = to_results(one)
-    if not one.arrived:
-        results |= {"settling_time": None, "settling_time_at_least": one.settling_time}
-    if not one.rested:
-        results |= {"stopping_time": None, "stopping_time_at_least": one.stopping_time}
-    without = {name for name in OF_SOME_COURSES if np.isnan(getattr(one, name))}
+    results = to_results(score)
+    if not score.arrived:
+        results |= {"settling_time": None, "settling_time_at_least": score.settling_time}
+    if not score.rested:
+        results |= {"stopping_time": None, "stopping_time_at_least": score.stopping_time}
+    without = {name for name in OF_SOME_COURSES if np.isnan(getattr(score, name))}
     without |= {"rested", "stopping_time_at_least"} if "stopping_time" in without else set()
     return {name: value for name, value in results.items() if name not in without}
 
 
 def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score:
-    """Score a run by how far it truly was from the reference once it had settled, and by what that took.
+    """Score a run by its true distance from the reference once settled, and by its torques.
 
-    InputError if a run that did not end early has no row that counts, unless it may be `unsettled`.
+    Raise InputError if a run that did not end early has no settled row, unless it may be `unsettled`.
     """
     log, counted = true_place(log), settled(log, rules.settle)
     if not counted.any() and log.ended is None and not unsettled:
@@ -308,17 +308,21 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
 
 
 def run_results(log: Log) -> dict[str, object]:
-    """Return one balancing run in numbers, as results.json holds it: what has a value of its `Score`, and others."""
+    """Return the entries of results.json for one balancing run: the known values of its `Score`, and others."""
     scores = score_results(score(log, unsettled=True))
     if not settled(log, SETTLE).any():
         late = ("settling_time", "settling_time_at_least", "arrived")
-        scores = {name: one for name, one in scores.items() if name not in late}
+        scores = {name: value for name, value in scores.items() if name not in late}
     error = position_error(log)
     return {
         "rows": len(log),
         "sample_time": log.sample_time if len(log) > 1 else None,
         "duration": float(log.t[-1] - log.t[0]),
-        **{name: one for name, one in scores.items() if not (isinstance(one, float) and np.isnan(one))},
+        **{
+            name: value
+            for name, value in scores.items()
+            if not (isinstance(value, float) and np.isnan(value))
+        },
         "peak_position_error_whole_run": float(error.max()),
         "rms_position_error_whole_run": rms(error),
         "final_position_error": float(error[-1]),

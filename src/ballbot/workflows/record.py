@@ -37,7 +37,7 @@ from ballbot.twin.scenario_file import scenario_text
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import run_results
 
-#: all that a run may leave besides its page and results.json
+#: files that a run may write besides its page and results.json
 RECORD_FILES = (
     *(f"{name}{suffix}" for name in ("log", "truth", "motion_capture") for suffix in WRITTEN_SUFFIXES),
     *("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml"),
@@ -110,7 +110,7 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
 
 
 def recording_results(job: RecordJob, recording: Recording) -> dict[str, object]:
-    """Return a run in numbers; of one on the bench there are few."""
+    """Return the numbers of a run; a run on the bench has few."""
     own = run_results(recording.run) if job.experiment == "balance" else {}
     return {**own, **recording.results}
 
@@ -162,7 +162,7 @@ def _write_run(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def _finished(folder: Path) -> Mapping[str, object] | None:
-    """Return the results of a run that is whole in its folder: its list of files came last."""
+    """Return the results of a run that is complete in its folder: its list of files is written last."""
     if not (folder / MANIFEST).is_file():
         return None
     return cast("Mapping[str, object]", read_results(folder / "results.json"))

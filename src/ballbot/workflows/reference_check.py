@@ -1,4 +1,4 @@
-"""Whether a robot can follow a reference, before it is tried: the torque, speed, power, lean and grip that it needs.
+"""Whether a robot can follow a reference: the torque, speed, power, lean and grip that it needs.
 
 The closed loop with sensors shows falls and errors. How much of each limit is used follows, for the path followed
 exactly, from the exact equations of motion backwards; if the path jumps, the closed loop's use counts.
@@ -83,8 +83,8 @@ def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) ->
             break
         if np.abs(change).max() < _ACCURATE:
             q_dot, forces = _rates_and_forces(model, q, sample_time)
-            held = np.linalg.pinv(np.swapaxes(model.wheel_jacobian(q), 1, 2))
-            torques = np.einsum("kij,kj->ki", held, forces)
+            wrench_map = np.linalg.pinv(np.swapaxes(model.wheel_jacobian(q), 1, 2))
+            torques = np.einsum("kij,kj->ki", wrench_map, forces)
             t = sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64)
             path_followed = Demand.of(model, t, np.hstack([q, q_dot]), torques)
             speeds = path_followed.wheel_speeds

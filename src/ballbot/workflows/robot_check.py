@@ -58,7 +58,7 @@ def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
     def mean_growth(of: Robot) -> NDArray[np.float64]:
         return np.array([growths(of)[growths(of) > 0.0].mean()])
 
-    fastest = [float(growths(one).max()) for one in draw_robots(robot, draws, seed=0)]
+    fastest = [float(growths(drawn).max()) for drawn in draw_robots(robot, draws, seed=0)]
     lower, upper = np.quantile(fastest, [0.025, 0.975])
     mean = propagate(robot, mean_growth)
     return PoleSpread(
@@ -102,25 +102,26 @@ def check_swing(
     column: str | None = None,
     accept: Collection[str] = (),
 ) -> CheckedSwing:
-    """Return what the swing in a log, in that column, shows about a robot's inertia.
+    """Return a robot's inertia from the swing in a column of a log.
 
-    InputError if the file has no free swing, the swing has an error whose code is not accepted, or `inertia_of_swing`
-    refuses the pivot's distance or deviation.
+    Raise InputError if the file has no free swing, if the swing has an error whose code is not accepted, or if
+    `inertia_of_swing` refuses the pivot's distance or deviation.
     """
     log = Log.read(file)
     of_log = [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]
-    found = inertia_of_swing(
+    inertia = inertia_of_swing(
         fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
     )
-    findings = by_severity([*of_log, *found.findings()])
+    findings = by_severity([*of_log, *inertia.findings()])
     stop_on_errors(
-        [replace(one, where=replace(one.where, file=str(file))) for one in findings], accept=accept
+        [replace(finding, where=replace(finding.where, file=str(file))) for finding in findings],
+        accept=accept,
     )
-    return CheckedSwing(found=found, findings=findings)
+    return CheckedSwing(found=inertia, findings=findings)
 
 
 def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
-    """Return what following the reference of that name or file takes, with a ready-made controller or a file's."""
+    """Return how much of the robot's limits a reference takes, with a preset controller or a controller file."""
     reference = as_reference(source)
     duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
     chosen = named_controller(controller, robot)
@@ -129,7 +130,7 @@ def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMar
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedRobot:
-    """A robot with everything that `ballbot check` states about it."""
+    """A robot with everything that `ballbot check` reports about it."""
 
     robot: Robot
     findings: tuple[Finding, ...]  #: of the robot, errors first
@@ -169,9 +170,11 @@ class CheckedRobot:
         return {
             "robot": self.robot.name,
             "parameters": {
-                one.name: value for one in PARAMETERS if (value := value_of(self.robot, one)) != ()
+                parameter.name: value
+                for parameter in PARAMETERS
+                if (value := value_of(self.robot, parameter)) != ()
             },
-            "derived": {one.name: one.value for one in derived_quantities(self.robot)},
+            "derived": {quantity.name: quantity.value for quantity in derived_quantities(self.robot)},
             "matrices": self.matrices,
             "linearization": linearization_results(Model(self.robot)),
             "poles": self.poles,

@@ -69,7 +69,7 @@ _STEEPEST = math.degrees(math.atan(MAX_SLOPE))
 
 @dataclass(frozen=True, kw_only=True)
 class PerturbationRanges:
-    """How far robots may be from the one described. Each is uniform, and independent of the others."""
+    """Ranges of the perturbed robots about the one described, each uniform and independent of the others."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -116,14 +116,14 @@ def draw_perturbed(
             body=scaled_body(robot.body, mass=mass, height=height),
             friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
         )
-        made = LoopRobot.of(true, scenario, known=robot)
+        loop_robot = LoopRobot.of(true, scenario, known=robot)
         borne = replace(
-            made.imperfections,
-            delay=min(made.imperfections.delay + delay, MAX_DELAY),
+            loop_robot.imperfections,
+            delay=min(loop_robot.imperfections.delay + delay, MAX_DELAY),
             slope=(slope * math.cos(uphill), slope * math.sin(uphill)),
             seed=seed + lane,
         )
-        robots.append(replace(made, imperfections=borne))
+        robots.append(replace(loop_robot, imperfections=borne))
         starts[lane, :2] = INITIAL_OFFSET * math.cos(away), INITIAL_OFFSET * math.sin(away)
     return robots, starts
 
@@ -138,7 +138,7 @@ class RunMeasures:
 
     @property
     def fell(self) -> NDArray[np.bool_]:
-        """Whether it fell."""
+        """Whether each run fell."""
         return np.isfinite(self.ended)
 
 
@@ -168,7 +168,7 @@ def measure_runs(
 
 @dataclass(frozen=True, kw_only=True)
 class CostUnits:
-    """What J is counted in."""
+    """The units of J's two terms."""
 
     error: float  #: e_n [m]
     roughness: float  #: r_n [N m]
@@ -198,7 +198,7 @@ def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """How much is tried. InputError if a number is below its minimum or above the largest number of trials."""
+    """The size of the search. Raise InputError if a number is below its minimum or above the largest."""
 
     robots: int = 200  #: perturbed robots on which every candidate runs
     generations: int = 30
@@ -215,7 +215,7 @@ class Effort:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedDesign:
-    """How one design does on the fresh robots."""
+    """The results of one design on the fresh robots."""
 
     gain: NDArray[np.float64]
     worst_tenth: float  #: of J
@@ -234,7 +234,7 @@ class RobustDesign(Reported):
     controller: Controller = field(metadata=left_out)
     state_weights: tuple[float, ...]
     torque_weight: float
-    units: CostUnits  #: what J is counted in
+    units: CostUnits  #: of J's terms
     history: tuple[float, ...]  #: best worst tenth after each generation, on the robots of the search
     #: "robust" and "nominal", on robots that the search did not use
     compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
@@ -248,7 +248,7 @@ class RobustDesign(Reported):
         return loop_margins(self.controller)
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it."""
+        """Return the entries of results.json."""
         return {
             "robot": self.controller.robot.name,
             "sample_time": self.controller.sample_time,
@@ -287,19 +287,19 @@ def robust_design(
 
     def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
         costs = np.full(len(candidates), _NO_GAIN)
-        made: dict[int, Controller] = {}
+        by_row: dict[int, Controller] = {}
         for row, candidate in enumerate(candidates):
             # weights may be so far apart that the equations have no solution in these digits
             with suppress(InputError):
-                made[row] = controller_of(weights_of(candidate))
-        if made:
-            costs[list(made)] = worst_tenth(units.costs(measure_runs(list(made.values()), *drawn)))
+                by_row[row] = controller_of(weights_of(candidate))
+        if by_row:
+            costs[list(by_row)] = worst_tenth(units.costs(measure_runs(list(by_row.values()), *drawn)))
         return costs
 
-    found = evolve(
+    optimum = evolve(
         cost_of, size=len(GROUPS), generations=effort.generations, population=effort.population, run=run
     )
-    weights = weights_of(found.best)
+    weights = weights_of(optimum.best)
     run.progress(Progress(stage="comparison"))
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
@@ -310,7 +310,7 @@ def robust_design(
         state_weights=weights,
         torque_weight=NOMINAL_TORQUE_WEIGHT,
         units=units,
-        history=found.history,
+        history=optimum.history,
         compared={
             name: ComparedDesign(
                 gain=controller.gain,
@@ -334,6 +334,6 @@ def robust_design(
 def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
     """Return the ten state weights of a point (6,) of the unit cube."""
     weights = np.array(NOMINAL_STATE_WEIGHTS)
-    for group, place in zip(GROUPS, candidate, strict=True):
-        weights[list(group)] *= 10.0 ** (DECADES * (2.0 * float(place) - 1.0))
+    for group, coordinate in zip(GROUPS, candidate, strict=True):
+        weights[list(group)] *= 10.0 ** (DECADES * (2.0 * float(coordinate) - 1.0))
     return tuple(weights.tolist())

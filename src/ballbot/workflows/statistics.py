@@ -1,7 +1,7 @@
 """Statistics of a few runs: means, medians and fractions with their 95 % intervals, and controllers run by run.
 
-What a seed does to two controllers, it does not do to their difference or ratio, seed by seed: the interval is narrower
-than that of two means.
+Two controllers are compared seed by seed: the common effect of a seed cancels in their difference or ratio, so that the
+interval is narrower than that of two means.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:
-    """A mean over seeds and the interval that its expectation lies in; NaN where there are too few seeds."""
+    """A mean over seeds with the 95 % interval of its expectation; NaN if there are too few seeds."""
 
     mean: float
     low: float
@@ -27,7 +27,7 @@ class Estimate:
 
     @property
     def sign(self) -> int:
-        """1 or -1 where the whole interval is above or below zero, else 0: nothing is shown."""
+        """1 or -1 if the whole interval is above or below zero; 0 if the difference is not significant."""
         return 1 if self.low > 0.0 else -1 if self.high < 0.0 else 0
 
 
@@ -88,9 +88,9 @@ def mean_ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> Esti
     What both have in common is a run: a seed, or a plant. One with NaN for either does not count.
     """
     logs = np.ma.masked_invalid(np.atleast_2d(np.log(values / others)))
-    found = mean_with_interval(logs.mean(axis=0).filled(np.nan))
-    mean, low, high = np.exp([found.mean, found.low, found.high]).tolist()
-    return Estimate(mean=mean, low=low, high=high, runs=found.runs)
+    log_mean = mean_with_interval(logs.mean(axis=0).filled(np.nan))
+    mean, low, high = np.exp([log_mean.mean, log_mean.low, log_mean.high]).tolist()
+    return Estimate(mean=mean, low=low, high=high, runs=log_mean.runs)
 
 
 def fraction_with_interval(count: int, runs: int) -> tuple[float, float]:

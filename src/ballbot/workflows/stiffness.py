@@ -37,7 +37,7 @@ from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, T
 _SOFT_INTEGRAL_WEIGHTS = (0.02, 0.02, 0.002)
 #: s of the gains: the soft one is 0, the precise controller's 1. At 2.5 the position gain is 450 times the soft one
 _STIFFEST, _GAINS = 2.5, 7
-#: the stiffest is not sought below this s: a loop without margins is compared, too
+#: least s of the stiffest gain, so that a loop without margins is compared, too
 _LEAST = 0.5
 #: largest sensitivity of a loop with margins: all torques may double or turn by 29 deg
 LARGEST_SENSITIVITY = 2.0
@@ -49,7 +49,7 @@ _DURATION = 16.0
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """What a controller has beside its gain."""
+    """The parts of a controller besides its gain."""
 
     compensation: bool  #: full
     observer: bool  #: the disturbance observer and integral action
@@ -87,24 +87,24 @@ class FrictionByStiffness:
 
         Growing means that the interval of the median lies above that of a softer gain. None if the softest fails.
         """
-        found: Stiffness | None = None
+        best: Stiffness | None = None
         lowest = np.inf  # upper end of an interval
-        for one in self.gains:
-            peak = one.trials[variant].peak
-            if not one.holds(variant) or peak.low > lowest:
+        for gain in self.gains:
+            peak = gain.trials[variant].peak
+            if not gain.holds(variant) or peak.low > lowest:
                 break
-            found, lowest = one, min(lowest, peak.high)
-        return found
+            best, lowest = gain, min(lowest, peak.high)
+        return best
 
     def pays_over(self, *, observer: bool) -> tuple[Stiffness, ...]:
         """Return the first gains in a row at which compensation clearly makes the error smaller and no run fall."""
         without, with_it = (Variant(compensation=has, observer=observer) for has in (False, True))
 
-        def pays(one: Stiffness) -> bool:
-            plain, compensated = one.trials[without], one.trials[with_it]
+        def pays(gain: Stiffness) -> bool:
+            plain, compensated = gain.trials[without], gain.trials[with_it]
             return compensated.falls <= plain.falls and plain.ratio_to(compensated).low > 1.0
 
-        return tuple(takewhile(pays, dropwhile(lambda one: not pays(one), self.gains)))
+        return tuple(takewhile(pays, dropwhile(lambda gain: not pays(gain), self.gains)))
 
 
 def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
@@ -143,12 +143,12 @@ def _controller(base: Controller, s: float, variant: Variant) -> Controller:
         integral_weights=integral.tolist(),
         sample_time=base.sample_time,
     )
-    made = precise_controller(
+    controller = precise_controller(
         base.robot, compensation="full" if variant.compensation else "none", design=design
     )
     if variant.observer:
-        return made
-    return made.with_parts(replace(made.parts, integral=None, disturbance_observer=None))
+        return controller
+    return controller.with_parts(replace(controller.parts, integral=None, disturbance_observer=None))
 
 
 def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray[np.float64]:
@@ -170,7 +170,7 @@ def _end(base: Controller, scenario: Scenario) -> float:
 
 
 def _sensitivity(controller: Controller, scenario: Scenario) -> float:
-    """Return a loop's largest sensitivity with what delays its torques and sensors in a scenario, and its resonance."""
+    """Return a loop's largest sensitivity with the delays, motor lag and resonance of a scenario."""
     timing, motors = scenario.timing, scenario.current_loop
     faults, twist = scenario.sensor_faults, scenario.compliance
     late = (timing.delay * controller.sample_time if timing else 0.0) + (faults.latency if faults else 0.0)

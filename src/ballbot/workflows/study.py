@@ -84,7 +84,7 @@ DEFAULT_STUDY = StudyOptions()
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Study(Reported):
-    """Everything a study found."""
+    """The result of a study."""
 
     robot: Robot  #: as given
     logs: tuple[StudiedLog, ...]
@@ -103,7 +103,7 @@ class Study(Reported):
 
     @property
     def log_findings(self) -> tuple[Finding, ...]:
-        """What the checks of the logs found, errors first."""
+        """The findings of the checks of the logs, errors first."""
         return self.found.log_findings
 
 
@@ -142,7 +142,7 @@ def study(
     studied = _studied_logs(checked, robot)
     if not 2 <= options.draws <= MAX_DRAWS:
         raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 100.")
-    # whole nanoseconds: the rounding of a log's time stamps does not belong into a controller file
+    # whole nanoseconds: a controller file needs no rounding errors of a log's time stamps
     sample_time = round(studied[0].log.sample_time, 9)
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
     tried = sampled_at(given, sample_time)
@@ -151,24 +151,24 @@ def study(
     fitting = IdentificationOptions(excluded_states=tuple(options.excluded_states), back_emf=options.back_emf)
     identifying = _named(run, "identifying friction")
     law = robot.friction.law if robot.friction.own_law else "stribeck"
-    found = identify(robot, checked, law=law, bounds=options.bounds, options=fitting, run=identifying)
-    if not found.verdict.usable:
+    fit = identify(robot, checked, law=law, bounds=options.bounds, options=fitting, run=identifying)
+    if not fit.verdict.usable:
         raise InputError(
-            f"{found.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
+            f"{fit.verdict.sentence} A study compensates the friction that it finds, so it ends here; `ballbot "
             "identify` shows the fit."
         )
-    models = ModelPair.by_friction(Model(found.robot))
+    models = ModelPair.by_friction(Model(fit.robot))
     by_log = tuple(
         validate_logs(
             models,
-            {one.name: one.log for one in studied},
-            holdouts={one.name: one.held_out for one in studied},
+            {entry.name: entry.log for entry in studied},
+            holdouts={entry.name: entry.held_out for entry in studied},
             run=_named(run, "validating"),
         ).values()
     )
     choice = choose_controller(
-        candidates(found, sample_time=sample_time),
-        draw_plants(found, scenario=tried, count=options.draws, seed=run.seed),
+        candidates(fit, sample_time=sample_time),
+        draw_plants(fit, scenario=tried, count=options.draws, seed=run.seed),
         course=NamedCourse(name=SQUARE.name, duration=options.duration),
         run=_named(run, "comparing controllers"),
     )
@@ -179,10 +179,10 @@ def study(
     return Study(
         robot=robot,
         logs=studied,
-        found=found,
+        found=fit,
         by_log=by_log,
         validation=join_validations(by_log),
-        design=design_gain(found.robot, sample_time=sample_time),
+        design=design_gain(fit.robot, sample_time=sample_time),
         scenario=tried,
         choice=choice,
         confirmation=confirmation,
@@ -206,7 +206,7 @@ def sampled_at(scenario: Scenario, sample_time: float) -> Scenario:
 
 
 def _studied_logs(checked: CheckedLogs, robot: Robot) -> tuple[StudiedLog, ...]:
-    """Return the rows that have torques and states; refuse a log without them before minutes of work."""
+    """Return the rows that have torques and states; raise InputError before the work if there are none."""
     studied: list[StudiedLog] = []
     for name, log in checked.logs.items():
         named = name or "the log"
