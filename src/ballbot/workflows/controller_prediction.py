@@ -96,7 +96,7 @@ class PredictionInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerPrediction:
-    """What the controller of a study, and none at all, will do on the next run of a course."""
+    """What the chosen controller, and the soft gain without compensation, will do on the next run of a course."""
 
     course: NamedCourse
     controller: str  #: name of the candidate
@@ -105,7 +105,7 @@ class ControllerPrediction:
     scenario: str  #: name of what is true of the robots
     draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
-    #: the same without friction compensation; None if that falls
+    #: of the soft gain without compensation; None if fewer than six of its runs did not fall
     none: Mapping[str, PredictionInterval] | None
     log_findings: tuple[str, ...] = ()  #: codes of what the checks of the study's logs found
 
