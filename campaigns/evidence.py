@@ -30,6 +30,7 @@ CAMPAIGNS = {
     "estimation": "campaigns.estimation",
     "agreement": "campaigns.agreement",
     "prediction": "campaigns.controller_prediction",
+    "benchmark": "campaigns.benchmark",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

@@ -52,6 +52,6 @@ def test_quantity_that_a_run_does_not_show_is_left_out():
 
 
 @pytest.mark.parametrize("count", [2, 5])
-def test_runs_that_are_not_in_turn_are_refused(count):
-    with pytest.raises(InputError, match="in turn"):
+def test_runs_that_do_not_alternate_are_refused(count):
+    with pytest.raises(InputError, match="alternately"):
         alternate([performance(0.02)] * count, [])

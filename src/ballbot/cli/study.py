@@ -66,7 +66,7 @@ def study(
     bounds
         A TOML file with lower and upper bounds of the friction parameters.
     quick
-        Do not measure where friction matters.
+        Leave out the section "Where friction matters": the peak error over the stiffness of the gain.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, mapping, described)

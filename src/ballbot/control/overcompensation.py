@@ -20,8 +20,7 @@ bounds of their own, mu - z sigma_mu. A parameter's variance decides how it ente
 
 - finite: in P, with its correlations;
 - infinite or NaN, of a parameter that the logs do not separate or that is at a bound: in u, the distance down to the
-  lowest curve over the parameter's likelihood interval or, without one, its range. A finite error within these never
-  leads to less compensation;
+  lowest curve over the parameter's likelihood interval or, without one, its range.;
 - zero, of a parameter that the friction law fixes or a user states without an error: the stated value is exact.
 """
 
@@ -59,7 +58,7 @@ def cautious_friction(
     *,
     intervals: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Friction:
-    """Return the largest scaled friction that the true friction exceeds with 95 % confidence at every speed.
+    """Return the largest scaled friction that the true friction exceeds with 95 % confidence, at each speed by itself.
 
     The covariance, SI units, is of b, c, s of each wheel, v_s, delta and C_rr in this order, then of d, e and mu of
     each wheel and the parameters of a registered law; parameters without a row are exact. `intervals` are likelihood

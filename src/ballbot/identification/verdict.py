@@ -5,8 +5,8 @@ It is usable if
 - held-out windows are predicted better with friction than without: the 95 % interval of the gain over all logs and the
   states that count (`ballbot.fitting.model_selection`) is above zero, and the gain is positive for the lean, on which
   balancing depends, and on each log by itself;
-- no b or c of a wheel is at the end of its usual range, which is not an estimate;
-- the logs agree on the dry friction: between logs it varies by less than half of its size, or within their errors.
+- no b or c of a wheel is at the upper end of its usual range, which is not an estimate;
+- the logs agree on the Coulomb friction: between logs it varies by less than half of its size, or within their errors.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ballbot.results import reported
 from ballbot.rounding import digits
 from ballbot.summary import counted
 
-#: neighbouring windows drawn together: about 4 s of motion
+#: neighbouring windows drawn together: 1 s of motion
 BLOCK = 4
 
 

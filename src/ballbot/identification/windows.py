@@ -11,7 +11,8 @@ Hold-out. Intervals of 8 s in every 28 s of each log are held out: neighbouring 
 cycle, and a closed-loop validation needs seconds on end. As 28 s is not a multiple of the 8 s or 32 s with which
 references often repeat, the intervals cover different parts of the path.
 
-Windows. Each is predicted from the state measured at its start. The plant is unstable, so an open-loop prediction is
+Windows. Each is predicted from a state at its start: in a fit one that is estimated (`balancing`), on held-out windows
+the one measured. The plant is unstable, so an open-loop prediction is
 meaningful for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
 each held until the next, and states k + 1 .. k + m are compared. Windows with a missing or corrupted value
 (`ballbot.log.checks.values`), an uneven sampling interval or a lean past recovery are left out.

@@ -2,8 +2,9 @@
 
 The true robot is never the identified one. So its numbers are drawn from their standard deviations and correlations
 (`ballbot.robot.variations`), those that were identified and those that the robot file states, and the robot has the
-delay, play, noise, sensors and floor of a scenario, on the compiled loop. Estimator and controller have the robot as
-identified. Every candidate runs the same course on every robot with the same seeds.
+delay, play, noise, sensors and floor of a scenario, on the compiled loop. The estimator has the robot as identified,
+the controller its friction at the lower 95 % bound. Every candidate runs the same course on every robot with the same
+seeds.
 
 - A candidate that falls on any robot is excluded.
 - Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
@@ -177,7 +178,7 @@ class ControllerChoice:
 
     @property
     def gain(self) -> MedianEstimate | None:
-        """The peak error without compensation over the chosen controller's; None if none is chosen."""
+        """How many times smaller the chosen controller's peak error is than the soft gain's; None if none is chosen."""
         if self.chosen is None:
             return None
         return self.trials["none"].ratio_to(self.trials[self.chosen])

@@ -96,7 +96,7 @@ class PredictionInterval:
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerPrediction:
-    """The predicted performance of a study's controller, and without compensation, on the next run of a course."""
+    """Predicted performance of the chosen controller, and of the soft gain without compensation, on the next run."""
 
     course: NamedCourse
     controller: str  #: name of the candidate
@@ -105,7 +105,7 @@ class ControllerPrediction:
     scenario: str  #: name of the scenario of the robots
     draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
-    #: the same without friction compensation; None if that falls
+    #: of the soft gain without compensation; None if fewer than six of its runs did not fall
     none: Mapping[str, PredictionInterval] | None
     log_findings: tuple[str, ...] = ()  #: codes of the findings on the study's logs
 

@@ -115,12 +115,12 @@ def study(
     options: StudyOptions = DEFAULT_STUDY,
     run: Run = DEFAULT_RUN,
 ) -> Study:
-    """Find a robot's friction in its logs, judge it, and show what compensating it gains.
+    """Identify a robot's friction from its logs, validate it, and choose a controller on simulated robots.
 
     Parameters
     ----------
     robot : Robot, preset or robot file
-        Its own friction is not used.
+        Of its own friction only a registered law is used, and the values of parameters without influence on the logs.
     logs : Log or log file, several in a list or a mapping, or CheckedLogs
         With torques and states, and with the reference for the closed-loop validation; the names of a mapping are
         those of the report. They are checked first, unless they come as `CheckedLogs`.
