@@ -74,7 +74,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
 def _uncertainty(spread: PoleSpread | None) -> str:
     """Return how the standard deviations in the file spread the pole."""
     if spread is None:
-        return "No value in the file has a standard_deviation, from which would follow how sure it is."
+        return "Its uncertainty is unknown: no value in the file has a standard_deviation."
     largest = list(spread.variance_shares.items())[:3]
     causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
     low, high = spread.interval_95

@@ -8,9 +8,9 @@ at f answers, in the linear closed loop x_dot = A x + B K (r - x), with
     G(f) = (2 pi i f I - A + B K)^-1 B K e        states         K (e - G(f))        torques
 
 and the largest amplitude of that sine alone is the one that brings lean, place or torque to its limit. Every sine has
-the same share of it, and the sum is scaled until the simulated run makes use of the limits. Of a few ranges of
-frequencies the best is kept, by the worst error times the geometric mean of all: a parameter may be hard to identify in
-any case, as delta is if s is small.
+the same fraction of it, and the sum is scaled until the simulated run reaches the limits. Of a few ranges of
+frequencies the best is kept, by the worst error times the geometric mean of all, because some parameters are hard to
+identify with any run, as delta is if s is small.
 
 The value of a run is the standard errors that identification would give on its log: simulated with the parameters
 assumed, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of predictions
@@ -19,9 +19,9 @@ by scaled parameters z, over the deviations of states from their prediction, and
     H = sum_w J_w^T J_w                cov z >= H^-1
 
 This linear bound (Cramer-Rao) is for comparing runs: with independent noise, estimates of the Stribeck law scattered by
-1.0 to 2.0 times as much (12 seeds). The deviations are those of the compiled loop around the square, friction known.
-There both references are run with the sensors of a scenario, with its friction, less and more of it: do the limits
-hold?
+1.0 to 2.0 times as much (12 seeds). The deviations are those of the compiled loop around the square, with known
+friction. Both references also run on that loop with the sensors of a scenario and with its friction, less and more of
+it, to see whether the limits hold.
 """
 
 from __future__ import annotations

@@ -1,18 +1,18 @@
 """The largest tilts and impulses that a robot with a controller recovers from, on the loop and on the twin.
 
 They are found for tilts at rest, for impulses on the body, and over a plane of lean and lean rate, on the compiled loop
-with the sensors of a scenario; every run has noise of its own. The equations of motion have no slip, so the loop gives
-two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and `upper`, from runs in which grip is
-unlimited. The twin's wheels can slip and lift.
+with the sensors of a scenario; every run has its own noise. The equations of motion have no slip, so the loop gives
+two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and `upper`, from runs with unlimited grip.
+The twin's wheels can slip and lift.
 
-A ray is first tried in `LOOKS` places, so that a loss between two sizes from which the robot recovers is not
-overlooked; the first loss is then bisected, all rays in one batch. A plane is tried on a grid. A run ends as soon as
-its outcome is known, which halves the time:
+A ray is first tried at `LOOKS` sizes, so that a fall between two sizes from which the robot recovers is not overlooked;
+the first fall is then bisected, all rays in one batch. A plane is tried on a grid. A run ends as soon as its outcome is
+known, which halves the time:
 
-    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from here on need no torque above 40 % of
+    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from now on need no torque above 40 % of
                the limit or of the wheels' grip at rest, no wheel speed above 40 % of the motors' highest and
                no lean above 0.15 rad, by the rows K (F - G K)^k and so on
-    lost       leaning outward further than where the motors' full torque still turns the fall back
+    lost       leaning outward beyond the lean from which the motors' full torque can still recover
 
 The first is exact for the linear loop without dry friction and noise, the second for a robot at rest. Most of the
 torque and a tenth of the lean remain as a margin for what is neglected.

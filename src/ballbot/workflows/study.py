@@ -120,13 +120,13 @@ def study(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        Of its own friction only a registered law is used, and the values of parameters without influence on the logs.
+        Of its friction only a registered law, and parameters without influence on the logs, are used.
     logs : Log or log file, several in a list or a mapping, or CheckedLogs
         With torques and states, and with the reference for the closed-loop validation; the names of a mapping are
         those of the report. They are checked first, unless they come as `CheckedLogs`.
     scenario : Scenario, scenario's name or scenario file, optional
         Delay, play, noise, sensors and floor of the simulated robots; the nominal one by default. Their friction is
-        drawn from what the identification leaves uncertain.
+        drawn from the uncertainty of the identification.
     options : StudyOptions, optional
     run : Run, optional
         Its seed draws the robots.
@@ -135,7 +135,7 @@ def study(
     ------
     InputError
         If a log lacks a column or is not of this robot, its checks find an error whose code is not accepted, or
-        there is nothing to find in the logs.
+        the friction cannot be identified from the logs.
     """
     robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
