@@ -84,5 +84,26 @@ def test_logs_without_such_speeds_stay():
     assert np.isnan(changed["wheel1_dot"]).sum() == 11
 
 
+def test_a_section_that_is_left_out_does_not_count():
+    """The wheels turn on while nothing is logged; on both sides of the gap the lag is taken away as before."""
+    log = onboard_log().without_truth()
+    rows = np.r_[0:500, 700 : len(log)]
+    cut = Log({name: log[name][rows] for name in log.names})
+    assert encoder_lag(cut, ROBOT) == pytest.approx(0.5 * STEP)
+    whole, parts = (without_encoder_lag(one, ROBOT).states for one in (log, cut))
+    np.testing.assert_allclose(parts[:499, [0, 1, 5, 6]], whole[:499, [0, 1, 5, 6]], atol=1e-12)
+    np.testing.assert_allclose(parts[500:, 5:7], whole[700:, 5:7], atol=1e-12)
+    np.testing.assert_allclose(np.diff(parts[500:, :2], axis=0), np.diff(whole[700:, :2], axis=0), atol=1e-12)
+
+
+def test_a_lag_that_explains_little_is_none():
+    """A counter that is reset now and then, as no lag makes its angles go ahead of its speeds."""
+    t = STEP * np.arange(2000)
+    speed = 2.0 * np.sin(t)
+    angles = np.cumsum(speed) * STEP + 3.0 * (t > 4.0) - 5.0 * (t > 7.0)
+    columns = {f"wheel{i}": angles for i in (1, 2, 3)} | {f"wheel{i}_dot": speed for i in (1, 2, 3)}
+    assert encoder_lag(Log({"t": t} | columns), ROBOT) == 0.0
+
+
 def holed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where((np.arange(len(values)) >= 300) & (np.arange(len(values)) < 310), np.nan, values)

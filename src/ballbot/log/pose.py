@@ -89,7 +89,7 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     position follow from them.
 
     A log is returned as it is where it lacks a wheel's angle or speed or a state, or has another velocity than that of
-    its wheel speeds, as a Kalman filter's; and a position that is not the integral of its velocity stays.
+    its wheel speeds, as a Kalman filter's, or where its speeds are not late; and a position that is not the integral of its velocity stays.
     """
     names = wheel_speed_names(robot.wheel_count)
     if len(log) < 2 * _APART or any(
@@ -100,15 +100,17 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     if not _alike(_ball_velocity(log, robot, speeds), velocity):
         return log
     lag = encoder_lag(log, robot)
+    if lag == 0.0:
+        return log
     at_rows = np.column_stack([np.interp(log.t + lag, log.t, speed) for speed in speeds.T])
     velocity_at_rows = _ball_velocity(log, robot, at_rows)
     columns = dict(zip((*names, "x_dot", "y_dot"), (*at_rows.T, *velocity_at_rows.T), strict=True))
-    steps, position = np.diff(log.t)[:, None], np.column_stack([log["x"], log["y"]])
+    steps, position = _steps(log), np.column_stack([log["x"], log["y"]])
     way = np.diff(position, axis=0)
     means = (velocity[1:], 0.5 * (velocity[1:] + velocity[:-1]))
     if any(_alike(_summed(steps * mean), _summed(way)) for mean in means):
         further = 0.5 * steps * (velocity_at_rows[1:] + velocity_at_rows[:-1]) - way
-        further[~np.isfinite(further)] = 0.0  # a hole in the log
+        further[~np.isfinite(further)] = 0.0  # a hole or a gap in the log
         position[1:] += np.cumsum(further, axis=0)
         columns |= {"x": position[:, 0], "y": position[:, 1]}
     return log.with_columns(columns)
@@ -122,19 +124,28 @@ def encoder_lag(log: Log, robot: Robot) -> float:
     """Return by how much the wheels' speeds are later than their angles [s]; 0 where nothing shows it.
 
     A speed that is late by e is the angle's rate at t - e: over some rows, the angle changes by e times the change of
-    speed more than the speeds add up to. Least squares over all wheels; the counts' noise is of the ways alone.
+    speed more than the speeds add up to. Least squares over all wheels; the counts' noise is of the ways alone. A lag
+    that leaves more than half of the squares does not explain them.
     """
     angles, speeds = (
         np.column_stack([log[name] for name in of(robot.wheel_count)])
         for of in (wheel_angle_names, wheel_speed_names)
     )
-    ways = 0.5 * np.diff(log.t)[:, None] * (speeds[1:] + speeds[:-1])
+    ways = 0.5 * _steps(log) * (speeds[1:] + speeds[:-1])
     ahead = _summed(np.diff(angles, axis=0) - ways)
     change = speeds[_APART:] - speeds[:-_APART]
     seen = np.isfinite(ahead) & np.isfinite(change)
-    size = float((change[seen] ** 2).sum())
-    lag = float((ahead[seen] * change[seen]).sum()) / size if size > 0.0 else 0.0
-    return lag if abs(lag) <= _LARGEST_LAG else 0.0
+    ahead, change = ahead[seen], change[seen]
+    size = float((change**2).sum())
+    lag = float((ahead * change).sum()) / size if size > 0.0 else 0.0
+    explained = ((ahead - lag * change) ** 2).sum() <= 0.5 * (ahead**2).sum()
+    return lag if explained and abs(lag) <= _LARGEST_LAG else 0.0
+
+
+def _steps(log: Log) -> Floats:
+    """Return the times (N - 1, 1) from row to row [s]; NaN where rows are missing."""
+    steps = np.diff(log.t)[:, None]
+    return np.where(steps > 1.5 * log.sample_time, np.nan, steps)
 
 
 def _summed(values: Floats) -> Floats:
