@@ -89,7 +89,8 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     position follow from them.
 
     A log is returned as it is where it lacks a wheel's angle or speed or a state, or has another velocity than that of
-    its wheel speeds, as a Kalman filter's, or where its speeds are not late; and a position that is not the integral of its velocity stays.
+    its wheel speeds, as a Kalman filter's, or where its speeds are not late. A position that is not the integral of its
+    velocity stays.
     """
     names = wheel_speed_names(robot.wheel_count)
     if len(log) < 2 * _APART or any(
