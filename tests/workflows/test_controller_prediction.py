@@ -103,7 +103,7 @@ def test_stored_prediction_reads_back(prediction: ControllerPrediction, tmp_path
     [
         (lambda tree: tree.clear(), "holds no prediction; give the results.json of `ballbot study`"),
         (lambda tree: tree["prediction"]["chosen"]["lean"].update(low="a"), r"chosen\.lean\.low is 'a'"),
-        (lambda tree: tree["prediction"]["chosen"].pop("lean"), "not one of this version"),
+        (lambda tree: tree["prediction"]["chosen"].pop("lean"), "of another version; run"),
     ],
 )
 def test_wrong_files_get_one_sentence(change, sentence, prediction: ControllerPrediction, tmp_path: Path):
