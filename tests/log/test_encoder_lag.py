@@ -62,7 +62,7 @@ def test_velocity_and_position_hold_at_their_rows():
     truth, seen = log.truth(), log.without_truth()
     before, after = errors(seen, truth), errors(without_encoder_lag(seen, ROBOT), truth)
     assert encoder_lag(seen, ROBOT) == pytest.approx(0.5 * STEP)
-    # half a sample of motion goes; what is left are counts, which average out over a way
+    # the lag of half a sample is gone; the error of the counts remains, and averages out over a distance
     assert (after < np.array([0.05, 0.5, 0.5]) * before).all()
     np.testing.assert_array_equal(without_encoder_lag(seen, ROBOT).states[:, 2:5], seen.states[:, 2:5])
 

@@ -159,7 +159,7 @@ def test_payload_is_put_on_and_taken_off() -> None:
     leans = log.truth()["phi"]
     moment = ALTEN.body.mass * ALTEN.body.center_of_mass + payload.mass * payload.position[2]
     expected = -payload.mass * payload.position[0] / moment
-    # the robot settles within seconds; what is left is slower than a thousandth of a radian
+    # the robot settles within seconds; then the lean varies by less than a thousandth of a radian
     assert leans[700:790].mean() == pytest.approx(0.0, abs=3e-4)
     assert leans[1800:1990].mean() == pytest.approx(expected, abs=1e-3)
     assert leans[3000:].mean() == pytest.approx(0.0, abs=1e-3)

@@ -211,3 +211,28 @@ def test_a_course_with_an_unknown_metric_is_refused(tmp_path):
         InputError, match=r"\[mine.one\]: There is no metric 'peak_leen'; did you mean 'peak_lean'"
     ):
         choose_courses(str(tmp_path / "courses.toml"), alten(), "model")
+
+
+@pytest.mark.parametrize(
+    ("lines", "sentence"),
+    [
+        ("stop = 9.0", "stop is 9 s, and the run ends at 9 s"),
+        (
+            "scenario.payload = { mass = 1.0, position = [0.0, 0.0, 0.5], put_on = 5.0, taken_off = 5.0 }",
+            "taken_off is 5",
+        ),
+        (
+            "scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0, ends = 3.0 }",
+            "carpet.ends is 3 s",
+        ),
+        (
+            "rising_pushes = { first = 1.0, factor = 1.1, count = 2, every = 3.0, duration = 0.1, height = 0.4 }\n"
+            "scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0 }",
+            "rising_pushes are the only disturbances",
+        ),
+    ],
+)
+def test_times_of_a_course_that_cannot_be_are_refused(tmp_path, lines, sentence):
+    (tmp_path / "courses.toml").write_text(COURSE + lines)
+    with pytest.raises(InputError, match=sentence):
+        choose_courses(str(tmp_path / "courses.toml"), alten(), "model")

@@ -76,7 +76,7 @@ LAWS: tuple[Law, ...] = (
 def law_named(name: str) -> Law:
     """Return the law of that name, or the registered law of that name or of FILE.py:NAME.
 
-    InputError if there is none.
+    InputError if the name is unknown.
     """
     names = [law.name for law in LAWS]
     if name in names:

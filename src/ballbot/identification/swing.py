@@ -190,7 +190,7 @@ def pendulum_motion(
 def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     """Return the experiment, and start values (6,) with the frequency of the spectrum and no friction.
 
-    Friction may be estimated below zero, so that its interval contains zero if there is none.
+    Friction may be estimated below zero, so that the interval of a swing without friction contains zero.
     """
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period

@@ -146,9 +146,9 @@ class Scenario:
 
     def changes(self) -> tuple[float, ...]:
         """Return when a payload is put on or taken off, or the floor becomes another one [s], in order."""
-        times = [(one.put_on, one.taken_off) for one in (self.payload,) if one]
-        times += [(one.begins, one.ends) for one in (self.carpet,) if one]
-        return tuple(sorted({t for pair in times for t in pair if 0.0 < t < NEVER}))
+        times = [self.payload.put_on, self.payload.taken_off] if self.payload else []
+        times += [self.carpet.begins, self.carpet.ends] if self.carpet else []
+        return tuple(sorted({t for t in times if 0.0 < t < NEVER}))
 
     def at(self, t: float) -> Scenario:
         """Return the scenario that stays as this one is at the time t [s]."""
@@ -270,6 +270,15 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         )
     check_parameters(scenario)
     check_rollers(scenario.rollers, robot)
+    payload, carpet = scenario.payload, scenario.carpet
+    if payload and payload.taken_off <= payload.put_on:
+        raise InputError(
+            f"payload.taken_off is {payload.taken_off:g} s; it must be later than put_on, {payload.put_on:g} s."
+        )
+    if carpet and carpet.ends <= carpet.begins:
+        raise InputError(
+            f"carpet.ends is {carpet.ends:g} s; it must be later than begins, {carpet.begins:g} s."
+        )
     _check_friction(scenario, robot)
     _check_rates(scenario)
 

@@ -143,7 +143,7 @@ class Candidate:
     estimator: EstimatorName | None = None
 
     def controller(self, robot: RobotLike) -> Feedback:
-        """Return a new controller; raise InputError if there is none, or if a user's file does not make one."""
+        """Return a new controller; raise InputError if the name is unknown, or a user's file does not make one."""
         controller = self._made(as_robot(robot))
         return controller if self.estimator is None else controller.with_estimator(self.estimator)
 

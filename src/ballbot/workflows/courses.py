@@ -38,7 +38,7 @@ class ReferenceSpec:
     options: tuple[tuple[str, float], ...] = ()  #: of the named one, such as ("ramp", 0.0)
 
     def reference(self) -> Reference:
-        """Return the reference; raise InputError if there is none of that name, or if it has no such option."""
+        """Return the reference; raise InputError if the name or an option of it is unknown."""
         if is_reference_file(self.name):
             if self.options:
                 raise InputError(
@@ -68,7 +68,7 @@ class ModelMismatch:
 
 
 PlantName = Literal["model", "twin"]
-#: directions of rising pushes, which are those of the scenario turned from seed to seed
+#: directions of rising pushes, one a seed
 DIRECTIONS = 8
 
 
@@ -225,9 +225,18 @@ def _course(
             if key not in METRIC_BY_KEY:
                 hint = suggest(key, METRIC_BY_KEY, otherwise="there are")
                 raise InputError(f"There is no metric {key!r}; {hint}")
+        rising = given.rising_pushes
+        if rising and (scenario.pushes or scenario.changes()):
+            raise InputError(
+                "rising_pushes are the only disturbances of their course; remove the scenario's pushes, and times of a "
+                "payload or a carpet."
+            )
+        if given.stop is not None and given.stop >= given.duration:
+            raise InputError(
+                f"stop is {given.stop:g} s, and the run ends at {given.duration:g} s; let it stop before."
+            )
     except InputError as error:
         raise InputError(f"{location}: {error}") from None
-    rising = given.rising_pushes
     pushes = rising.pushes(0.0) if rising else scenario.pushes
     return Course(
         name=name,

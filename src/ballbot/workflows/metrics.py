@@ -151,7 +151,7 @@ def _jump_times(log: Log) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stop:
+class StopResult:
     """How a moving robot came to rest."""
 
     time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
@@ -160,18 +160,18 @@ class Stop:
     overshoot: float  #: beyond its final position, in its direction of motion [m]
 
 
-def stop_of(log: Log, at: float) -> Stop:
+def stop_of(log: Log, at: float) -> StopResult:
     """Return how a robot that had to stop at a time [s] came to rest."""
     truth = true_place(log)
     after = log.t >= at - _ROUNDING
     x, y, t = truth["x"][after], truth["y"][after], log.t[after]
     if not len(t):
-        return Stop(time=np.nan, rested=False, distance=np.nan, overshoot=np.nan)
+        return StopResult(time=np.nan, rested=False, distance=np.nan, overshoot=np.nan)
     moving = np.flatnonzero(np.hypot(truth["x_dot"][after], truth["y_dot"][after]) >= REST)
     last = int(moving[-1]) if moving.size else 0
     way = np.array([truth["x_dot"][after][0], truth["y_dot"][after][0]])
     way /= max(float(np.hypot(*way)), REST)
-    return Stop(
+    return StopResult(
         time=float(t[last] - at),
         rested=last < len(t) - 1,
         distance=float(np.hypot(x - x[0], y - y[0]).max()),
@@ -228,14 +228,14 @@ class Score:
     energy: float  #: integral of |u w| over all wheels [J]
     peak_lean: float = np.nan  #: [rad]
     rms_speed_error: float = np.nan  #: see `metrics.rms_speed_error` [m/s]
-    stopping_time: float = np.nan  #: see `Stop`; NaN, like the next two, where nothing is to stop [s]
+    stopping_time: float = np.nan  #: see `StopResult`; NaN, like the next two, where nothing is to stop [s]
     #: whether it came to rest; where not, the stopping time is a lower bound
     rested: bool = False
     stopping_distance: float = np.nan  #: [m]
     overshoot: float = np.nan  #: [m]
     top_speed: float = np.nan  #: see `metrics.top_speed`; also of a run that ended early [m/s]
-    #: the last push after which the robot still stood at the next one, or at the end, 0 if there is none; also of a run
-    #: that ended early, and NaN without such pushes [N s]
+    #: the last push after which the robot still stood at the next one, or at the end; 0 if it fell after the first.
+    #: Also of a run that ended early; NaN without such pushes [N s]
     largest_impulse: float = np.nan
     ended: str | None  #: why the run stopped early, as in a fall
 
@@ -246,9 +246,10 @@ OF_SOME_COURSES = ("rms_speed_error", "stopping_time", "stopping_distance", "ove
 
 def values_of(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
     """Return a number of runs by its name (runs,); NaN of a run that ended early, but for what counts up to there."""
-    counts = name in ("top_speed", "largest_impulse")
+    up_to_a_fall = name in ("top_speed", "largest_impulse")
     return np.array(
-        [getattr(score, name) if counts or score.ended is None else np.nan for score in scores], np.float64
+        [getattr(score, name) if up_to_a_fall or score.ended is None else np.nan for score in scores],
+        np.float64,
     )
 
 

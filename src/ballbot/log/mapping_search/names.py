@@ -280,7 +280,7 @@ UPSIDE_DOWN, UPSIDE_DOWN_ROWS = 0.1, 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The file's column of each quantity of the log; empty or None if there is none."""
+    """The file's column of each quantity of the log; empty or None for a quantity without a column."""
 
     time: str
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
