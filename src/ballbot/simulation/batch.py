@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.interface import Feedback, estimator_of
-from ballbot.control.law import LAW_TYPE, law_code
+from ballbot.control.law import law_code
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.control.source import ControllerLike, as_controller
@@ -201,7 +201,7 @@ def _side_by_side(
         filter_code=sample_code() if len(filters) else 0,
         parameters=_on_floors(models, by_lane),
         lift_offs=_rows(lift_off, robots),
-        laws=np.stack([controller.packed for controller in controllers]).view(LAW_TYPE)[:, 0],
+        laws=np.stack([controller.packed for controller in controllers]),
         loops=_loops(by_lane, robots, controllers, sample_time),
         filters=filters,
         contacts=_rows(pack_contacts, robots),
