@@ -151,7 +151,8 @@ class Controller:
         self.record = law_record(settings, torque_limit=self.torque_limit, parts=parts)
         #: its memory, (1,) of `ballbot.control.law.MEMORY`
         self.memory = MEMORY.zeros()
-        self.packed = self.record.view(np.float64)
+        weights = parts.policy.weights if parts.policy else ()
+        self.packed = np.concatenate([self.record.view(np.float64), weights])
         self._memory = self.memory.view(np.float64)
 
     def summary(self) -> Summary:
