@@ -176,6 +176,11 @@ class Controller:
         """Return a copy that is made for another on-board state."""
         return self._copy(estimator=estimator)
 
+    @property
+    def follows_plans(self) -> bool:
+        """Whether it follows references with leans and rates: if it has feed-forward."""
+        return self.parts.feed_forward is not None
+
     def reset(self) -> None:
         """Forget the past: a run starts, and a shaped reference with it at the pose first measured."""
         self._memory[:] = 0.0
@@ -194,17 +199,19 @@ class Controller:
             Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
             missing (NaN), infinite or beyond `LARGEST_STATE`, the torques are zero and the memory stays as it is.
         reference : array_like (10,)
-            Wanted, as the state; only x, y and psi may differ from zero.
+            Wanted, as the state; without feed-forward, only x, y and psi may differ from zero.
 
         Raises
         ------
         InputError
-            If a shape is wrong, the reference holds a value that is not finite or asks for a lean or a rate.
+            If a shape is wrong, the reference holds a value that is not finite, or asks for a lean or a rate that the
+            controller does not follow.
         """
         measured = real_array(state, (10,), "The state", finite=False)
         wanted = real_array(reference, (10,), "The reference")
         torques = np.empty(len(self.gain))
-        place = control_law(self.packed, self._memory, measured, wanted, torques)
+        plans = self.follows_plans
+        place = control_law(self.packed, self._memory, measured, wanted, torques, plans=plans)
         if place != ALLOWED:
             raise InputError(refusal(place, float(wanted[place])))
         return torques
@@ -233,9 +240,9 @@ class Controller:
 def refusal(place: int, value: float) -> str:
     """Return why a reference with that value at that place of the state is refused."""
     return (
-        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero: only x, y and psi "
-        "can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
-        "does not settle on the reference."
+        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero: without feed-forward only x, y "
+        "and psi can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
+        "does not settle on the reference. The precise controller has feed-forward."
     )
 
 
