@@ -3,7 +3,7 @@
 A reference is a function f(t) -> (10,) in the order of `ballbot.log.columns.STATE_NAMES`. Only x, y and psi
 are other than zero: with the rest zero, A r = 0 holds for the linearised robot, and the controller
 u = K S(psi) (r - x) may rest there. A reference that moves therefore asks for a position and not for a speed, unless
-it is a plan (`ballbot.plan`): the states of a motion that the robot can do, which a controller with feed-forward follows.
+it is a plan (`ballbot.plan`): the states of a motion that the robot can do. Controllers with feed-forward follow it.
 
 A file is a table of poses, for any run that takes a reference by name:
 
@@ -167,12 +167,12 @@ def read_reference(path: str | Path) -> Reference:
 
     InputError if the file cannot be read, lacks a column or misses a value.
     """
-    return sampled_reference(*_read_poses(path))
+    return sampled_reference(*read_poses(path))
 
 
 def reference_text(path: str | Path) -> str:
     """Return a reference file's times and poses, or states, as the text of a CSV file, every value to the bit."""
-    times, poses = _read_poses(path)
+    times, poses = read_poses(path)
     rows = np.column_stack([times, poses]).tolist()
     return "\n".join(["t," + ",".join(_columns(poses)), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
@@ -199,7 +199,7 @@ def _columns(rows: NDArray[np.float64]) -> tuple[str, ...]:
     return _FILE_COLUMNS if rows.shape[1] == len(_FILE_COLUMNS) else _STATE_COLUMNS
 
 
-def _read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times (N,) and poses (N, 3), or a plan's states (N, 10)."""
     log = Log.read(path)
     planned = any(name in log for name in _STATE_COLUMNS if name not in _FILE_COLUMNS)

@@ -151,7 +151,11 @@ def in_robot_frame(
     start: NDArray[np.float64],  # (3,) x, y [m] and psi [rad] of the robot at the start
 ) -> NDArray[np.float64]:
     """Return a reference (10,) in the frame of the start, in the frame in which the robot estimates its state."""
-    turned = _turned_state(reference, float(start[2])) if reference[[2, 3, *range(5, 10)]].any() else reference.copy()
+    turned = (
+        _turned_state(reference, float(start[2]))
+        if reference[[2, 3, *range(5, 10)]].any()
+        else reference.copy()
+    )
     turned[:2] = start[:2] + _turned(reference[:2], start[2])
     psi = reference[4] + start[2]  # without the jump of a turn
     turned[4] = psi + math.remainder(turned[4] - psi, 2.0 * math.pi) if turned[2:4].any() else psi
