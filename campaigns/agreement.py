@@ -33,7 +33,7 @@ from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.workflows.controller_choice import SQUARE
 from ballbot.workflows.courses import Course, PlantName, ReferenceSpec
 from ballbot.workflows.grid import Condition, GridRun, GridTable, LoopRobot, run_grid
-from ballbot.workflows.metrics import SETTLE, Score
+from ballbot.workflows.metrics import SETTLE, Rules, Score
 from ballbot.workflows.statistics import fraction_with_interval, median_with_interval
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, compared, markdown_table
@@ -108,7 +108,7 @@ def _course(scenario: str, task: str) -> Course:
         about="",
         reference_spec=spec,
         duration=duration,
-        settle=settle,
+        rules=Rules(settle=settle),
         scenario={**SCENARIOS, **WITHOUT}[scenario],
         on="model",
     )
@@ -135,7 +135,7 @@ def runs_of(
                 duration=course.duration,
                 seed=seed,
                 course=course.name,
-                settle=course.settle,
+                rules=course.rules,
             ),
         )
         for seed in seeds

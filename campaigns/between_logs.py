@@ -32,10 +32,10 @@ from ballbot.identification.variation import PRIOR_FILE, Priors, scaled_units, s
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.components import scaled_friction
-from ballbot.simulation.imperfections import Supply
+from ballbot.simulation.imperfections import Roughness, Supply
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
 from campaigns.coverage import BEGIN
 from campaigns.faulty_twins import asymmetric
 from campaigns.section import Section, kept, share_words

@@ -43,18 +43,12 @@ CAMPAIGNS = {
     "axis_machines": "campaigns.one_axis:machines",
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
-    "killed_sweep": "campaigns.killed_sweep",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_fuzz": "campaigns.firmware_fuzz",
-}
-
-#: campaigns whose section the page does not have, and why
-NOT_ON_THE_PAGE = {
-    "axis_machines": "not run yet since one method replaced several; docs/axis.md has a sample of it"
 }
 
 _HEAD = """# Evidence

@@ -18,12 +18,12 @@ from ballbot.identification import Identification
 from ballbot.log import Log
 from ballbot.robot import Friction, Robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.simulation.imperfections import Supply
+from ballbot.simulation.imperfections import Roughness, Supply
 from ballbot.simulation.plant import Measurement, Plant
 from ballbot.simulation.run import simulate
 from ballbot.simulation.sensors import SensorFaults
 from ballbot.twin import Scenario, Twin
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
+from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Softness, Timing
 from ballbot.workflows.controller_choice import (
     SQUARE,
     ControllerChoice,

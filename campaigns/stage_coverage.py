@@ -133,7 +133,8 @@ def drivelines() -> Section:
     return Section(
         title="Coverage of the driveline stage's intervals",
         before=f"Sweeps of the nominal twin's free wheels (a sine of 1 N m and {SWEEP:g} s; noise of the torque, "
-        f"play and encoder counts on), {len(SWEEP_SEEDS)} seeds with three wheels each. The bias is the mean of the "
+        f"play and encoder counts on; delta is 1.1, and 1 in the law fitted, which moves s), {len(SWEEP_SEEDS)} seeds "
+        "with three wheels each. The bias is the mean of the "
         "estimate less the truth over its standard error, with the standard error of that mean; next to it the "
         "standard deviation of the same ratio, 1 if the standard errors are right. Then how many 95 % intervals "
         "contain the truth, with the 95 % interval of that share (Clopper and Pearson), and the median half width.",

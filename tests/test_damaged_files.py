@@ -41,10 +41,10 @@ from ballbot.report.log_check import COLUMNS, summed_columns
 from ballbot.robot import Robot
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.file import robot_text
-from ballbot.simulation.imperfections import Push
+from ballbot.simulation.imperfections import Push, Roughness
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
-from ballbot.twin.faults import Payload, Roughness, Timing
+from ballbot.twin.faults import Payload, Timing
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from tests.support.control_examples import example_parts
 

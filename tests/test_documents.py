@@ -184,8 +184,9 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 
 
 _WITH_EXAMPLES = (
-    "estimation mechanics.model robot.friction_law robot.robot simulation.batch simulation.run twin.scenario "
-    "twin.scenario_file twin.twin viewer.page"
+    "control.controller control.lqr control.margins control.parts control.references control.safety estimation "
+    "mechanics.model robot.friction_law robot.robot simulation.batch simulation.run twin.scenario "
+    "twin.scenario_file twin.twin validation viewer.page"
 )
 
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ballbot
@@ -11,6 +12,7 @@ from ballbot import InputError
 from ballbot.cli.main import main
 from ballbot.control.file import controller_text, read_controller
 from ballbot.file_formats import NEWEST, Kind, format_line, format_name, read_results, without_format
+from ballbot.log import Log
 from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
@@ -76,6 +78,50 @@ def test_file_of_the_present_format_reads_as_one_without_it(kind: Kind, tmp_path
     if kind == "scenario":  # is named after its file unless it states a name
         assert 'name = "nominal"' in TEXTS[kind]
     assert READERS[kind](now) == READERS[kind](before)
+
+
+@pytest.mark.parametrize(
+    ("kind", "lines", "sentence"),
+    [
+        (
+            "robot",
+            "[correlation]\nof = []\nlower = []\nstandard_errors = []",
+            "correlation.standard_errors: remove",
+        ),
+        (
+            "controller",
+            "[lean_bound]\nlean = 0.1\n[standstill]",
+            r"lean_bound: call it lean_limit\. standstill: remove",
+        ),
+        ("controller", "[shaping]\nfeed_forward = true", r"shaping.feed_forward: .* a line \[feed_forward\]"),
+        ("scenario", '[[driveline_laws]]\nlaw = "dahl"', "driveline_laws: remove"),
+        ("scenario", "[load_dependence]\nshare = 0.6", "load_dependence.share: call it fraction"),
+        ("scenario", "asymmetry = 0.1", "asymmetry is gone: give coulomb_asymmetry"),
+        ("mapping", '[file]\nrepeated_rows = "drop"', "file.repeated_rows: remove the line"),
+        (
+            "mapping",
+            '[columns.t]\nfrom = "s"\nnanoseconds = "ns"',
+            "columns.t.nanoseconds: write seconds and",
+        ),
+        ("courses", "[mine.one]\nunlike = { mass = 1.1 }", "mine.one.unlike: call it mismatch"),
+    ],
+)
+def test_key_of_an_earlier_version_is_refused_with_what_to_write(
+    kind: Kind, lines: str, sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "old.toml"
+    path.write_text(lines, encoding="utf-8")
+    with pytest.raises(InputError, match=sentence):
+        READERS[kind](path)
+
+
+def test_numpy_log_of_an_earlier_version_is_converted_by_the_line_that_refuses_it(tmp_path: Path) -> None:
+    log, path = smooth_log(rows=20), tmp_path / "log.npz"
+    np.savez(path, t=log.t, theta=log["theta"])
+    with pytest.raises(InputError, match="Convert it in Python: ") as refusal:
+        Log.read(path)
+    exec(str(refusal.value).partition("in Python: ")[2], {"ballbot": ballbot, "numpy": np})
+    assert np.array_equal(Log.read(path.with_suffix(".csv")).t, log.t)
 
 
 @pytest.mark.parametrize("kind", NEWEST)

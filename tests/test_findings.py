@@ -18,7 +18,6 @@ SIGN = Finding(
 )
 DEAD = Finding(code="dead-motor", severity="error", text="Motor 2 does nothing.")
 GAP = Finding(code="gap", severity="warning", text="One gap in time.")
-USE = Finding(code="use", severity="note", text="Not enough for drivelines.")
 
 
 def test_error_stops_with_file_text_and_the_accepting_option():

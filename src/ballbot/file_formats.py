@@ -5,13 +5,14 @@ the version of Ballbot that wrote them; results.json has both as keys. A file wi
 is read as one of the present format.
 
 A number rises when an earlier Ballbot would misread the new file: a key is renamed, removed, or means something else. A
-new key that may be left out changes nothing. Files of another number are refused.
+new key that may be left out changes nothing. Files of another number are refused, and files with a key that is gone are
+refused with what to write in its place.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
@@ -31,6 +32,28 @@ NEWEST: Mapping[Kind, int] = {
     "mapping": 1,
     "courses": 1,
     "results": 4,
+}
+
+#: tables and keys that files of earlier versions have, * for any name, and what is to be done with them
+_FORMER: Mapping[Kind, Mapping[str, str]] = {
+    "robot": {"correlation.standard_errors": "remove the line; standard deviations are those of the values"},
+    "controller": {
+        "lean_bound": "call it lean_limit",
+        "shaping.feed_forward": "remove the line and, if it was true, end the file with a line [feed_forward]",
+        "standstill": "remove it; the assist at rest gained nothing",
+        "driveline_adaptation": "remove it; it followed too little of a change of friction",
+        "floor_adaptation": "remove it; it gained nothing",
+        "load_scaling": "remove it; it gained nothing",
+    },
+    "scenario": {
+        "driveline_laws": "remove it; the drivelines have the friction of [friction]",
+        "load_dependence.share": "call it fraction",
+    },
+    "mapping": {
+        "file.repeated_rows": "remove the line; repeated rows are left out",
+        "columns.t.nanoseconds": "write seconds and nanoseconds as one column of the log, and remove the key",
+    },
+    "courses": {"*.*.unlike": "call it mismatch"},
 }
 
 _NAME = re.compile(r"ballbot (\w+) (\d{1,9})")
@@ -57,12 +80,34 @@ def without_format(text: str) -> str:
 def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
     """Return a file's tables without the key `format`, once it is found to be readable.
 
-    InputError if the file is of another kind or format.
+    InputError if the file is of another kind or format, or has keys of an earlier one.
     """
     rest = dict(tree)
     name = rest.pop("format", None)
-    if name is None:
-        return rest
+    if name is not None:
+        _check_format(name, kind)
+    former = [
+        f"{key}: {remedy}"
+        for place, remedy in _FORMER.get(kind, {}).items()
+        for key in _matches(rest, place.split("."))
+    ]
+    if former:
+        raise InputError(f"an earlier Ballbot wrote keys that are gone. {'. '.join(former)}.")
+    return rest
+
+
+def _matches(tree: object, place: Sequence[str]) -> Iterator[str]:
+    """Yield the names of a file's tables and keys that are at a place of `_FORMER`."""
+    if not isinstance(tree, Mapping):
+        return
+    for key in tree if place[0] == "*" else {place[0]} & tree.keys():
+        if len(place) == 1:
+            yield key
+        else:
+            yield from (f"{key}.{inner}" for inner in _matches(tree[key], place[1:]))
+
+
+def _check_format(name: object, kind: Kind) -> None:
     found = _NAME.fullmatch(name) if isinstance(name, str) else None
     if found is None or found[1] not in NEWEST:
         raise InputError(f"format is {name!r}; it must be {format_name(kind)!r}, or be left out.")
@@ -75,7 +120,6 @@ def take_format(tree: Mapping[str, object], kind: Kind) -> dict[str, object]:
             f"({version('ballbot')}) reads {format_name(kind)!r}. "
             f"{'Update it: pip install --upgrade ballbot' if newer else 'Make the file anew.'}"
         )
-    return rest
 
 
 def results_text(results: Mapping[str, object]) -> str:

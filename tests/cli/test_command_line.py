@@ -61,10 +61,10 @@ REFUSALS = [
     ("compare alten none none --out out", "Two controllers are called 'none'"),
     ("compare alten none --seeds 0- --out out", "The seeds are '0-'"),
     (
-        "compare alten none --scenarios moon --out out",
+        "compare alten none --courses moon --out out",
         "There is no set or course 'moon'; did you mean 'motions'",
     ),
-    ("compare alten none --scenarios moon.toml --out out", "moon.toml cannot be read"),
+    ("compare alten none --courses moon.toml --out out", "moon.toml cannot be read"),
     ("compare alten none --processes 0 --out out", "for --processes. It must be above 0"),
     ("limits alten --grip 0 --out out", "for --grip. It must be above 0"),
     ("limits alten --twin --scenario storm --out out", "no scenario or scenario file 'storm'"),
@@ -106,7 +106,7 @@ def test_bad_command_line_is_answered_in_one_sentence_before_any_work(
 
 
 def test_controllers_are_taken_after_options(tmp_path: Path) -> None:
-    words = ["--scenarios", "hold", "--seeds", "1", "none", "full", "--set", "body.mass=18.0"]
+    words = ["--courses", "hold", "--seeds", "1", "none", "full", "--set", "body.mass=18.0"]
     assert main(["compare", "alten", *words, "--out", str(tmp_path)]) == 0
     found = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
     assert list(found["overall"]) == ["none", "full"]

@@ -70,7 +70,7 @@ def test_gain_cost_and_poles_are_python_controls(weights, cross, sample_time):
         (np.where(np.arange(10) == 2, -1.0, Q), R, None, "Q is not positive semidefinite"),
         (np.diag(Q) + np.eye(10, k=1), R, None, "Q is not symmetric"),
         (Q * np.nan, R, None, "not finite"),
-        (["many"] * 10, R, None, "not an array of numbers"),
+        (["many"] * 10, R, None, "Q is an array .* it must be of real numbers"),
         (Q, R, np.ones((3, 10)), "N has the shape"),
         (Q, R, np.full((10, 3), 100.0), "Q, R and N together"),
         (np.zeros(10), R, None, "has no weight"),

@@ -201,6 +201,6 @@ def test_step_response_is_that_of_the_law_that_runs(name):
 @pytest.mark.parametrize(("given", "named"), [("nominal", "'nominal'"), (alten(), "an object of type Robot")])
 def test_margins_without_a_robot_are_refused_in_a_sentence(given, named):
     with pytest.raises(
-        InputError, match=f"margins of {named} are not known; give a Controller, which knows its robot"
+        InputError, match=f"argins of {named} cannot be computed; give a Controller, which knows its robot"
     ):
         loop_margins(given)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ballbot import InputError
-from ballbot.control.law import LAW, MEMORY
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import MAX_WHEELS, Schema, converted, fill_record, number, schema_of, whole
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
+from tests.support.control_examples import FRICTION, alten, everything
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,13 +23,6 @@ class Example:
 def test_structured_type_has_the_names_order_and_lengths_of_the_dataclass():
     assert schema_of(Example).dtype() == np.dtype([("on", "i8"), ("torque", "f8"), ("gains", "f8", (4, 2))])
     assert schema_of(Example).lines() == ["on whole [] 1", "torque real [] N m", "gains real [4, 2] 1"]
-
-
-@pytest.mark.parametrize("schema", [LAW, MEMORY], ids=["law", "memory"])
-@pytest.mark.parametrize(("precision", "width"), [("double", 8), ("single", 4)])
-def test_records_have_no_padding(schema: Schema, precision, width):
-    numbers = sum(int(np.prod(eval(line.split("[")[1].split("]")[0] or "1"))) for line in schema.lines())
-    assert schema.dtype(precision).itemsize == width * numbers
 
 
 def test_digest_covers_names_types_lengths_units_and_order():
@@ -61,16 +53,6 @@ def test_digest_covers_names_types_lengths_units_and_order():
 def test_array_without_room_is_refused(gains, sentence):
     with pytest.raises(InputError, match=sentence):
         fill_record(schema_of(Example).zeros(), Example(gains=gains))
-
-
-@pytest.mark.parametrize("robot", [alten(FRICTION), four_wheeled(friction=True)], ids=["three", "four"])
-def test_single_precision_keeps_every_number_of_a_controller_to_1e_7(robot):
-    record = everything(robot).record
-    single = converted(record, LAW)
-    assert single.dtype == LAW.dtype("single")
-    for name in KINDS:
-        for key in schema_of(KINDS[name].record).fields:
-            np.testing.assert_allclose(single[name][key], record[name][key], rtol=1e-7)
 
 
 def test_single_precision_refuses_what_is_out_of_range_or_lost():

@@ -60,7 +60,7 @@ def test_the_eight_crosses_itself_in_the_origin_and_fills_its_box():
 def test_bad_references_end_in_a_sentence():
     with pytest.raises(InputError, match="the names are hold, square, change_pose, circle, figure_eight"):
         references.named_reference("spiral")
-    with pytest.raises(InputError, match="period is 0; it must be positive"):
+    with pytest.raises(InputError, match="period is 0; it must be above zero"):
         references.square(period=0.0)
     with pytest.raises(InputError, match="ramp is -1 s"):
         references.change_pose(ramp=-1.0)

@@ -1,6 +1,5 @@
 """The safety layer: what it bridges, stops and reports, and that it changes nothing else."""
 
-import doctest
 import math
 from dataclasses import replace
 
@@ -9,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.control import safety
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
 from ballbot.control.safety import SafeController, SafetyLimits, StopReason
@@ -146,9 +144,3 @@ def test_a_run_ends_where_the_motors_are_stopped(predicted):
 def test_wrong_limits_are_refused(limits, sentence):
     with pytest.raises(InputError, match=sentence):
         SafetyLimits(**limits)
-
-
-def test_the_example_of_the_module_runs():
-    done = doctest.testmod(safety)
-    assert done.attempted >= 6
-    assert not done.failed

@@ -1,12 +1,13 @@
-"""Intervals on the ratio of two models' errors: how often they contain a known truth, and errors by horizon."""
+"""Intervals on the ratio of two models' errors: how often they contain a known truth, verdicts, errors by horizon."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.signal import lfilter
 
-from ballbot.fitting.comparison import HorizonErrors, ratio_interval
+from ballbot.fitting.comparison import HorizonErrors, ratio_interval, verdicts
 
 
 def _errors(
@@ -28,6 +29,19 @@ def test_ratio_interval_covers_the_truth_at_its_level(runs, memory, least):
         held.append((lower <= 3.0) & (upper >= 3.0))
     # of 300 intervals, 95 % hold it give or take 1.3 %, and a little fewer with memory
     assert least < np.mean(held) <= 0.99
+
+
+def test_better_requires_the_whole_interval_above_one():
+    random = np.random.default_rng(5)
+
+    def said(first: np.ndarray, second: np.ndarray) -> tuple[str, ...]:
+        return verdicts(ratio_interval(second, first))
+
+    equal = [word for _ in range(40) for word in said(*_errors(random, runs=20, memory=0.0, ratio=1.0))]
+    # two equal models: a word on either in 5 % of 400 cases, by the binomial at most 8.3 % in 1000 such tests
+    assert np.mean([word != "undecided" for word in equal]) < stats.binom.isf(1e-3, 400, 0.05) / 400
+    assert set(said(*_errors(random, runs=60, memory=0.0))) == {"better"}
+    assert verdicts(np.array([[0.9, 1.1, 0.5], [1.2, 1.3, 0.8]])) == ("undecided", "better", "worse")
 
 
 def test_overlapping_forecasts_do_not_make_an_interval_narrower():

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from ballbot.findings import texts
 from ballbot.fitting.intervals import Errors, Interval, between, truncated_reach
-from ballbot.fitting.uncertainty import covariance, leverage_corrected
+from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import scale_between
 from ballbot.identification.result_findings import correlation_findings, interval_findings
 from tests.support.control_examples import alten
@@ -77,7 +77,8 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
     apart = np.array([fitted(np.delete(everything, i)) for i in everything]) - estimate
     left = y + J @ estimate
     equations = leverage_corrected(
-        np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, left), np.ones(3, bool)
+        WindowEquations(matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, left)),
+        np.ones(3, bool),
     )
     # `covariance` has W / (W - 1) where the jackknife about the estimate has (W - 1) / W
     jackknife = np.einsum("wi,wj->ij", apart, apart) * 25 / 24

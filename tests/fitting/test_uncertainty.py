@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ballbot.fitting.uncertainty import (
-    NormalEquations,
     WindowEquations,
     block_length,
     bootstrap,
@@ -58,8 +57,7 @@ def test_errors_are_those_of_many_repeats_where_neighbouring_windows_depend_on_e
         equations = equations_of(J, residual + shift)
         estimates.append(shift)
         resampled.append(bootstrap(equations, np.array([True]), seed=seed, repeats=200).std())
-        normal = NormalEquations(matrix=equations.matrices.sum(axis=0), scores=equations.scores)
-        clustered.append(np.sqrt(covariance(normal, np.array([True]))[0, 0]))
+        clustered.append(np.sqrt(covariance(equations, np.array([True]))[0, 0]))
     true = np.std(estimates)
     # of a memory of 0.7 the clustered errors see 1 / sqrt((1 + 0.7) / (1 - 0.7)) = 0.42
     assert np.median(clustered) / true == pytest.approx(0.42, abs=0.05)

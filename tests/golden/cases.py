@@ -202,12 +202,12 @@ CASES: tuple[Case, ...] = (
     _command("limits", f"limits {_ROBOT} none files/controller_full.toml"),
     _command(
         "compare",
-        f"compare {_ROBOT} none full precise --scenarios files/courses.toml --seeds 4,5 --processes 1",
+        f"compare {_ROBOT} none full precise --courses files/courses.toml --seeds 4,5 --processes 1",
         alone=True,
     ),
     _command(
         "compare_twin",
-        f"compare {_ROBOT} none partial@kalman --plant twin --scenarios files/courses.toml --seeds 1 --processes 2",
+        f"compare {_ROBOT} none partial@kalman --plant twin --courses files/courses.toml --seeds 1 --processes 2",
     ),
     # the whole
     _command("excite", f"excite {_ROBOT} --duration 10", sampled=True),

@@ -7,7 +7,7 @@ import pytest
 
 from ballbot.fitting.fit import descend, profile
 from ballbot.fitting.run import Threads
-from ballbot.fitting.uncertainty import NormalEquations, block_length, bootstrap, covariance, resamples
+from ballbot.fitting.uncertainty import WindowEquations, block_length, bootstrap, covariance, resamples
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Bounds, scale_between
@@ -67,7 +67,7 @@ def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
 def test_a_descent_from_elsewhere_ends_in_the_same_place(problem, finished):
     anywhere = np.where(problem.coordinates.free, 0.4, finished.point)
     other = descend(problem, anywhere, free=problem.coordinates.free, most_steps=75)
-    errors = np.sqrt(covariance(finished.equations.normal, problem.coordinates.free).diagonal())
+    errors = np.sqrt(covariance(finished.equations, problem.coordinates.free).diagonal())
     # a window in another minimum over its start costs 1e-4, and moves parameters by a fraction of their errors
     assert other.cost == pytest.approx(finished.cost, abs=5e-4)
     assert (np.abs(other.point - finished.point) / errors).max() < 0.5
@@ -75,12 +75,12 @@ def test_a_descent_from_elsewhere_ends_in_the_same_place(problem, finished):
 
 def test_known_friction_is_found_within_its_errors_and_better_than_from_measured_starts(problem, finished):
     free = problem.coordinates.free
-    errors = np.sqrt(covariance(finished.equations.normal, free).diagonal())
+    errors = np.sqrt(covariance(finished.equations, free).diagonal())
     deviation = (finished.point - problem.coordinates.scaled(TRUTH)) / errors
     # 3.5 of them: one in 2000 if normal, and twelve are looked at
     assert np.abs(deviation).max() < 3.5
     held = problem.linearize_widely(problem.coordinates.scaled(TRUTH), problem.windows.initial)
-    there = NormalEquations(matrix=held.H.sum(axis=0), scores=held.g)
+    there = WindowEquations(matrices=held.H, scores=held.g)
     from_measured = np.sqrt(covariance(there, free).diagonal())
     assert np.median(from_measured / errors) > 1.5
 
@@ -93,7 +93,7 @@ def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(prob
         about = problem.linearize_widely(point, starts)
         starts = starts + about.shift
     about = problem.linearize_widely(point, starts)
-    normal = about.equations.normal
+    normal = about.equations
     step = 1e-3
     moved = np.stack([point, point])
     moved[0, 3], moved[1, 3] = point[3] + step, point[3] - step
@@ -125,7 +125,7 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     free = problem.coordinates.free
     place = problem.coordinates.labels.index("C_rr")
     found = descend(problem, problem.coordinates.scaled(TRUTH), free=free, most_steps=20)
-    independent = 1.0 / np.sqrt(found.equations.normal.matrix[place, place])
+    independent = 1.0 / np.sqrt(found.equations.matrix[place, place])
     lower, upper = profile(found, place, free=free, error=2.0 * independent, rise=4.0)
     assert lower is not None
     assert upper is not None

@@ -137,7 +137,7 @@ def test_stribeck_asymmetry_is_identified_and_separated_from_that_of_coulomb_fri
         start[12:] = 0.0
         coordinates = problem.coordinates
         fit = descend(problem, coordinates.scaled(start), free=coordinates.free, most_steps=6)
-        errors = np.sqrt(covariance(fit.equations.normal, coordinates.free & ~at_bound(fit.point)).diagonal())
+        errors = np.sqrt(covariance(fit.equations, coordinates.free & ~at_bound(fit.point)).diagonal())
         found[law] = (fit, coordinates.physical(fit.point), errors * coordinates.slopes(fit.point))
     (less, _, _), (fit, values, errors) = found["asymmetric"], found["directed"]
     # the geometric mean of the states' errors falls by 6 % or more

@@ -1,6 +1,4 @@
 /* The C side's codec behind functions that a test can call: all frames of a stream, and encodings. */
-#include "link/cobs.h"
-#include "link/crc32.h"
 #include "link/frames.h"
 
 /* A frame as it was received. */
@@ -13,9 +11,6 @@ struct found {
 };
 
 size_t decode_stream(const uint8_t *bytes, size_t count, struct found found[], uint32_t refused[BALLBOT_LAYERS]);
-uint32_t crc32_of(const uint8_t *bytes, size_t count);
-size_t encode_cobs(const uint8_t *bytes, size_t count, uint8_t *coded);
-size_t decode_cobs(uint8_t *bytes, size_t count);
 size_t encode_frame(uint32_t type, uint32_t session, uint32_t sequence, const uint8_t *body, size_t length,
                     uint8_t *coded);
 
@@ -42,23 +37,6 @@ size_t decode_stream(const uint8_t *bytes, size_t count, struct found found[], u
         }
     }
     return frames;
-}
-
-uint32_t crc32_of(const uint8_t *bytes, size_t count)
-{
-    return ballbot_crc32(bytes, count);
-}
-
-size_t encode_cobs(const uint8_t *bytes, size_t count, uint8_t *coded)
-{
-    return ballbot_cobs_encode(bytes, count, coded);
-}
-
-size_t decode_cobs(uint8_t *bytes, size_t count)
-{
-    size_t left = count;
-
-    return ballbot_cobs_decode(bytes, &left) ? left : (size_t)-1;
 }
 
 size_t encode_frame(uint32_t type, uint32_t session, uint32_t sequence, const uint8_t *body, size_t length,

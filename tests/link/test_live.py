@@ -25,7 +25,7 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.metrics import score
+from ballbot.workflows.metrics import Rules, score
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -102,7 +102,10 @@ def test_controller_on_the_robot_follows_as_in_simulation():
     simulated = simulate(alone, live.controller, square(period=16.0), duration=6.0, seed=1)
     measured, expected = (one.without_truth() for one in (log, simulated))
     # another seed of the noise: the same kind of run, not the same run
-    ratio = score(measured, settle=2.0).rms_position_error / score(expected, settle=2.0).rms_position_error
+    ratio = (
+        score(measured, Rules(settle=2.0)).rms_position_error
+        / score(expected, Rules(settle=2.0)).rms_position_error
+    )
     assert 0.4 < ratio < 2.5
     assert not live.emulated.motors.armed
 

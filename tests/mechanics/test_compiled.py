@@ -9,15 +9,22 @@ import pytest
 
 from tests.support.paths import ROOT
 
-#: a function that is soon compiled
+#: a module of one function that is soon compiled, and a call of it
 SMALL = """
+from ballbot.mechanics.engine.compiled import compiled
+
+@compiled
+def doubled(x):
+    return 2.0 * x
+"""
+CALL = """
 import sys
 sys.stderr.isatty = lambda: True
-import numpy as np
-from ballbot.twin.driveline import _stribeck_sizes
-numbers, sizes = np.arange(1.0, 4.0), np.empty(3)
-_stribeck_sizes(numbers, numbers, numbers, 1.5, 1.1, sizes)
-print(sizes)
+from importlib.util import module_from_spec, spec_from_file_location
+spec = spec_from_file_location("ballbot.small", "small.py")
+small = sys.modules["ballbot.small"] = module_from_spec(spec)
+spec.loader.exec_module(small)
+print(small.doubled(1.5))
 """
 
 #: batches of the law and the mechanics: functions that others call, in vector lanes and alone
@@ -33,12 +40,12 @@ print(hashlib.sha256(found.states.tobytes()).hexdigest())
 """
 
 
-def run(program: str, cache: Path) -> tuple[str, int]:
-    """Return what a program prints with compiled code in that folder, and how often it says that it compiles."""
+def run(program: str, cache: Path, folder: Path = ROOT) -> tuple[str, int]:
+    """Return what a program prints with compiled code in `cache`, and how often it says that it compiles."""
     done = subprocess.run(
         [sys.executable, "-c", program],
         env=os.environ | {"NUMBA_CACHE_DIR": str(cache)},
-        cwd=ROOT,
+        cwd=folder,
         capture_output=True,
         text=True,
         check=True,
@@ -54,10 +61,12 @@ def test_code_just_compiled_and_code_read_from_disk_give_the_same_bits(tmp_path)
 
 
 def test_a_damaged_cache_is_compiled_again_and_compilation_is_said_once(tmp_path):
-    first = run(SMALL, tmp_path)
-    assert first[1] == 1
-    assert run(SMALL, tmp_path) == (first[0], 0)
+    (tmp_path / "small.py").write_text(SMALL)
+    cache = tmp_path / "cache"
+    first = run(CALL, cache, tmp_path)
+    assert first == ("3.0\n", 1)
+    assert run(CALL, cache, tmp_path) == (first[0], 0)
     for ending, size in (("nbi", -20), ("nbc", 0)):
-        for file in tmp_path.rglob(f"*.{ending}"):
+        for file in cache.rglob(f"*.{ending}"):
             file.write_bytes(file.read_bytes()[:size])
-        assert run(SMALL, tmp_path) == first
+        assert run(CALL, cache, tmp_path) == first

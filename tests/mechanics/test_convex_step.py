@@ -157,6 +157,3 @@ def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(
     if beyond:
         speed = model.wheel_speed(end[:5], end[5:])[wheel]
         assert speed * direction > 0.0
-
-
-# --- rest and dissipation --------------------------------------------------------------------------

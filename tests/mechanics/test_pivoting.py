@@ -118,9 +118,6 @@ def test_a_spinning_ball_is_braked_by_exactly_the_limit_and_stops_for_good() -> 
     assert stopped[9] != 0.0  # the wheels' inertia has passed some of it to the body
 
 
-# --- the heading's share ---------------------------------------------------------------------------
-
-
 # --- friction's work, plants and refusals -----------------------------------------------------------
 
 

@@ -9,12 +9,21 @@ from scipy.optimize import brentq
 
 from ballbot import Controller, InputError, Log, Model, Robot, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.references import circle
+from ballbot.control.references import circle, drive
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot.wheel_directions import contact_directions, rolling_directions
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.simulation.imperfections import Imperfections, Push, RollerContacts, Supply
+from ballbot.simulation.imperfections import (
+    Imperfections,
+    Later,
+    Push,
+    RollerContacts,
+    Roughness,
+    Supply,
+    slope_of,
+    waves_of,
+)
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
@@ -317,3 +326,62 @@ def test_friction_follows_the_force_on_the_wheels():
     assert np.abs(share).min() > 0.02
     # over 5 ms speeds and forces change by a tenth
     np.testing.assert_allclose(torques_behind(ROBOT, follows - plain)[0], -share * dry, rtol=0.15)
+
+
+def test_payload_and_floor_that_change_are_those_of_the_plant_called_one_sample_at_a_time():
+    """Between two steps of a sample and in the middle of sticking, with play and a Kalman filter."""
+    heavy = ROBOT.replace({"body.mass": 11.0, "friction.rolling": 0.02})
+    later = (
+        Later(time=0.1, model=Model(heavy), imbalance=(0.1, 0.05)),
+        Later(time=0.3, model=Model(ROBOT)),
+    )
+    bumpy = Roughness(height=5e-4, wavelength=0.1, seed=1)
+    borne = replace(NOISY, backlash=PLAY, slope=(0.01, 0.0), known=ROBOT, later=later, roughness=bumpy)
+    controller = precise_controller(ROBOT).with_estimator("kalman")
+    assert_one_by_one(controller, borne, 0.5)
+    plain = ran(controller, replace(borne, later=()), duration=0.5)
+    assert np.abs(plain.states[0, -1] - ran(controller, borne, duration=0.5).states[0, -1]).max() > 1e-3
+
+
+def test_robots_of_a_batch_change_at_the_same_instants():
+    borne = [Imperfections(later=(Later(time=t, model=Model(ROBOT)),)) for t in (0.1, 0.2)]
+    with pytest.raises(InputError, match="different times"):
+        ran(None, borne, duration=0.5, starts=np.array([START, START]))
+
+
+def test_robot_on_a_long_wave_leans_as_on_a_slope():
+    """A body at rest has its centre of mass above the contact: m_r l theta = M r_b s, whatever makes the slope s."""
+    waves = Roughness(height=10.0, wavelength=1e4, seed=3)
+    slope = slope_of(waves_of(waves), np.zeros(2))
+    assert 1e-3 < np.hypot(*slope) < 0.02
+    leans = []
+    for borne in (Imperfections(roughness=waves), Imperfections(slope=(float(slope[0]), float(slope[1])))):
+        batch = ran(precise_controller(ROBOT), borne, duration=8.0, starts=np.zeros(10))
+        leans.append(batch.states[0, -200:, 2:4].mean(axis=0))
+    mass, moment = ROBOT.ball.mass + ROBOT.body.mass, ROBOT.body.mass * ROBOT.body.center_of_mass
+    expected = mass * ROBOT.ball.radius / moment * np.array([slope[1], -slope[0]])
+    # while it follows the circle, friction's compensation leaves a few percent of the lean
+    np.testing.assert_allclose(leans[0], leans[1], atol=0.1 * np.abs(expected).max())
+
+
+def test_a_carpet_takes_its_power():
+    """At a steady speed v, more rolling friction takes M g (C' - C) v more of the motors."""
+    rough = ROBOT.replace({"friction.rolling": ROBOT.friction.rolling + 0.014})
+    batch = simulate_batch(
+        Model(ROBOT),
+        precise_controller(ROBOT),
+        drive(speed=0.25),
+        duration=16.0,
+        initial_states=np.zeros(10),
+        imperfections=Imperfections(later=(Later(time=10.0, model=Model(rough)),)),
+    )
+    states = batch.states[0]
+    power = (batch.torques[0] * Model(ROBOT).wheel_speed(states[:, :5], states[:, 5:])).sum(axis=1)
+    steady = [slice(1400, 2000), slice(2600, 3200)]
+    speed = states[steady[1], 5].mean()
+    weight = (ROBOT.ball.mass + ROBOT.body.mass) * ROBOT.gravity
+    assert speed == pytest.approx(0.25, rel=0.02)
+    # the same speed and leans before and after to a few percent of what the carpet takes
+    assert power[steady[1]].mean() - power[steady[0]].mean() == pytest.approx(
+        weight * 0.014 * speed, rel=0.03
+    )

@@ -379,6 +379,3 @@ def test_a_payload_off_the_axis_leans_the_robot_as_the_twin():
     assert np.hypot(*leans[0]) > 0.01
     # what is shown of the lean is of first order in the offset, 24 mrad
     np.testing.assert_allclose(leans[1], leans[0], atol=0.01 * np.hypot(*leans[0]))
-
-
-# --- the command ---

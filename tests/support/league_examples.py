@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Log
+from ballbot.log.columns import STATE_NAMES
 
 Column = Callable[[NDArray[np.float64]], NDArray[np.float64]] | float
 
@@ -82,7 +83,7 @@ def made_log(
 ) -> Log:
     """Return a log whose columns are functions of time or constants; what is not given is zero."""
     t = np.arange(round(duration * rate)) / rate
-    names = ["u1", "u2", "u3", "x", "y", "psi", "ref_x", "ref_y", "ref_psi", "wheel1", "wheel2", "wheel3"]
+    names = ["u1", "u2", "u3", *STATE_NAMES, "ref_x", "ref_y", "ref_psi", "wheel1", "wheel2", "wheel3"]
     made = {name: _column(columns.pop(name, 0.0), t) for name in names}
     return Log({"t": t} | made | {name: _column(one, t) for name, one in columns.items()}, ended=ended)
 

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from ballbot import simulate
+from ballbot.control.presets import precise_controller
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
 from ballbot.robot import Friction
@@ -13,7 +15,7 @@ from ballbot.simulation.imperfections import Push
 from ballbot.twin import Scenario, Twin, twin_mjcf
 from ballbot.twin.driveline import Shafts
 from ballbot.twin.engine import Engine
-from ballbot.twin.faults import Compliance, LoadDependence, Payload, Softness, Timing
+from ballbot.twin.faults import Carpet, Compliance, LoadDependence, Payload, Softness, Timing
 from tests.support.twin_examples import ALTEN, IDEAL, block_of, ideal, lone_ball
 
 # Contacts
@@ -146,3 +148,32 @@ def test_jitter_keeps_the_mean_rate() -> None:
 def test_impossible_faults_are_refused(faults: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         Twin(ALTEN, ideal(**faults))
+
+
+@pytest.mark.slow
+def test_payload_is_put_on_and_taken_off() -> None:
+    """While it is there, the body leans so that the common centre of mass is above the contact."""
+    payload = Payload(mass=2.0, position=(0.05, 0.0, 0.6), put_on=4.0, taken_off=10.0)
+    twin = Twin(ALTEN, ideal(payload=payload))
+    log = simulate(twin, precise_controller(ALTEN), "hold", duration=16.0, initial_state=np.zeros(10))
+    leans = log.truth()["phi"]
+    moment = ALTEN.body.mass * ALTEN.body.center_of_mass + payload.mass * payload.position[2]
+    expected = -payload.mass * payload.position[0] / moment
+    # the robot settles within seconds; what is left is slower than a thousandth of a radian
+    assert leans[700:790].mean() == pytest.approx(0.0, abs=3e-4)
+    assert leans[1800:1990].mean() == pytest.approx(expected, abs=1e-3)
+    assert leans[3000:].mean() == pytest.approx(0.0, abs=1e-3)
+
+
+def test_carpet_is_under_the_robot_for_a_while() -> None:
+    scenario = ideal(carpet=Carpet(rolling=0.03, pivoting=0.05, begins=0.01, ends=0.02), pivoting=0.01)
+    twin = Twin(ALTEN, scenario)
+    twin.reset()
+    seen = []
+    for _ in range(5):
+        seen.append(twin.engine.floor_friction[2:4].tolist())
+        twin.step(np.zeros(3), 0.005)
+    on, off = [0.05, pytest.approx(0.03 * ALTEN.ball.radius)], [0.01, 0.0]
+    # the third sample begins at 0.01 s, the fifth at 0.02 s
+    assert seen == [off, off, off, on, on]
+    assert twin.engine.floor_friction[2:4].tolist() == off

@@ -17,7 +17,6 @@ from ballbot.validation import ModelPair
 from ballbot.validation.models import Case, stretches
 from ballbot.validation.residuals import (
     Prediction,
-    ResidualAnalysis,
     predict,
     wheel_torque_residuals,
 )
@@ -47,10 +46,6 @@ def _filtered(b: list[float], a: list[float], values: np.ndarray) -> np.ndarray:
 
 def _predicted(robot: Robot, log: Log) -> Prediction:
     return predict(Case(models=ModelPair.by_friction(Model(robot)), log=log, parts=stretches(log)))
-
-
-def _analysed(robot: Robot, log: Log) -> ResidualAnalysis:
-    return _predicted(robot, log).analysis
 
 
 # --- series in segments ---
@@ -157,13 +152,13 @@ def test_a_resonance_is_named_within_the_resolution(frequency):
     ringing = _filtered([1.0], [1.0, -2.0 * pole.real, abs(pole) ** 2], random.normal(size=4801))
     log = noisy_log()
     shaken = log.with_columns({"theta_dot": log["theta_dot"] + 0.01 * ringing[: len(log)] / ringing.std()})
-    found = _analysed(true_robot(), shaken)
+    found = _predicted(true_robot(), shaken)
     assert found.spectrum is not None
     (peak,) = found.spectrum.peaks
     assert abs(peak.frequency - frequency) < found.spectrum.resolution < 0.6
     assert peak.state == STATE_NAMES.index("theta_dot")
-    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in texts(found.findings))
-    bare = _analysed(true_robot(), log).spectrum
+    assert any(f"{peak.frequency:.1f} Hz in " in sentence for sentence in texts(found.remarks()))
+    bare = _predicted(true_robot(), log).spectrum
     assert bare is not None
     assert bare.peaks == ()
 
@@ -183,7 +178,7 @@ def test_residual_torques_are_those_that_were_missing():
 
 
 def test_fault_free_robot_gets_no_residual_finding():
-    said = " ".join(texts(_analysed(true_robot(), wheel_log()).findings))
+    said = " ".join(texts(_predicted(true_robot(), wheel_log()).remarks()))
     for nothing in ("does not depend on the wheel speeds", "no distinct peak"):
         assert nothing in said
 
@@ -191,15 +186,15 @@ def test_fault_free_robot_gets_no_residual_finding():
 def test_wrong_friction_shows_as_a_speed_effect():
     robot = true_robot()
     less = replace(robot.friction, coulomb=tuple(c - 0.03 for c in robot.friction.coulomb))
-    found = _analysed(robot.replace(friction=less), wheel_log())
-    assert found.by_speed is not None
+    found = _predicted(robot.replace(friction=less), wheel_log())
+    assert found.by_speed
     for effect in found.by_speed:
         assert effect.p_value < 1e-3
         rolling = np.abs(effect.speeds) > 0.5
         # the model brakes 0.03 N m too little, whichever way the wheel turns
         missing = -0.03 * np.sign(effect.speeds[rolling])
         assert np.all(np.abs(effect.torques[rolling] - missing) < 1.5 * effect.half_widths[rolling])
-    assert "depends on the speed" in " ".join(texts(found.findings))
+    assert "depends on the speed" in " ".join(texts(found.remarks()))
 
 
 # --- refusals ---
@@ -208,16 +203,16 @@ def test_wrong_friction_shows_as_a_speed_effect():
 def test_log_without_encoders_is_reported():
     log = noisy_log()
     bare = Log({name: values for name, values in log.columns.items() if not name.startswith("wheel")})
-    found = _analysed(true_robot(), bare)
-    assert found.by_speed is None
-    assert any("lacks the encoder speeds" in sentence for sentence in texts(found.findings))
+    found = _predicted(true_robot(), bare)
+    assert not found.by_speed
+    assert any("lacks the encoder speeds" in sentence for sentence in texts(found.remarks()))
 
 
 @pytest.mark.parametrize("rows", [12, 450, 1500])
 def test_short_logs_give_the_reason_instead_of_an_effect(rows):
-    found = _analysed(true_robot(), wheel_log().select(slice(0, rows)))
-    said = " ".join(texts(found.findings))
+    found = _predicted(true_robot(), wheel_log().select(slice(0, rows)))
+    said = " ".join(texts(found.remarks()))
     assert "too short" in said
     assert "nan" not in said
-    assert found.by_speed is None
+    assert not found.by_speed
     assert (found.whiteness is None) == (rows < 501)

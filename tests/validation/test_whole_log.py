@@ -51,14 +51,14 @@ def _beside_own_model(*, logs: int, duration: float) -> list[WholeLog]:
 @pytest.mark.slow
 def test_a_log_lies_within_its_own_model_s_range_and_outside_that_without_friction():
     found = _beside_own_model(logs=4, duration=16.0)
-    inside = np.mean([one.places == 0 for one in found], axis=0)  # (model, quantity, state)
+    inside = np.mean([one.sides == 0 for one in found], axis=0)  # (model, quantity, state)
     # nominally 95 % of 120 numbers; those of a log depend on each other, so that they scatter like those of four logs
     # with a few independent numbers each. 24 logs of 32 s, seeds of their own: 91.5 %
     assert 0.85 <= inside[0].mean() <= 0.995
     # the sticky robot's limit cycle: its heading swings, which nothing without friction does
     heading = STATE_NAMES.index("psi")
     assert inside[1, :2, heading].max() == 0.0
-    assert np.mean([one.places[1, 0] for one in found]) > 0.5  # friction makes deviations larger: above
+    assert np.mean([one.sides[1, 0] for one in found]) > 0.5  # friction makes deviations larger: above
     assert all(one.nearer[0] > one.nearer[1] for one in found)
 
 

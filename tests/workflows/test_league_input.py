@@ -180,3 +180,34 @@ def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
         "own": "kalman",
         "other": "onboard",
     }
+
+
+@pytest.mark.parametrize("preset", Robot.presets())
+def test_the_benchmark_can_be_run_on_every_preset(preset):
+    robot = Robot.load(preset)
+    courses = {course.name: course for course in choose_courses("benchmark", robot, "model")}
+    assert len(courses) == 15
+    assert all(course.metrics and course.about for course in courses.values())
+    assert [name for name, course in courses.items() if course.until_fall] == ["rising_pushes", "faster"]
+    rising = courses["rising_pushes"]
+    for seed, toward in ((0, (1.0, 0.0)), (2, (0.0, 1.0)), (11, (-(0.5**0.5), 0.5**0.5))):
+        plant = rising.plant(robot, seed=seed)
+        assert isinstance(plant, LoopRobot)
+        pushes = plant.imperfections.pushes
+        impulses = [np.array(push.force[:2]) * push.duration for push in pushes]
+        np.testing.assert_allclose(impulses[0], 4.0 * np.array(toward), atol=1e-12)
+        np.testing.assert_allclose(impulses[1], 1.1 * impulses[0])
+        assert [push.time for push in pushes[:3]] == [5.0, 10.0, 15.0]
+    changing = courses["payload_on_and_off"].plant(robot)
+    assert isinstance(changing, LoopRobot)
+    assert [later.time for later in changing.imperfections.later] == [10.0, 20.0]
+    masses = [later.model.robot.body.mass for later in changing.imperfections.later]
+    assert masses == [pytest.approx(robot.body.mass + 2.0), robot.body.mass]
+
+
+def test_a_course_with_an_unknown_metric_is_refused(tmp_path):
+    (tmp_path / "courses.toml").write_text(COURSE + 'metrics = ["peak_leen"]')
+    with pytest.raises(
+        InputError, match=r"\[mine.one\]: There is no metric 'peak_leen'; did you mean 'peak_lean'"
+    ):
+        choose_courses(str(tmp_path / "courses.toml"), alten(), "model")

@@ -10,14 +10,18 @@ from ballbot.report.run import run_verdict
 from ballbot.workflows.metrics import (
     BAND,
     HIGH_FREQUENCY,
+    Rules,
     energy,
     heading_error,
     high_frequency_torque,
     position_error,
+    rms_speed_error,
     run_results,
     score,
     settled,
     settling_time,
+    stop_of,
+    top_speed,
 )
 from tests.support.league_examples import made_log
 
@@ -31,7 +35,7 @@ def test_errors_count_once_settled():
 
 def test_errors_of_a_robot_that_swings():
     log = made_log(duration=12.0, x=lambda t: 0.3 * np.sin(np.pi * t), psi=lambda t: 0.2 * np.cos(np.pi * t))
-    found = score(log, settle=2.0)  # five whole swings count
+    found = score(log, Rules(settle=2.0))  # five whole swings count
     assert found.peak_position_error == pytest.approx(0.3)
     assert found.rms_position_error == pytest.approx(0.3 / np.sqrt(2.0))
     assert found.peak_heading_error == pytest.approx(0.2)
@@ -128,7 +132,7 @@ def test_fall_is_counted():
 
 def test_too_short_run_is_reported():
     with pytest.raises(InputError, match="30 s after the start"):
-        score(made_log(), settle=30.0)
+        score(made_log(), Rules(settle=30.0))
 
 
 @pytest.mark.parametrize(("duration", "seconds"), [(4.0, None), (20.0, 14.0)])
@@ -146,3 +150,58 @@ def test_results_of_a_run_have_the_errors_once_settled_and_of_the_whole_run(dura
     ((_, _), (heading, words)) = run_verdict(made)
     assert heading == "Distance from the reference"
     assert words.startswith("1400 mm at most" if seconds else "Not rated, as the run is shorter than")
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    speed=st.floats(0.3, 3.0),
+    heading=st.floats(-3.0, 3.0),
+    braking=st.floats(0.5, 3.0),
+    back=st.floats(0.0, 0.3),
+)
+def test_stop_at_an_even_deceleration(speed, heading, braking, back):
+    """v = v_0 - a t until it has gone back by so much; then it stands. The way is v_0^2 / 2 a."""
+    turn, way = speed / braking, 0.5 * speed**2 / braking
+    rest = turn + np.sqrt(2.0 * back / braking)
+
+    def along(t):
+        since = np.clip(t - 5.0, 0.0, rest)
+        return np.minimum(t - 5.0, 0.0) * speed + speed * since - 0.5 * braking * since**2
+
+    def velocity(t):
+        return np.where(t < 5.0, speed, np.where(t < 5.0 + rest, speed - braking * (t - 5.0), 0.0))
+
+    c, s = np.cos(heading), np.sin(heading)
+    log = made_log(
+        x=lambda t: c * along(t),
+        y=lambda t: s * along(t),
+        x_dot=lambda t: c * velocity(t),
+        y_dot=lambda t: s * velocity(t),
+    )
+    stop = stop_of(log, 5.0)
+    assert stop.rested
+    assert stop.distance == pytest.approx(max(way, back - way), abs=1e-4)  # half a sample's way at the turn
+    assert stop.overshoot == pytest.approx(back, abs=1e-4)
+    # at rest once slower than 0.1 m/s for good: before the turn, or, if it goes back faster, at the end
+    slow = rest if np.sqrt(2.0 * braking * back) > 0.1 else turn - 0.1 / braking
+    assert stop.time == pytest.approx(slow, abs=2.0 * SAMPLE)
+    assert not stop_of(made_log(x_dot=0.2), 5.0).rested
+
+
+def test_speeds_of_a_robot_that_lags():
+    """It goes at 1.5 m/s where 1 m/s is asked; the second of a fall, three times as fast, does not count."""
+
+    def x(t):
+        return 1.5 * t + 3.0 * np.maximum(t - 19.0, 0.0)
+
+    log = made_log(x=x, x_dot=1.5, ref_x=lambda t: t, ended="fallen")
+    assert top_speed(log) == pytest.approx(1.5)
+    assert rms_speed_error(log) == pytest.approx(0.5)
+    assert top_speed(made_log(x=x)) == pytest.approx(4.5, rel=0.01)  # the last second begins a sample earlier
+
+
+@pytest.mark.parametrize(("seconds", "largest"), [(4.0, 0.0), (7.0, 0.0), (12.0, 2.0), (20.0, 3.0)])
+def test_a_push_is_recovered_from_if_the_robot_stands_at_the_next(seconds, largest):
+    rules = Rules(disturbed=(5.0, 10.0, 15.0), impulses=(2.0, 3.0, 4.0))
+    assert score(made_log(duration=seconds, ended="fallen"), rules).largest_impulse == largest
+    assert score(made_log(), rules).largest_impulse == 4.0

@@ -8,12 +8,14 @@ from ballbot.cli import options
 from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
 from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
+from ballbot.errors import InputError
 from ballbot.fitting.run import Processes, Run
+from ballbot.progress import in_stage
 from ballbot.report.comparison import league_report
 from ballbot.summary import counted
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import run_league
+from ballbot.workflows.league import best_two, run_league
 
 
 def compare(
@@ -21,8 +23,9 @@ def compare(
     /,
     *controllers: str,
     plant: PlantName = "model",
-    scenarios: str = "motions",
+    courses: str = "motions",
     seeds: str = "1-3",
+    confirm: options.Count | None = None,
     processes: options.Count | None = None,
     cluster: options.Cluster = None,
     change: options.Changes = None,
@@ -30,7 +33,7 @@ def compare(
 ) -> None:
     """Compare controllers in closed loop: the same courses and seeds for all, with intervals of the differences.
 
-    Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --scenarios league --seeds
+    Example: ballbot compare found/robot.toml none partial mine=mine.py:Mine --plant twin --courses league --seeds
     1-20 --out league
 
     Writes report.html (tables and figures) and results.json (every run's scores).
@@ -45,24 +48,30 @@ def compare(
     plant
         model: the compiled loop, with the sensors, drive and floor of each course. twin: a MuJoCo robot, also with
         rollers and slip.
-    scenarios
+    courses
         Separated by commas: sets (motions, disturbances, league: both, mismatch: robots 20 % off,
-        recommendations: the thesis's), courses (hold,
+        recommendations: the thesis's, benchmark: what ballbots are known for), courses (hold,
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
+    confirm
+        Seeds with which the best two run on the twin, too, after all on the loop; by default none.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
     """
     described = changed_robot(robot, change)
     candidates = parse_candidates(controllers or ("none", "full", "partial"))
-    courses = choose_courses(scenarios, described, plant)
+    chosen = choose_courses(courses, described, plant)
+    if confirm is not None and plant == "twin":
+        raise InputError(
+            "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
+        )
     numbers = parse_seeds(seeds)
     made = {one.name: one.controller(described) for one in candidates}
     warn_of_idle_compensation(made)
-    references = [course.reference_spec.name for course in courses]
+    references = [course.reference_spec.name for course in chosen]
     beside = [Path(name) for name in references if is_reference_file(name)]
-    doing = f"{counted(len(made) * len(courses) * len(numbers), 'run')} on the {plant}"
+    doing = f"{counted(len(made) * len(chosen) * len(numbers), 'run')} on the {plant}"
     with (
         open_result(out, doing=doing, beside=beside, seed=seeds) as result,
         cluster_or(cluster, Processes(count=processes)) as made_by,
@@ -70,13 +79,23 @@ def compare(
         league = run_league(
             described,
             made,
-            courses,
+            chosen,
             seeds=numbers,
             workers=made_by,
             threads=processes,
             run=Run(progress=result.report),
         )
-        page = league_report(league)
+        twin = None
+        if confirm is not None:
+            twin = run_league(
+                described,
+                {name: made[name] for name in best_two(league)},
+                choose_courses(courses, described, "twin"),
+                seeds=range(1, 1 + confirm),
+                workers=made_by,
+                run=Run(progress=in_stage(result.report, "the best two on the twin")),
+            )
+        page = league_report(league, twin=twin)
         words = robot_words(robot, change)
         step = f"`ballbot limits {words} CONTROLLER --out limits`, with the controller that you choose."
         result.write(page, next_step=step)

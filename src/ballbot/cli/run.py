@@ -17,9 +17,9 @@ from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
-from ballbot.link.connection import Connection, Monitor, connect_emulated, connect_port
+from ballbot.link.connection import Connection, LiveRun, Monitor, connect_emulated, connect_port
 from ballbot.link.emulated import emulated_robot
-from ballbot.link.live import Commander, FollowReference, LiveRun, TorqueProgram
+from ballbot.link.live import Commander, FollowReference, TorqueProgram
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.wiring import check_turns, measure_turns

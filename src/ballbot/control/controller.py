@@ -36,26 +36,28 @@ BAND_COUNTS = 8.0
 def default_speed_band(robot: Robot, sample_time: float) -> float:
     """Return the wheel speed [rad/s] below which the compensated friction's sign becomes a ramp.
 
-    At a standstill an encoder's count flickers by one, which over `BAND_COUNTS` counts is worth an eighth of the
-    friction. Narrower chatters; wider leaves friction uncompensated (on the twin's square the peak error grows from 0.2
-    rad/s on).
+    At a standstill an encoder's count flickers by one, which changes the compensation by 1/`BAND_COUNTS` of the
+    friction. A narrower band chatters; a wider one leaves friction uncompensated (on the twin's square the peak error
+    grows from 0.2 rad/s on).
     """
     step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
     return BAND_COUNTS * step / sample_time
 
 
-#: share of its load that a wheel pushes the ball with at most: a stiff controller else spins its wheels in a fall
+#: largest traction of a wheel over its normal load: beyond it a stiff controller spins its wheels in a fall
 GRIP_FRACTION = 0.4
 
 
 def grip_torque_limit(robot: Robot) -> float:
-    """Return the wheel torque [N m] that leaves the wheels their hold on the ball, within the motors' own limit."""
-    friction = max(robot.friction.breakaway)  # never reaches the contact
+    """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit."""
+    friction = max(
+        robot.friction.breakaway
+    )  # friction in the drive takes this part; it never reaches the contact
     return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 
 def torque_limit_words(controller: Controller) -> str:
-    """Return a controller's torque limit, and why it is below the motors' if it is."""
+    """Return a controller's torque limit, with the reason if it is below the motors' limit."""
     limit, motors = controller.torque_limit, controller.robot.drive.torque_limit
     if limit >= motors:
         return f"{limit:.4g} N m"
@@ -68,7 +70,7 @@ def torque_limit_words(controller: Controller) -> str:
 class Controller:
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
-    Its settings are not changed once made; what it remembers is forgotten by `reset`.
+    Its settings are fixed once it is made; `reset` clears its memory.
 
     Parameters
     ----------
@@ -86,15 +88,26 @@ class Controller:
     speed_band : float, optional
         Wheel speed [rad/s] below which the friction's sign is a linear ramp; `default_speed_band` if not given.
     parts : Parts
-        What is added; nothing by default.
+        Additional parts; none by default.
     estimator : {"onboard", "kalman"}
-        The on-board state that the controller is made for. It does not change the law: who runs the controller on
-        sensors gives it this state.
+        The estimator whose state the controller is designed for. It does not change the law: a simulation with
+        sensors and the firmware feed this state back.
 
     Raises
     ------
     InputError
         If a value is out of range, or a part belongs to another robot.
+
+    Examples
+    --------
+    A robot at rest 0.1 m from its reference:
+
+    >>> from ballbot import lqr
+    >>> from ballbot.control.references import hold
+    >>> design = lqr("alten", [20, 20, 500, 500, 5, 30, 30, 20, 20, 2], 30.0, sample_time=0.005)
+    >>> controller = Controller("alten", design.gain, compensation="full")
+    >>> controller.update(0.0, np.zeros(10), hold(x=0.1)(0.0)).round(3)
+    array([-0.   ,  0.056, -0.056])
     """
 
     def __init__(
@@ -124,7 +137,7 @@ class Controller:
         self.speed_band = positive_number(band, "The controller's speed band")
         self.parts = parts
         self.estimator: EstimatorName = checked_name(estimator)
-        #: what its file says of the robot that it was designed for; None if that is `robot`
+        #: values of the robot that the design assumed, from the controller's file; None if they are those of `robot`
         self.designed_for: Mapping[str, Value] | None = None
         #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
         settings = LawSettings(
@@ -136,7 +149,7 @@ class Controller:
             delay=parts.prediction.delay if parts.prediction else 0.0,
         )
         self.record = law_record(settings, torque_limit=self.torque_limit, parts=parts)
-        #: what it remembers, (1,) of `ballbot.control.law.MEMORY`
+        #: its memory, (1,) of `ballbot.control.law.MEMORY`
         self.memory = MEMORY.zeros()
         self.packed = self.record.view(np.float64)
         self._memory = self.memory.view(np.float64)
@@ -173,7 +186,7 @@ class Controller:
         return self._copy(parts=parts)
 
     def with_estimator(self, estimator: EstimatorName) -> Controller:
-        """Return a copy that is made for another on-board state."""
+        """Return a copy that is designed for the state of another estimator."""
         return self._copy(estimator=estimator)
 
     @property
@@ -182,7 +195,7 @@ class Controller:
         return self.parts.feed_forward is not None
 
     def reset(self) -> None:
-        """Forget the past: a run starts, and a shaped reference with it at the pose first measured."""
+        """Clear the memory at the start of a run; a shaped reference then starts at the first measured pose."""
         self._memory[:] = 0.0
 
     def update(
@@ -199,21 +212,21 @@ class Controller:
             Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
             missing (NaN), infinite or beyond `LARGEST_STATE`, the torques are zero and the memory stays as it is.
         reference : array_like (10,)
-            Wanted, as the state; without feed-forward, only x, y and psi may differ from zero.
+            Desired state; without feed-forward only x, y and psi may differ from zero.
 
         Raises
         ------
         InputError
-            If a shape is wrong, the reference holds a value that is not finite, or asks for a lean or a rate that the
-            controller does not follow.
+            If a shape is wrong, or the reference has a value that is not finite, or a lean or a rate without
+            feed-forward.
         """
         measured = real_array(state, (10,), "The state", finite=False)
         wanted = real_array(reference, (10,), "The reference")
         torques = np.empty(len(self.gain))
         plans = self.follows_plans
-        place = control_law(self.packed, self._memory, measured, wanted, torques, plans=plans)
-        if place != ALLOWED:
-            raise InputError(refusal(place, float(wanted[place])))
+        index = control_law(self.packed, self._memory, measured, wanted, torques, plans=plans)
+        if index != ALLOWED:
+            raise InputError(refusal(index, float(wanted[index])))
         return torques
 
     def _copy(
@@ -237,26 +250,21 @@ class Controller:
         return copy
 
 
-def refusal(place: int, value: float) -> str:
-    """Return why a reference with that value at that place of the state is refused."""
+def refusal(index: int, value: float) -> str:
+    """Return why a reference with this value in an element of the state is refused."""
     return (
-        f"The reference asks for {STATE_NAMES[place]} = {value:.6g}; it must be zero: without feed-forward only x, y "
+        f"The reference asks for {STATE_NAMES[index]} = {value:.6g}; it must be zero: without feed-forward only x, y "
         "and psi can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
         "does not settle on the reference. The precise controller has feed-forward."
     )
 
 
 def _checked_gain(gain: ArrayLike, wheel_count: int) -> NDArray[np.float64]:
-    if isinstance(gain, list | tuple | np.ndarray):
-        matrix = real_array(gain, ("...", "columns"), "The gain").copy()
-    else:
+    if not isinstance(gain, list | tuple | np.ndarray):
         raise InputError(
             f"The gain is a {type(gain).__name__}; it must be {wheel_count} rows of 10 numbers, such as "
             "`lqr(...).gain`."
         )
-    if matrix.shape != (wheel_count, 10):
-        raise InputError(
-            f"The gain has the shape {matrix.shape}; this robot needs {wheel_count} x 10, wheels by states."
-        )
+    matrix = real_array(gain, (wheel_count, 10), "The gain").copy()
     matrix.setflags(write=False)
     return matrix

@@ -2,9 +2,9 @@
 
 The geometry is not in a controller file: a controller is read together with its robot. Each part of the controller has
 a table of its own, whose name is its field in `ballbot.control.parts.Parts` and whose keys are the part's settings. A
-key that is left out has the part's default. What follows from the robot is not written: it is computed for the robot
-that the file is read with. The table `designed_for` has the robot's values that the design depends on; a file read with
-other values, or edited by hand, raises a warning that names them.
+missing key has the part's default. Numbers that follow from the robot are not written but computed for the robot that
+the file is read with. The table `designed_for` has the robot's values that the design depends on. If they differ from
+those of the robot, a warning names them.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
 def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None:
     """Warn with `UnsuitedController` if a controller, called `name` in the warning, does not suit a described robot.
 
-    Its design may be for other values of the robot, its loop with the robot without a stability margin, or its
-    compensation more than is certain of the robot's friction.
+    It may be designed for other values of the robot, its loop may have no stability margin, or its compensation may
+    exceed what is certain of the robot's friction.
     """
     changed = list(changed_values(controller))
     sentences = [lacking_margin(controller), overcompensation_warning(controller, robot)]
@@ -79,16 +79,16 @@ def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None
         more = f"; {len(changed) - _MOST_NAMED} more differ" if len(changed) > _MOST_NAMED else ""
         sentences.insert(
             0,
-            f"The controller was designed for other values: {every(changed[:_MOST_NAMED])}{more}. Design it anew for "
+            f"The controller was designed for other values: {every(changed[:_MOST_NAMED])}{more}. Design it again for "
             f"the robot {robot.name!r}.",
         )
     for sentence in filter(None, sentences):
         warnings.warn(f"{name}: {sentence}", UnsuitedController, stacklevel=3)
 
 
-#: of the values that differ
+#: number of differing values that a warning names
 _MOST_NAMED = 4
-#: what a design depends on besides the rigid body
+#: values of drive and sensors that a design depends on, besides the rigid body
 _OF_DRIVE_AND_SENSORS = (
     "drive.gear_ratio",
     "drive.motor_inertia",
@@ -98,37 +98,37 @@ _OF_DRIVE_AND_SENSORS = (
     "sensors.encoder_counts",
 )
 _RIGID_TABLES = ("", "ball", "body", "body.inertia", "wheels")
-#: key of the controller's own sample time, which the robot's need not be
+#: key of the controller's own sample time, which may differ from the robot's
 _SAMPLE_TIME = "sample_time"
 
 
 def design_values(controller: Controller) -> dict[str, Value]:
     """Return the values of the robot that gain, limits and parts depend on, by the names of a robot file, SI units.
 
-    Friction is not among them: what is compensated is the file's own. The inertia is about the ball's centre.
+    Friction is not among them: the file has its own. The inertia is about the ball's centre.
     """
     robot = controller.robot
     J = robot.body.inertia_about_ball_center()
     inertia = (*J.diagonal().tolist(), *J[[0, 0, 1], [1, 2, 2]].tolist())
     robot = robot.replace(body=replace(robot.body, inertia=inertia, inertia_about="ball_center"))
     return {_SAMPLE_TIME: controller.sample_time} | {
-        one.name: value_of(robot, one)
-        for one in PARAMETERS
-        if one.table in _RIGID_TABLES or one.name in _OF_DRIVE_AND_SENSORS
+        parameter.name: value_of(robot, parameter)
+        for parameter in PARAMETERS
+        if parameter.table in _RIGID_TABLES or parameter.name in _OF_DRIVE_AND_SENSORS
     }
 
 
 def changed_values(controller: Controller) -> Iterator[str]:
-    """Yield a clause for each value that is another now than the one that a controller was designed for."""
+    """Yield a clause for each value that differs from the one that a controller was designed for."""
     values = design_values(controller)
     for name, before in (controller.designed_for or {}).items():
-        if name not in values:  # a later version's
+        if name not in values:  # written by a later version
             continue
         old, new = np.atleast_1d(before), np.atleast_1d(values[name])
-        # rounding of units and of the parallel-axis theorem
+        # tolerance for rounding by units and by the parallel-axis theorem
         if len(old) != len(new) or not np.allclose(old, new, rtol=1e-6, atol=1e-9):
             unit = BY_NAME[name].unit if name in BY_NAME else "s"
-            texts = [", ".join(f"{one:.6g}" for one in numbers.tolist()) for numbers in (old, new)]
+            texts = [", ".join(f"{number:.6g}" for number in numbers.tolist()) for numbers in (old, new)]
             yield f"{name} was {texts[0]} and is {texts[1]}{'' if unit == '1' else f' {unit}'}"
 
 
@@ -139,7 +139,7 @@ def write_controller(controller: Controller, path: str | Path) -> None:
 
 def controller_text(controller: Controller) -> str:
     """Return the text that `write_controller` writes."""
-    # the words count in the checksum by which a prediction knows its controller, those of comments, too
+    # a prediction identifies its controller by a checksum of this text, comments included: keep every word
     friction = controller.robot.friction
     rows = "\n".join(f"  {_row(row)}," for row in controller.gain.tolist())
     parts = "".join(_part_text(name, part) for name, part in controller.parts.present())
@@ -185,17 +185,17 @@ rolling = {friction.rolling!r}
 def _part_text(name: str, part: Part) -> str:
     """Return the table of a part, each key with its meaning and unit."""
     lines = [f"\n# {part.comment}", f"[{name}]"]
-    for one in fields(part):
-        stated, value = *one.metadata.values(), getattr(part, one.name)
+    for setting in fields(part):
+        stated, value = *setting.metadata.values(), getattr(part, setting.name)
         unit = "" if stated.unit == DIMENSIONLESS else f" [{stated.unit}]"
         rows = "".join(f"\n  {_row(row)}," for row in np.atleast_2d(value))
         text = f"[{rows}\n]" if np.ndim(value) else repr(float(value))
-        lines += [f"# {stated.meaning}{unit}", f"{one.name} = {text}"]
+        lines += [f"# {stated.meaning}{unit}", f"{setting.name} = {text}"]
     return "\n".join(lines) + "\n"
 
 
 def _friction_terms_text(friction: Friction) -> str:
-    """Return the lines of the terms that a friction has beyond those of every file."""
+    """Return the lines of the friction terms that only some files have."""
     terms = {
         "coulomb_asymmetry": "c forward less the mean of both directions [N m]",
         "stribeck_asymmetry": "s forward less the mean of both directions [N m]",

@@ -1,9 +1,9 @@
 """A registered friction law as a table over the speed, which the compensation reads on the computer and on the robot.
 
-The table has the friction of each wheel at `SPEEDS` speeds, between which it is linear; beyond the last it stays what
-it is there. It reaches half beyond the speed that the supply allows. The speeds are placed where the law is curved. A
-load that adds to the friction in proportion is a number beside the table. A law that the table gives with an error of
-more than 2 % at any speed and load is refused.
+The table has the friction of each wheel at `SPEEDS` speeds. Between them it is linear, beyond the last it is constant.
+It reaches 1.5 times the speed that the supply allows. The speeds are dense where the law is curved. Friction in
+proportion to the load is a coefficient beside the table. A law is refused if the table's error exceeds 2 % at any speed
+and load.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot
 
-#: speeds of a table; half of them, half of these and so on are whole numbers, for the search
+#: speeds of a table; a power of two, for the binary search in compiled code
 SPEEDS = 32
-#: largest error of a table that is accepted, over the friction at that speed
+#: largest accepted error of a table, relative to the friction at that speed
 LARGEST_ERROR = 0.02
-#: of the robot's top speed: the least speed above zero of the grid, and where a table ends
+#: relative to the robot's top speed: the smallest speed above zero of the grid, and the end of the table
 _FIRST, _LAST = 1e-4, 1.5
 _LOADS = np.linspace(0.0, 1.0, 5)  # of the torque limit
 
@@ -32,7 +32,7 @@ class FrictionTable:
     speeds: NDArray[np.float64]  #: (SPEEDS,) [rad/s], rising from zero
     sizes: NDArray[np.float64]  #: (n, SPEEDS) [N m] without load
     load: NDArray[np.float64]  #: (n,) what each N m of the motor's torque adds
-    error: float  #: the largest, over the friction there, at speeds and loads between those of the table
+    error: float  #: largest relative error, at speeds and loads between those of the table
 
 
 def friction_table(robot: Robot) -> FrictionTable:
@@ -49,18 +49,18 @@ def friction_table(robot: Robot) -> FrictionTable:
     error = 0.0
     for torque in _LOADS * drive.torque_limit:
         wanted = _sizes(friction, between, torque)
-        found = (
+        tabulated = (
             np.array([np.interp(between, grid[knots], row) for row in exact[:, knots]])
             + load[:, None] * torque
         )
         with np.errstate(divide="ignore", invalid="ignore"):
-            errors = np.abs(found - wanted) / wanted
+            errors = np.abs(tabulated - wanted) / wanted
         error = max(error, float(np.nan_to_num(errors, posinf=np.inf).max()))
     if not error <= LARGEST_ERROR:
         raise InputError(
             f"The friction law {friction.law} cannot be compensated: a table of {SPEEDS} speeds from 0 to "
-            f"{grid[-1]:.3g} rad/s, with a load that adds in proportion, has an error of {100.0 * error:.3g} % of the "
-            f"friction; at most {100.0 * LARGEST_ERROR:g} % are allowed. Use a law without steps, or no compensation."
+            f"{grid[-1]:.3g} rad/s, with friction in proportion to the load, has an error of {100.0 * error:.3g} % "
+            f"of the friction; at most {100.0 * LARGEST_ERROR:g} %. Use a law without steps, or no compensation."
         )
     return FrictionTable(speeds=grid[knots], sizes=exact[:, knots], load=load, error=error)
 
@@ -72,12 +72,12 @@ def _sizes(friction: Friction, speeds: NDArray[np.float64], load: float) -> NDAr
 
 
 def _knots(grid: NDArray[np.float64], exact: NDArray[np.float64]) -> list[int]:
-    """Return the places in a grid of the speeds that a table has: each next one where its error was largest."""
+    """Return the indices in a grid of a table's speeds: each next speed is added where the error is largest."""
     knots = [0, len(grid) - 1]
     scale = np.maximum(exact, 1e-12 * max(exact.max(), 1e-300))
     while len(knots) < SPEEDS:
-        found = np.array([np.interp(grid, grid[knots], row) for row in exact[:, knots]])
-        errors = (np.abs(found - exact) / scale).max(axis=0)
+        tabulated = np.array([np.interp(grid, grid[knots], row) for row in exact[:, knots]])
+        errors = (np.abs(tabulated - exact) / scale).max(axis=0)
         errors[knots] = -1.0
         knots = sorted([*knots, int(errors.argmax())])
     return knots

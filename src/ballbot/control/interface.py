@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballbot.estimation.interface import EstimatorName, checked_name
 
-#: a measured state that holds a larger number, or no number, is invalid: nothing on a robot is a million metres away
+#: a measured state with a larger magnitude or a NaN is invalid: no coordinate of a robot is a million metres
 LARGEST_STATE = 1e6
 
 
@@ -23,7 +23,7 @@ class Feedback(Protocol):
         ...
 
     def reset(self) -> None:
-        """Forget everything that happened so far; a run starts."""
+        """Clear the memory: a run starts."""
         ...
 
     def update(
@@ -34,8 +34,8 @@ class Feedback(Protocol):
 
 
 def estimator_of(controller: Feedback) -> EstimatorName:
-    """Return the name of the on-board state that a controller is made for; "onboard" if it has no `estimator`.
+    """Return the name of the estimator that a controller is designed for; "onboard" if it has no `estimator`.
 
-    InputError if its `estimator` is not the name of one.
+    InputError if its `estimator` is not the name of an estimator.
     """
     return checked_name(getattr(controller, "estimator", "onboard"))

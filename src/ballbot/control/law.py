@@ -3,11 +3,11 @@
     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
-psi = 0 and the wheels turn with the body. `_decide` calls the steps of the parts in their order. A part that the
-controller lacks does nothing there.
+psi = 0 and the wheels turn with the body. `_decide` calls the steps of the parts in order; the steps of a missing part
+have no effect.
 
-A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory from
-update to update is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
+A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
+updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
 a part is one file with these two structs and a function for each of its steps; `law.c` has the calls in order.
 """
 
@@ -46,7 +46,7 @@ from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
 from ballbot.mechanics.equations import attitude
 
-#: result of `control_law` if the reference is allowed
+#: what `control_law` returns if the reference is allowed
 ALLOWED = -1
 
 
@@ -72,7 +72,7 @@ LAW = Schema(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeadingMemory:
-    """The last value of a heading, and the turns that it has made where its values begin again after one."""
+    """The last value of a heading that wraps around, and the whole turns since the start."""
 
     started: int = field(metadata=whole())
     last: float = field(metadata=number("rad"))
@@ -111,7 +111,7 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
 
 @inlined
 def _forbidden(reference):
-    """Return the first place at which A r is not 0 (lean or a rate), else `ALLOWED`."""
+    """Return the first index of the reference at which A r is not 0 (lean or a rate), else `ALLOWED`."""
     for i in (2, 3, 5, 6, 7, 8, 9):
         if reference[i] != 0.0:
             return i
@@ -129,7 +129,7 @@ def _turned_by(memory, angle):
 
 @inlined
 def _unshaped(reference, moved):
-    """Return the reference of x, y and psi, each a `SmoothReference` at rest, its heading moved by an angle."""
+    """Return the reference of x, y and psi, each a `SmoothReference` at rest, with an angle added to psi."""
     return (
         SmoothReference(reference[0], 0.0, 0.0, 0.0, 0.0),
         SmoothReference(reference[1], 0.0, 0.0, 0.0, 0.0),
@@ -149,7 +149,7 @@ def _followed(law, memory, now, reference, asked):
 
 @inlined
 def _heading_error(a, state, moved, wanted):
-    """Return S(psi) (r_s - x), the state's heading moved by an angle."""
+    """Return S(psi) (r_s - x), with an angle added to the state's heading."""
     x, y, psi = wanted
     pose = (x.value - state[0], y.value - state[1], -state[2], -state[3], psi.value - (state[4] + moved))
     rates = (x.rate - state[5], y.rate - state[6], -state[7], -state[8], psi.rate - state[9])
@@ -188,7 +188,7 @@ def _decide(law, memory, measured, reference, torques):
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
     observe(law, memory, seen, n)
     a, state = predict(law, memory, seen, n)
-    # nothing at the start, where a part takes the pose
+    # zero at the start of a run, when a part takes the measured pose as its start
     moved = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
     wanted = _followed(law, memory, Measured(a, state), reference, asked)
@@ -246,7 +246,7 @@ def control_law(
     *,
     plans: bool = False,
 ) -> int:
-    """Fill `torques` (n,) [N m] and return `ALLOWED`, or the place in the reference at which A r is not 0.
+    """Fill `torques` (n,) [N m] and return `ALLOWED`, or the index in the reference at which A r is not 0.
 
     Law and memory are the float64 views of records of `LAW` and `MEMORY`; the memory, all zero at the start of a run,
     is changed. Without a valid state, or with a reference that is refused, the torques are zero and it stays as it is.

@@ -1,21 +1,21 @@
 """A controller as a linear system, and its loop with the robot: for margins, Bode diagrams and step responses.
 
-For small errors about upright at psi = 0 the control law is linear. With the state x, the reference r and what the
-controller remembers, m,
+For small errors about upright at psi = 0 the control law is linear in the state x, the reference r and the
+controller's memory m,
 
     m[k+1] = A m[k] + B (x, r)[k],      u[k] = C m[k] + D (x, r)[k]
 
-`ballbot.control.law` is the law that runs; here it is again in NumPy, from the same record and in the same order, so
-that a design compiles nothing:
+`ballbot.control.law` is the law that runs. Here it is repeated in NumPy from the same record, in the same order, so
+that a design need not compile it (`tests/control/test_margins.py` compares the two):
 
     x^   = exp(A tau) x + sum over j of G_j v[k-j]       with a prediction; otherwise x
     e    = r - x^
     u    = notch(K e + K_I I + d)
     I   += T e of the pose                               d: the disturbance observer's estimate
 
-Left out are friction compensation, limits and the integral's dead band, which are not linear, and reference shaping and
-feed-forward, which act on references only. The robot of the loop is the exact model without friction. Its torques are
-held over a sample and act late by the delay that the controller predicts over. An estimator's lag is not in the loop.
+Not included are friction compensation, limits and the integral's dead band, which are not linear, and reference shaping
+and feed-forward, which act on references only. The plant is the exact model without friction, with torques held over a
+sample and delayed by the time that the controller predicts over. The estimator's lag is not in the loop.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from ballbot.errors import InputError
 from ballbot.state import STATE_NAMES, torque_names
 
 Matrix = NDArray[np.float64]
-#: where x, y and psi stand in the state
+#: indices of x, y and psi in the state
 _POSE = (0, 1, 4)
 
 
@@ -55,7 +55,7 @@ def linear_controller(controller: Controller) -> LinearController:
     states = len(STATE_NAMES)
     x, r = np.split(np.eye(2 * states), 2)
     sizes = {name: len(rows) for name, rows in _update(controller, {}, x, r)[0].items()}
-    # a linear function's matrices are its values for the unit vectors
+    # the columns of a linear function's matrix are its values at the unit vectors
     total = sum(sizes.values())
     *parts, x, r = np.split(np.eye(total + 2 * states), np.cumsum([*sizes.values(), states]))
     after, torques = _update(controller, dict(zip(sizes, parts, strict=True)), x, r)
@@ -68,7 +68,7 @@ def _update(
 ) -> tuple[dict[str, Matrix], Matrix]:
     """Return the memory after an update and the torques (n, c), for c columns of memories, states and references.
 
-    What is not in the memory is zero.
+    An entry that `memory` lacks is zero.
     """
     law, wheels, columns = controller.record[0], len(controller.gain), x.shape[1]
     prediction, observer, integral, notch = (
@@ -79,9 +79,13 @@ def _update(
         return memory.get(name, np.zeros((rows, columns)))
 
     after: dict[str, Matrix] = {}
-    count, place, share = int(prediction["count"]), int(prediction["samples"]), float(prediction["fraction"])
-    updates = max(count, place + 1 + int(share > 0.0)) if observer["on"] else count
-    # torques of the updates before, the newest first, and the observer's part in them
+    count, late, fraction = (
+        int(prediction["count"]),
+        int(prediction["samples"]),
+        float(prediction["fraction"]),
+    )
+    updates = max(count, late + 1 + int(fraction > 0.0)) if observer["on"] else count
+    # torques of the previous updates, the newest first, and the observer's share of them
     acting, added = (
         [*past(name, updates * wheels).reshape(updates, wheels, columns)] for name in ("acting", "added")
     )
@@ -89,7 +93,7 @@ def _update(
     if observer["on"]:
         changes = law["rate"] * (x[5:] - past("rates", 5))
         needed = observer["by_acceleration"][:wheels] @ changes + observer["by_lean"][:wheels] @ x[2:4]
-        acted = (1.0 - share) * acting[place] + share * (acting[place + 1] if share > 0.0 else 0.0)
+        acted = (1.0 - fraction) * acting[late] + fraction * (acting[late + 1] if fraction > 0.0 else 0.0)
         estimate = past("estimate", wheels)
         estimate = estimate + observer["fraction"] * (acted - needed - estimate)
         after |= {"rates": x[5:], "estimate": estimate}
@@ -118,10 +122,10 @@ def _update(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotLoop:
-    """The sampled loop of a robot and its controller, to be broken at the wheels' torques.
+    """The sampled loop of a robot and its controller, which can be opened at the wheels' torques.
 
-    The torques v act on the robot, and the controller asks for u; in operation v = u. Broken there, the loop's transfer
-    function in the convention of negative feedback is L(z) = -u/v, (n, n).
+    The torques v act on the robot and the controller commands u; in operation v = u. The open loop's transfer function,
+    in the convention of negative feedback, is L(z) = -u/v, (n, n).
     """
 
     A: Matrix  #: (10, 10) of the robot, x_dot = A x + B v
@@ -132,18 +136,18 @@ class RobotLoop:
 
     @property
     def wheels(self) -> tuple[str, ...]:
-        """The names of the torques at which the loop is broken."""
+        """The names of the torques at which the loop is opened."""
         return torque_names(self.B.shape[1])
 
     def broken(self, more_delay: Sequence[float] | Matrix | None = None) -> tuple[Matrix, Matrix, Matrix]:
-        """Return A, B, C of the broken loop z[k+1] = A z[k] + B v[k], u[k] = C z[k]; L(z) = -C (z I - A)^-1 B.
+        """Return A, B, C of the open loop z[k+1] = A z[k] + B v[k], u[k] = C z[k]; L(z) = -C (z I - A)^-1 B.
 
-        `more_delay` (n,) is of each wheel's torque beyond the loop's own [s]; any fraction of a sample.
+        `more_delay` (n,) is the delay of each wheel's torque beyond the loop's own [s]; any fraction of a sample.
         """
         more = np.zeros(len(self.wheels)) if more_delay is None else np.asarray(more_delay, dtype=np.float64)
         A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more)
         states, law = len(self.A), self.controller
-        seen = np.eye(states, len(A))  # the robot's state among the plant's, which has torques under way, too
+        seen = np.eye(states, len(A))  # the robot's state within the plant's, which includes delayed torques
         whole = np.asarray(block_diag(A, law.A), dtype=np.float64)
         whole[len(A) :, : len(A)] = law.B[:, :states] @ seen
         return (
@@ -167,36 +171,36 @@ class RobotLoop:
         return np.asarray(-C @ resolvent, dtype=np.complex128)
 
     def wheel_responses(self, omega: Matrix) -> NDArray[np.complex128]:
-        """Return the loops (f, n) broken at one wheel's torque, the others closed, at frequencies (f,) [rad/s]."""
+        """Return the loops (f, n) opened at one wheel's torque, the others closed, at frequencies (f,) [rad/s]."""
         L = self.response(omega)
         T = np.linalg.solve(np.eye(L.shape[-1]) + L, L)
-        closed = np.diagonal(T, axis1=1, axis2=2)  # of each wheel by itself: L_i / (1 + L_i)
+        closed = np.diagonal(T, axis1=1, axis2=2)  # of each wheel: L_i / (1 + L_i)
         return closed / (1.0 - closed)
 
     def mode_responses(self, omega: Matrix) -> NDArray[np.complex128]:
-        """Return eigenvalues (f, 3) of L: of both leans, the larger first, and of the heading (all wheels push alike).
+        """Return the eigenvalues (f, 3) of L: of both leans, the larger first, and of the heading (equal torques).
 
-        Changes that are alike at all wheels are seen in them: the closed loop has a pole where one of them is -1.
+        They show the effect of equal changes at all wheels: the closed loop has a pole where one of them is -1.
         """
         values, vectors = np.linalg.eig(self.response(omega))
-        alike = np.abs(vectors.sum(axis=1))  # of unit vectors; the largest where all wheels push alike
+        alike = np.abs(vectors.sum(axis=1))  # of unit vectors; largest if all wheels have the same torque
         heading = alike.argmax(axis=1)
         others = np.abs(values)
         others[np.arange(len(others)), heading] = -1.0
-        places = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
-        return np.take_along_axis(values, places, axis=1)
+        order = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
+        return np.take_along_axis(values, order, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepResponse:
-    """What the closed loop does after a step of the reference, from rest at the origin."""
+    """The closed loop's response to a step of the reference, from rest at the origin."""
 
     t: Matrix  #: (N,) [s]
     states: Matrix  #: (N, 10)
     torques: Matrix  #: (N, n) [N m]
 
 
-#: a step response is followed for so many time constants of the slowest pole, and at most for so long [s]
+#: length of a step response: time constants of the slowest pole, and at most this time [s]
 _TIME_CONSTANTS, _LONGEST = 6.0, 20.0
 
 
@@ -220,37 +224,38 @@ def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> Ste
 
 
 def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix) -> tuple[Matrix, Matrix]:
-    """Return the sampled plant whose wheels' torques act late: the state, and each wheel's torques under way.
+    """Return the sampled plant with delayed torques: its state is the robot's and each wheel's pending torques.
 
-    A torque that is given at t_k acts from t_k + tau on, for a sample time; exact for any tau.
+    A torque commanded at t_k acts from t_k + tau to t_k+1 + tau. The discretisation is exact for any tau: a delay of d
+    whole samples and a rest splits the effect of a torque over samples d and d + 1.
     """
     states, wheels = B.shape
     F = held(A, B, sample_time)[0]
-    places = [_split(delay, sample_time) for delay in delays.tolist()]
-    waiting = [whole + (rest > 0.0) for whole, rest in places]
+    splits = [_split(delay, sample_time) for delay in delays.tolist()]
+    waiting = [whole + (rest > 0.0) for whole, rest in splits]
     begins = states + np.cumsum([0, *waiting])
     whole_A, whole_B = np.zeros((begins[-1], begins[-1])), np.zeros((begins[-1], wheels))
     whole_A[:states, :states] = F
-    for i, ((late, rest), count) in enumerate(zip(places, waiting, strict=True)):
+    for i, ((late, rest), count) in enumerate(zip(splits, waiting, strict=True)):
         column, first = B[:, [i]], int(begins[i])
         after, begun = held(A, column, sample_time - rest)
         effects = {late: begun[:, 0]}
         if rest > 0.0:
             effects[late + 1] = after @ held(A, column, rest)[1][:, 0]
-        for ago, effect in effects.items():  # ago 0 is the torque given now
+        for ago, effect in effects.items():  # ago 0 is the torque commanded now
             if ago == 0:
                 whole_B[:states, i] = effect
             else:
                 whole_A[:states, first + ago - 1] = effect
         if count:
             whole_B[first, i] = 1.0
-            place = np.arange(first, first + count - 1)
-            whole_A[place + 1, place] = 1.0
+            slots = np.arange(first, first + count - 1)
+            whole_A[slots + 1, slots] = 1.0
     return whole_A, whole_B
 
 
 def _split(delay: float, sample_time: float) -> tuple[int, float]:
-    """Return a delay's whole samples and the rest [s]; a rest that is only rounding counts as none."""
+    """Return a delay's whole samples and the rest [s]; a rest within rounding is zero."""
     samples = delay / sample_time
     whole = math.floor(samples + 1e-9)
     rest = (samples - whole) * sample_time
@@ -270,14 +275,14 @@ def robot_loop(controller: Controller) -> RobotLoop:
     )
 
 
-#: factors of all torques that a loop must bear: a tenth less, a tenth more, a phase of six degrees
+#: factors of all torques that a loop must tolerate: a tenth less, a tenth more, a phase lag of six degrees
 _LEAST_MARGIN = (0.9, 1.1, cmath.exp(0.1j))
-#: by which rounding may move a pole out of the unit circle, a double pole on it included
+#: distance by which rounding may move a pole out of the unit circle, also a double pole on it
 _ROUNDING = 1e-6
 
 
 def lacking_margin(controller: Controller) -> str | None:
-    """Return why the loop of a controller and its robot cannot work; None if it has a margin or leaves a state free."""
+    """Return why a controller's loop is unstable or has no margin; None if it has one, also with marginal poles."""
     loop = robot_loop(controller)
     A, B, C = loop.broken()
 
@@ -302,6 +307,6 @@ def lacking_margin(controller: Controller) -> str | None:
 
 
 def refuse_without_margin(controller: Controller) -> None:
-    """Raise InputError if a controller's loop is unstable, or a tenth of the torque or six degrees of phase decide."""
+    """Raise InputError if a controller's loop is unstable, or becomes so by 10 % of torque or 6 degrees of phase."""
     if sentence := lacking_margin(controller):
         raise InputError(sentence)

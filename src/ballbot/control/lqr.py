@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from ballbot.arrays import instead_of_sample_time
+from ballbot.arrays import instead_of_sample_time, positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
@@ -31,12 +31,12 @@ from ballbot.summary import Summary, plotted, pole_words, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: smallest eigenvalue, relative to the largest, that counts as not negative in a cost
+#: negative eigenvalues of a weight down to this fraction of the largest count as rounding
 _ROUNDING = 1e-12
-#: smallest singular value of [A - s I, B], relative to the largest, at which a pole s counts as reached by u
+#: ratio of the smallest singular value of [A - s I, B] to the largest above which the pole s is controllable
 _REACHED = 1e-9
-#: growth of an error in a sample, by the fastest unstable pole, up to which a sampled loop can have a margin. If it is
-#: g, the sensitivity's peak is at least g, and the gain of least torque bears factors from g/(g + 1) to g/(g - 1)
+#: largest growth g of an error in one sample, by the fastest unstable pole, for which a sampled loop can have a margin:
+#: the sensitivity's peak is at least g, and the gain of least torque tolerates factors from g/(g + 1) to g/(g - 1)
 _LARGEST_GROWTH = 10.0
 
 
@@ -61,14 +61,14 @@ class Linearizable(Protocol):
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LqrDesign:
-    """An optimal gain and what it promises."""
+    """An optimal gain, with the closed loop's poles and its cost."""
 
     gain: NDArray[np.float64]  #: K (n, m) of u = -K x
     #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
     poles: NDArray[np.complex128]
-    cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost still to come from x
-    sample_time: float | None  #: [s]; None where the gain is for continuous control
-    #: K_I (n, 3) for the integrals of x, y and psi, if it has one
+    cost: NDArray[np.float64]  #: P (m, m): x' P x is the cost to go from x
+    sample_time: float | None  #: [s]; None for a continuous gain
+    #: K_I (n, 3) for the integrals of x, y and psi, if there is integral action
     integral_gain: NDArray[np.float64] | None = None
 
     def summary(self) -> Summary:
@@ -93,13 +93,15 @@ def sampling_words(sample_time: float | None) -> str:
 def gain_rows(gain: NDArray[np.float64]) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return a row for each state with its gain for every input; a robot's states are named as in a log."""
     inputs, count = torque_names(len(gain)), gain.shape[1]
-    states = STATE_NAMES if count == len(STATE_NAMES) else tuple(f"x{place}" for place in range(1, count + 1))
+    states = (
+        STATE_NAMES if count == len(STATE_NAMES) else tuple(f"x{number}" for number in range(1, count + 1))
+    )
     return (("gain", inputs), *matrix_rows(gain.T, states))
 
 
 def matrix_rows(matrix: NDArray[np.float64], names: Sequence[str]) -> tuple[tuple[str, tuple[str, ...]], ...]:
     """Return a named row of cells for each row of a matrix, four decimals each."""
-    # adding zero keeps a minus sign off what prints as nothing
+    # adding zero turns -0.0 into 0.0
     cells = [tuple(f"{value:.4f}" for value in row) for row in np.round(matrix, 4) + 0.0]
     return tuple(zip((f"  {name}" for name in names), cells, strict=True))
 
@@ -116,11 +118,11 @@ def lqr(
     Parameters
     ----------
     model : Model, robot, preset, robot file or state space
-        Linearised about upright where it can be; a robot's states are ordered as everywhere, and psi = 0.
+        A model or a robot is linearised about upright at psi = 0, with its states in the usual order.
     Q : array_like (m,) or (m, m)
         Weight of the states, or its diagonal; positive semidefinite.
     R : float or array_like (n,) or (n, n)
-        Weight of the inputs, or its diagonal, or one number for all inputs alike; positive definite.
+        Weight of the inputs, its diagonal, or one number for every input; positive definite.
     sample_time : float, optional
         Time over which each input is held [s]; without it the control is continuous.
     N : array_like (m, n), optional
@@ -133,9 +135,17 @@ def lqr(
     Raises
     ------
     InputError
-        If a weight is not what it must be, an unstable pole is out of the inputs' reach, no gain is both stabilising
-        and optimal because a pole on the border of stability costs nothing, or the sample time is so long that no loop
-        has a stability margin.
+        If a weight is not symmetric, not definite or of a wrong shape, an unstable pole is not controllable, no gain is
+        both stabilising and optimal because a marginally stable state has no weight, or the sample time is so long that
+        no loop has a stability margin.
+
+    Examples
+    --------
+    >>> design = lqr("alten", [20, 20, 500, 500, 5, 30, 30, 20, 20, 2], 30.0, sample_time=0.005)
+    >>> design.gain.shape
+    (3, 10)
+    >>> bool(design.poles.real.max() < 0.0)
+    True
     """
     if isinstance(model, np.ndarray | Sequence) and not isinstance(model, str):
         raise InputError(
@@ -149,9 +159,7 @@ def lqr(
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape
     Q, R = _weight("Q", Q, m), _weight("R", R, n)
-    N = np.zeros((m, n)) if N is None else _numbers("N", N)
-    if N.shape != (m, n):
-        raise InputError(f"N has the shape {N.shape}; it must be {m} x {n}, states by inputs.")
+    N = np.zeros((m, n)) if N is None else real_array(N, (m, n), "N")
     _check_definite(Q, R, N)
     _check_stabilisable(A, B)
     if sample_time is None:
@@ -175,10 +183,9 @@ def held(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return F (m, m) and G (m, n) of x[k+1] = F x[k] + G u[k], u held over each sample [s]; exact.
 
-    InputError if the sample time is not positive, or too long for numbers.
+    InputError if the sample time is not positive, or so long that the result overflows.
     """
-    if not (np.isfinite(sample_time) and sample_time > 0.0):
-        raise InputError(f"The sample time is {sample_time!r}; it must be a positive time in seconds.")
+    positive_number(sample_time, "The sample time")
     m, n = B.shape
     with np.errstate(over="ignore", invalid="ignore"):
         both = np.asarray(expm(np.block([[A, B], [np.zeros((n, m + n))]]) * sample_time), dtype=np.float64)
@@ -190,7 +197,7 @@ def held(
 
 
 def frictionless_model(robot: Robot) -> Model:
-    """Return the model that a gain is designed on."""
+    """Return the robot's exact model without friction, on which gains are designed."""
     return Model(robot.replace(friction=Friction.none(robot.wheel_count)))
 
 
@@ -219,8 +226,8 @@ def _riccati(solve: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
 
 def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     """Return a weight as a symmetric matrix."""
-    matrix = _numbers(name, value)
-    if name == "R" and matrix.shape == ():  # the motors are alike, and the states are not
+    matrix = real_array(value, ("...",), name)
+    if name == "R" and matrix.shape == ():  # all motors have one unit, the states do not
         matrix = np.full(size, float(matrix))
     if matrix.shape == (size,):
         matrix = np.diag(matrix)
@@ -234,16 +241,6 @@ def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     return 0.5 * (matrix + matrix.T)
 
 
-def _numbers(name: str, value: ArrayLike) -> NDArray[np.float64]:
-    try:
-        matrix = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} is not an array of numbers.") from None
-    if not np.isfinite(matrix).all():
-        raise InputError(f"{name} holds a value that is not finite; every weight must be finite.")
-    return matrix
-
-
 def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[np.float64]) -> None:
     lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
     if not lowest_R > _ROUNDING * highest_R:
@@ -254,12 +251,12 @@ def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[n
         lowest, highest = np.linalg.eigvalsh(matrix)[[0, -1]]
         if lowest < -_ROUNDING * abs(highest):
             raise InputError(
-                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); none may be negative."
+                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); no eigenvalue may be negative."
             )
 
 
 def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:
-    """Hautus: s is out of reach where [A - s I, B] loses rank."""
+    """Raise InputError if an unstable pole s is not controllable: [A - s I, B] loses rank (Hautus)."""
     for pole in np.linalg.eigvals(A):
         if pole.real < -_REACHED * np.abs(A).max():
             continue

@@ -1,28 +1,28 @@
-"""Overcompensation: compensation that exceeds the friction injects energy. Measure it, refuse it, avoid it.
+"""Overcompensation: compensation that exceeds the friction injects energy. It is measured, refused and avoided.
 
-At wheel speed w the compensation gives at most (`ballbot.control.parts.compensation`, the feedback pushing along)
+At wheel speed w, with the feedback in the direction of motion, the compensation is at most
 
     k(w) = b w + (c + s exp(-(w/v_s)^delta)) ramp(w),       w > 0
 
-of the friction that it assumes, and friction takes tau(w) of its own. A wheel that turns steadily at w is driven faster
-if k(w) > tau(w). A late torque gives less, and gear play gives none: the check leaves out both and is on the safe side.
-Partial compensation counts as full where it works, and rolling friction has a fraction of its own.
+by the assumed friction (`ballbot.control.parts.compensation`), and the true friction is tau(w). A wheel that turns
+steadily at w accelerates if k(w) > tau(w). Delay and gear play reduce the compensation; the check ignores both and is
+conservative. Partial compensation counts as full, and rolling friction has a fraction of its own.
 
-A friction that is safe to compensate (`cautious_friction`) is no more than what is certain of it. With 95 % confidence
-(z = 1.64), wheel i's curve is at least
+Friction that is safe to compensate (`cautious_friction`) does not exceed a lower confidence bound. With 95 %
+confidence (z = 1.64), wheel i's curve is at least
 
     tau(w) - z sigma(w) - u(w),      sigma^2 = g^T P g,   g = d tau / d (b, c, s, v_s, delta, d, e)
 
-at every speed, and in both directions if the friction has terms by direction. (b, c and s by themselves are known far
-worse: they trade against each other.) Compensated are b times one number and the dry part times another, the two that
-stay below that and give the largest mean share of tau. C_rr and the load term mu have bounds of their own,
-mu - z sigma_mu. What is known of a parameter decides how it counts:
+at every speed, and in both directions if the friction depends on direction. (Single parameters are far less certain
+than the curve: b, c and s are strongly correlated.) The compensation scales b by one factor and the dry part by
+another: the pair that stays below this bound and has the largest mean fraction of tau. C_rr and the load term mu have
+bounds of their own, mu - z sigma_mu. A parameter's variance decides how it enters:
 
-- a known error, a finite variance: in P, with its correlations;
-- no error, a variance that is infinite or NaN, as of a parameter that the logs do not separate or that is at a bound:
-  in u, the distance down to the lowest curve of all within the parameter's likelihood interval or, lacking one, its
-  range. A known error that stays within these never leads to less compensation;
-- a variance of zero, as of what the friction law fixes or a user states without an error: as stated, exactly.
+- finite: in P, with its correlations;
+- infinite or NaN, of a parameter that the logs do not separate or that is at a bound: in u, the distance down to the
+  lowest curve over the parameter's likelihood interval or, without one, its range. A finite error within these never
+  leads to less compensation;
+- zero, of a parameter that the friction law fixes or a user states without an error: the stated value is exact.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from ballbot.robot.parameters import Value, numbers_of
 _Z = 1.6448536269514722
 #: speeds of a wheel over which the curve is evaluated [rad/s]; below the first it is the break-away torque's
 _CONFIDENCE_SPEEDS = np.geomspace(0.02, 8.0, 60)
-#: shares of b that are tried
+#: fractions of b that are tried
 _VISCOUS_SHARES = np.linspace(0.0, 1.0, 201)[:, None]
 #: step of the central differences, over each parameter (over 1 if it is zero)
 _DIFFERENCE_STEP = 1e-5
@@ -59,11 +59,11 @@ def cautious_friction(
     *,
     intervals: Mapping[str, tuple[float, float]] = MappingProxyType({}),
 ) -> Friction:
-    """Return the part of a friction that the true one exceeds with 95 % confidence at every speed.
+    """Return the largest scaled friction that the true friction exceeds with 95 % confidence at every speed.
 
     The covariance, SI units, is of b, c, s of each wheel, v_s, delta and C_rr in this order, then of d, e and mu of
-    each wheel and the parameters of a registered law; those without rows are exact. `intervals` are likelihood
-    intervals of numbers without an error, by label, as "friction.stribeck[2]".
+    each wheel and the parameters of a registered law; parameters without a row are exact. `intervals` are likelihood
+    intervals of parameters of infinite variance, by label, as "friction.stribeck[2]".
     """
     n = len(friction.coulomb)
     labels, values = zip(*_numbers(friction).items(), strict=True)
@@ -73,9 +73,9 @@ def cautious_friction(
     unknown = ~np.isfinite(P.diagonal())
     P[unknown], P[:, unknown] = 0.0, 0.0
     ends = {
-        place: intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
-        for place, label in enumerate(labels)
-        if unknown[place]
+        index: intervals.get(label) or BY_NAME[label.partition("[")[0]].usual
+        for index, label in enumerate(labels)
+        if unknown[index]
     }
     directions = (1.0,) if friction.is_plain else (1.0, -1.0)
     speeds = np.tile(_CONFIDENCE_SPEEDS, len(directions))
@@ -83,25 +83,25 @@ def cautious_friction(
     def curves(values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return each wheel's friction against its motion, (k, n), first of one direction of turning."""
         changed = _with_numbers(friction, dict(zip(labels, values.tolist(), strict=True)))
-        return np.concatenate([_curve(changed, one, _CONFIDENCE_SPEEDS) for one in directions])
+        return np.concatenate([_curve(changed, direction, _CONFIDENCE_SPEEDS) for direction in directions])
 
     curve = lowest = curves(values)
     steps = np.diag(_DIFFERENCE_STEP * np.where(values == 0.0, 1.0, np.abs(values)))
-    changes = np.array([curves(values + one) - curves(values - one) for one in steps])
+    changes = np.array([curves(values + step) - curves(values - step) for step in steps])
     g = changes / (2.0 * steps.diagonal()[:, None, None])
     sigma = np.sqrt(np.maximum(np.einsum("ikn,ij,jkn->kn", g, P, g), 0.0))
-    # at each speed the curve rises or falls with each parameter, so it is lowest where all are at an end
+    # at each speed the curve is monotonic in each parameter, so its minimum over a box is at a corner
     for wheel in range(n):
-        own = [place for place in ends if _is_of(wheel, labels[place])]
-        for corner in itertools.product(*(ends[place] for place in own)):
+        own = [index for index in ends if _is_of(wheel, labels[index])]
+        for corner in itertools.product(*(ends[index] for index in own)):
             moved = values.copy()
             moved[own] = corner
             lowest = np.where(np.arange(n) == wheel, np.minimum(lowest, curves(moved)), lowest)
     bound = np.maximum(lowest - _Z * sigma, 0.0)
     shares = [_certain_shares(values[wheel] * speeds, curve[:, wheel], bound[:, wheel]) for wheel in range(n)]
-    least = values - _Z * np.sqrt(P.diagonal())  # of each number by itself
-    for place, (low, _) in ends.items():
-        least[place] = min(low, least[place])
+    least = values - _Z * np.sqrt(P.diagonal())  # of each parameter by itself
+    for index, (low, _) in ends.items():
+        least[index] = min(low, least[index])
     least = np.maximum(least, 0.0)
     cautious = replace(
         scaled_friction(friction, [dry for _, dry in shares], rolling_factor=1.0),
@@ -146,9 +146,9 @@ def _with_numbers(friction: Friction, numbers: Mapping[str, float]) -> Friction:
 
 
 def _is_of(wheel: int, label: str) -> bool:
-    """Return whether a wheel's curve without load depends on a number."""
-    name, _, place = label.partition("[")
-    return name not in ("friction.rolling", "friction.load") and place in ("", f"{wheel}]")
+    """Return whether a wheel's curve without load depends on a parameter."""
+    name, _, index = label.partition("[")
+    return name not in ("friction.rolling", "friction.load") and index in ("", f"{wheel}]")
 
 
 def _certain_shares(
@@ -173,7 +173,7 @@ def _certain_shares(
 def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
     """Return the covariance of the friction in a robot's file as `cautious_friction` takes it, None without deviations.
 
-    A variance is zero if the file states no deviation of that number, and infinite if it states that it is unknown.
+    A variance is zero if the file states no deviation of that parameter, and infinite if it states that it is unknown.
     """
     labels = [*_numbers(robot.friction)]
     stated = {label: size for label, *_, size in deviation_labels(robot.standard_deviations)}
@@ -189,7 +189,7 @@ def stated_covariance(robot: Robot) -> NDArray[np.float64] | None:
 
 #: speeds of a wheel at which the fractions are computed [rad/s]
 _SPEEDS = np.geomspace(0.02, 8.0, 120)
-#: excess of a fraction that is ignored: what rounding adds, and no energy to speak of
+#: excess of a fraction that is ignored: rounding, and negligible energy
 _NEGLIGIBLE = 1e-3
 
 
@@ -213,7 +213,7 @@ class CompensationMargin:
 
     @property
     def sentence(self) -> str:
-        """The place at which the compensation exceeds the friction most, or that it does not exceed it."""
+        """A clause: where the compensation exceeds the friction most, or that it does not."""
         if not self.overcompensates:
             return f"the compensation is at most {_percent(self.largest)} of the friction"
         if self.rolling_fraction == self.largest:
@@ -226,13 +226,13 @@ class CompensationMargin:
 
 
 def compensation_margin(controller: Controller, friction: Friction) -> CompensationMargin:
-    """Return which fraction of a friction a controller compensates: of the true one, or of what is certain of it."""
+    """Return the fraction of a friction, true or certain, that a controller compensates."""
     n = len(controller.gain)
     plain = controller.robot.friction.is_plain and friction.is_plain
     directions = (1.0,) if plain else (1.0, -1.0)
     signed = np.concatenate([direction * _SPEEDS for direction in directions])
-    given = np.concatenate([_given(controller, one) for one in directions])
-    taken = np.concatenate([_curve(friction, one) for one in directions])
+    given = np.concatenate([_given(controller, direction) for direction in directions])
+    taken = np.concatenate([_curve(friction, direction) for direction in directions])
     ratio = _ratio(given, taken)
     worst = ratio.argmax(axis=0)
     on = controller.compensation != "none"
@@ -255,7 +255,7 @@ def _given(controller: Controller, direction: float) -> NDArray[np.float64]:
 
 
 def certain_friction(robot: Robot) -> Friction:
-    """Return the friction of a robot's file, or what is certain of it if the file has standard deviations."""
+    """Return the friction of a robot's file, or its lower confidence bound if the file has standard deviations."""
     covariance = stated_covariance(robot)
     if covariance is None:
         return robot.friction
@@ -263,7 +263,7 @@ def certain_friction(robot: Robot) -> Friction:
 
 
 def refuse_overcompensation(controller: Controller, friction: Friction) -> None:
-    """Raise InputError if a controller compensates more than this friction, and may inject energy."""
+    """Raise InputError if a controller compensates more than this friction and can inject energy."""
     margin = compensation_margin(controller, friction)
     if margin.overcompensates:
         raise InputError(
@@ -287,7 +287,7 @@ def overcompensation_warning(controller: Controller, robot: Robot) -> str | None
 
 
 def has_friction(friction: Friction) -> bool:
-    """Return whether there is any; a robot file without friction has unknown friction."""
+    """Return whether any friction is given; the friction of a robot file without friction is unknown."""
     return any((*friction.viscous, friction.rolling, *friction.breakaway))
 
 

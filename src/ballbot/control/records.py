@@ -2,7 +2,7 @@
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
-controller has the same record. What a part remembers is declared in the same way and starts as zeros.
+controller has the same record. A part's memory is declared in the same way and starts as zeros.
 
     @dataclass(frozen=True, kw_only=True, eq=False)
     class IntegralRecord:
@@ -13,8 +13,8 @@ controller has the same record. What a part remembers is declared in the same wa
 All fields are 8 bytes wide (or 4, see `converted`), so that a record has no padding: names, order, units and lengths
 are those of a C struct. `Schema.digest` covers all of them.
 
-Between Python and compiled code a record travels as the float64 array of its bytes and is viewed as the record inside:
-1.2 us a call, where records by themselves (`np.void`) take 17 us, because Numba works out the type of each anew.
+A record is passed to compiled code as the float64 array of its bytes, which the code views as the record. A call then
+takes 1.2 us; with records (`np.void`) it takes 17 us, because Numba determines their type at every call.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NUMBER = "number"
 
 @dataclass(frozen=True, kw_only=True)
 class Number:
-    """What a field of a record is."""
+    """Unit, shape and kind of a record's field."""
 
     unit: str  #: SI unit; "1" without one
     shape: tuple[int, ...] = ()  #: of an array; () for a single number
@@ -66,17 +66,17 @@ class Schema:
 
     name: str
     fields: Mapping[str, Number | Schema]
-    text: str = ""  #: what the record is, for the comment of the struct in C
+    text: str = ""  #: description, for the comment of the struct in C
 
     def dtype(self, precision: Precision = "double") -> np.dtype[np.void]:
         """Return the NumPy structured type: 8 bytes a number, or 4 in single precision."""
         real, integer = _TYPES[precision]
         return np.dtype(
             [
-                (name, one.dtype(precision))
-                if isinstance(one, Schema)
-                else (name, integer if one.whole else real, one.shape)
-                for name, one in self.fields.items()
+                (name, member.dtype(precision))
+                if isinstance(member, Schema)
+                else (name, integer if member.whole else real, member.shape)
+                for name, member in self.fields.items()
             ]
         )
 
@@ -87,41 +87,45 @@ class Schema:
 
     def lines(self, above: str = "") -> list[str]:
         """Return a line for each number, as "prediction.by_torque real [4, 20, 10] 1/(N m)"."""
-        found = []
-        for name, one in self.fields.items():
-            if isinstance(one, Schema):
-                found += one.lines(f"{above}{name}.")
+        lines = []
+        for name, member in self.fields.items():
+            if isinstance(member, Schema):
+                lines += member.lines(f"{above}{name}.")
             else:
-                found.append(f"{above}{name} {'whole' if one.whole else 'real'} {list(one.shape)} {one.unit}")
-        return found
+                lines.append(
+                    f"{above}{name} {'whole' if member.whole else 'real'} {list(member.shape)} {member.unit}"
+                )
+        return lines
 
     def zeros(self) -> NDArray[np.void]:
-        """Return a record (1,) of zeros: a part that the controller lacks, or the memory at the start."""
+        """Return a record (1,) of zeros: a missing part, or the memory at the start of a run."""
         return np.zeros(1, self.dtype())
 
 
 @cache
 def schema_of(record: type) -> Schema:
     """Return the schema of a record's dataclass."""
-    numbers: dict[str, Number | Schema] = {one.name: one.metadata[_NUMBER] for one in fields(record)}
+    numbers: dict[str, Number | Schema] = {member.name: member.metadata[_NUMBER] for member in fields(record)}
     return Schema(name=record.__name__, fields=numbers, text=(record.__doc__ or "").partition("\n")[0])
 
 
 def fill_record(target: NDArray[np.void], value: object) -> None:
-    """Copy a record's dataclass into a structured array (1,); an array fills the first places of its room."""
-    for name, one in schema_of(type(value)).fields.items():
-        if isinstance(one, Schema):
+    """Copy a record's dataclass into a structured array (1,); an array fills the first elements of its field."""
+    for name, member in schema_of(type(value)).fields.items():
+        if isinstance(member, Schema):
             continue
         given = np.asarray(getattr(value, name), dtype=np.float64)
         room = target[name][0]
         if not np.isfinite(given).all():
             raise InputError(f"{name} of the controller's record {type(value).__name__} is not finite.")
-        if given.ndim != len(one.shape) or any(a > b for a, b in zip(given.shape, one.shape, strict=True)):
+        if given.ndim != len(member.shape) or any(
+            a > b for a, b in zip(given.shape, member.shape, strict=True)
+        ):
             raise InputError(
                 f"{name} of the controller's record {type(value).__name__} has the shape {given.shape}; there is "
-                f"room for {one.shape}."
+                f"room for {member.shape}."
             )
-        if one.shape:
+        if member.shape:
             room[tuple(slice(size) for size in given.shape)] = given
         else:
             target[name][0] = given
@@ -140,17 +144,17 @@ def converted(record: NDArray[np.void], schema: Schema, *, largest_loss: float =
 def _convert(
     source: NDArray[np.void], target: NDArray[np.void], schema: Schema, above: str, largest_loss: float
 ) -> None:
-    for name, one in schema.fields.items():
-        place, given = f"{above}.{name}", source[name]
-        if isinstance(one, Schema):
-            _convert(given, target[name], one, place, largest_loss)
+    for name, member in schema.fields.items():
+        path, given = f"{above}.{name}", source[name]
+        if isinstance(member, Schema):
+            _convert(given, target[name], member, path, largest_loss)
             continue
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
             target[name] = given
         back = target[name].astype(given.dtype)
-        lost = ~(back == given if one.whole else np.abs(back - given) <= largest_loss * np.abs(given))
+        lost = ~(back == given if member.whole else np.abs(back - given) <= largest_loss * np.abs(given))
         if lost.any():
             worst = given[lost].ravel()[0]
             raise InputError(
-                f"{place} is {worst:g}; in single precision it would become {back[lost].ravel()[0]:g}."
+                f"{path} is {worst:g}; in single precision it would become {back[lost].ravel()[0]:g}."
             )

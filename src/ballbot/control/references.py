@@ -1,17 +1,17 @@
-"""References: where the robot is asked to be, as functions of time and as files.
+"""References: the desired pose of the robot as a function of time, or from a file.
 
 A reference is a function f(t) -> (10,) in the order of `ballbot.log.columns.STATE_NAMES`. Only x, y and psi
-are other than zero: with the rest zero, A r = 0 holds for the linearised robot, and the controller
-u = K S(psi) (r - x) may rest there. A reference that moves therefore asks for a position and not for a speed, unless
-it is a plan (`ballbot.plan`): the states of a motion that the robot can do. Controllers with feed-forward follow it.
+ever differ from zero: A r = 0 then holds for the linearised robot, and r is an equilibrium of the controller
+u = K S(psi) (r - x). A moving reference therefore sets a position and never a speed, unless it is a plan
+(`ballbot.plan`): the states of a motion that the robot can do, which controllers with feed-forward follow.
 
 A file is a table of poses, for any run that takes a reference by name:
 
     t,ref_x,ref_y,ref_psi        [s, m, m, rad]
 
-A log has the same columns, so that its reference can be followed again. A row holds until the next one; the last one
-holds from there on. A plan's file has the other seven columns too, ref_theta to ref_psi_dot [rad, m/s, rad/s], and is
-linear between its rows.
+A log has the same columns, so that its reference can be followed again. A row holds until the next one, the last row
+to the end. A plan's file has the other seven columns too, ref_theta to ref_psi_dot [rad, m/s, rad/s], and is linear
+between its rows.
 """
 
 from __future__ import annotations
@@ -24,44 +24,55 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import positive_number
 from ballbot.errors import InputError, suggest
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
 from ballbot.state import STATE_NAMES
 
-#: where the robot is asked to be (10,) at a time [s]; its arrays are to be read only
+#: the desired state (10,) at a time [s]; its arrays are read-only
 Reference = Callable[[float], NDArray[np.float64]]
 
 #: a reference, the name of one (`REFERENCES`), or the path of a reference file
 ReferenceLike = Reference | str | Path
 
-#: a corner that rounding puts this little [s] after the sample it belongs to is taken at that sample
+#: a corner that rounding moves by less than this [s] past its sample belongs to that sample
 _ROUNDING = 1e-9
 
 
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
-    """Stand at one pose: x, y [m], psi [rad]."""
+    """Hold a pose: x, y [m], psi [rad].
+
+    >>> hold(x=0.5, psi=1.0)(0.0)
+    array([0.5, 0. , 0. , 0. , 1. , 0. , 0. , 0. , 0. , 0. ])
+    """
     pose = _pose(x, y, psi)
     return lambda _t: pose
 
 
 def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
-    """Go around a square by steps: (0, 0), (side, 0), (side, side), (0, side), and so on; side [m], period [s].
+    """Step around the corners of a square: (0, 0), (side, 0), (side, side), (0, side); side [m], period [s].
 
-    A quarter of the period is at each corner, the first at the origin. InputError if the period is not positive.
+    Each corner is held for a quarter of the period, the origin first. InputError if the period is not positive.
+
+    >>> square(side=0.5, period=32.0)(9.0)[:2]
+    array([0.5, 0. ])
     """
-    _check_positive("period", period)
-    places = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
-    corners = [_pose(x, y, 0.0) for x, y in places]
+    positive_number(period, "The reference's period")
+    points = ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side))
+    corners = [_pose(x, y, 0.0) for x, y in points]
     return lambda t: corners[int((t + _ROUNDING) // (period / 4.0)) % 4]
 
 
 def change_pose(
     *, x: float = 1.0, y: float = -1.0, psi: float = np.pi, at: float = 3.0, ramp: float = 4.0
 ) -> Reference:
-    """Go from the origin to a pose [m, m, rad], from `at` [s] on: the thesis's change to [1 -1 pi], spread over time.
+    """Move from the origin to a pose [m, m, rad], starting `at` [s]: the thesis's change to [1 -1 pi].
 
-    The ramp is how long it takes [s]; zero makes it a step. InputError if it is negative.
+    `ramp` is the duration [s]; zero is a step. InputError if it is negative.
+
+    >>> change_pose(at=3.0, ramp=4.0)(5.0)[[0, 1, 4]].round(3)
+    array([ 0.5  , -0.5  ,  1.571])
     """
     if not ramp >= 0.0:
         raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero (a step) or positive.")
@@ -74,11 +85,14 @@ def change_pose(
 
 
 def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
-    """Go around the circle about (0, radius) [m] through the origin, to the left, at constant heading.
+    """Move counter-clockwise around the circle about (0, radius) [m] through the origin, at constant heading.
 
-    The period is that of one turn [s]; InputError if it is not positive.
+    `period` is the time of one turn [s]; InputError if it is not positive.
+
+    >>> circle(radius=0.5, period=30.0)(7.5)[:2].round(3)
+    array([0.5, 0.5])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
@@ -88,12 +102,15 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
 
 
 def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.0) -> Reference:
-    """Go along a lying eight that crosses itself in the origin (Gerono's lemniscate), at constant heading.
+    """Move along a figure of eight that crosses itself at the origin (lemniscate of Gerono), at constant heading.
 
-    Length and width are from end to end along x and along y [m], the period is of one whole eight [s]. InputError if it
-    is not positive.
+    `length` along x and `width` along y are from end to end [m], `period` is the time of one eight [s]. InputError if
+    it is not positive.
+
+    >>> figure_eight(length=1.0, width=0.5, period=40.0)(10.0)[:2].round(3)
+    array([0.5, 0. ])
     """
-    _check_positive("period", period)
+    positive_number(period, "The reference's period")
 
     def reference(t: float) -> NDArray[np.float64]:
         angle = 2.0 * np.pi * t / period
@@ -102,7 +119,46 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
     return reference
 
 
-#: the references that the command line knows by name, each with its own defaults
+def drive(*, speed: float = 0.5, begin: float = 2.0, ramp: float = 0.0, end: float = np.inf) -> Reference:
+    """Go along x at a speed [m/s] from `begin` [s] on, reached evenly within `ramp` [s], and stop at once at `end` [s].
+
+    InputError if the ramp is negative.
+
+    >>> [drive(speed=1.0, begin=2.0, ramp=2.0, end=5.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 5.0, 6.0)]
+    [0.0, 0.25, 1.0, 2.0, 2.0]
+    """
+    if not ramp >= 0.0:
+        raise InputError(f"The reference's ramp is {ramp:g} s; it must be zero or positive.")
+
+    def reference(t: float) -> NDArray[np.float64]:
+        since = max(min(t, end) - begin, 0.0)
+        rising = min(since, ramp)
+        share = 0.5 * rising / ramp if ramp else 0.0
+        return _pose(speed * (share * rising + since - rising), 0.0, 0.0)
+
+    return reference
+
+
+def velocity_steps(*, speed: float = 0.5, period: float = 16.0) -> Reference:
+    """Stand, go along x at a speed [m/s], stand, and go back at it, each for a quarter of the period [s].
+
+    InputError if the period is not positive.
+
+    >>> [velocity_steps(speed=0.5, period=8.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 6.0, 7.0, 8.0)]
+    [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
+    """
+    positive_number(period, "The reference's period")
+    quarter = period / 4.0
+
+    def reference(t: float) -> NDArray[np.float64]:
+        into = t % period
+        forth, back = (min(max(into - k * quarter, 0.0), quarter) for k in (1, 3))
+        return _pose(speed * (forth - back), 0.0, 0.0)
+
+    return reference
+
+
+#: the references that the command line takes by name, with their defaults
 REFERENCES = MappingProxyType(
     {
         "hold": hold,
@@ -110,6 +166,8 @@ REFERENCES = MappingProxyType(
         "change_pose": change_pose,
         "circle": circle,
         "figure_eight": figure_eight,
+        "drive": drive,
+        "velocity_steps": velocity_steps,
     }
 )
 
@@ -125,20 +183,15 @@ def named_reference(name: str) -> Reference:
 
 def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
     pose = np.zeros(10)
-    pose[_POSE_PLACES] = x, y, psi
-    pose.setflags(write=False)  # some are given every time
+    pose[_POSE_INDICES] = x, y, psi
+    pose.setflags(write=False)  # some references return the same array at every call
     return pose
 
 
-def _check_positive(what: str, value: float) -> None:
-    if not value > 0.0:
-        raise InputError(f"The reference's {what} is {value:g}; it must be positive.")
-
-
-#: the columns of a plan; those that every file has, and the places in the state of their values
+#: the columns of a plan; those that every file has, and the indices of their values in the state
 _STATE_COLUMNS = tuple(f"ref_{name}" for name in STATE_NAMES)
-_FILE_COLUMNS, _POSE_PLACES = ("ref_x", "ref_y", "ref_psi"), [0, 1, 4]
-#: a time that rounding puts before its row by no more than this share of the first interval belongs to the row
+_FILE_COLUMNS, _POSE_INDICES = ("ref_x", "ref_y", "ref_psi"), [0, 1, 4]
+#: a time that rounding moves before its row by less than this fraction of the first interval belongs to that row
 _FILE_ROUNDING = 1e-6
 
 
@@ -146,12 +199,16 @@ def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) ->
     """Return the reference that holds each pose x, y [m], psi [rad] (N, 3) until the next; times (N,) [s] rise.
 
     Of a plan's states (N, 10), return the one that is linear between them.
+
+    >>> reference = sampled_reference(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
+    >>> reference(3.0)[:2]
+    array([0.5, 0. ])
     """
     if poses.shape[1] == len(STATE_NAMES):
         return lambda t: np.array([np.interp(t, times, column) for column in poses.T])
     rounding = _FILE_ROUNDING * float(times[1] - times[0]) if len(times) > 1 else 0.0
     wanted = np.zeros((len(times), 10))
-    wanted[:, _POSE_PLACES] = poses
+    wanted[:, _POSE_INDICES] = poses
     wanted.setflags(write=False)
     begins = times.tolist()
     return lambda t: wanted[max(bisect_right(begins, t + rounding) - 1, 0)]
@@ -166,6 +223,12 @@ def read_reference(path: str | Path) -> Reference:
     """Return the reference of a file that has t, ref_x, ref_y and ref_psi, or a plan's columns; a log is one.
 
     InputError if the file cannot be read, lacks a column or misses a value.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     write_reference(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), f"{folder}/step.csv")
+    ...     read_reference(f"{folder}/step.csv")(3.0)[:2]
+    array([0.5, 0. ])
     """
     return sampled_reference(*read_poses(path))
 
@@ -178,7 +241,7 @@ def reference_text(path: str | Path) -> str:
 
 
 def as_reference(source: ReferenceLike) -> Reference:
-    """Return the reference itself, the one of that name, or the one in that file; InputError if it is none of these."""
+    """Return a reference from a function, a name or a file; InputError if the source is none of these."""
     if callable(source):
         return source
     if not isinstance(source, str | Path):
@@ -190,7 +253,7 @@ def as_reference(source: ReferenceLike) -> Reference:
 
 
 def is_reference_file(source: str | Path) -> bool:
-    """Return whether a reference is meant to be in a file: its text ends as a table's name does."""
+    """Return whether a reference names a file, by the suffix of a table."""
     return is_log_file(source)
 
 

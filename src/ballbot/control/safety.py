@@ -1,6 +1,6 @@
 """Safety: the layer between a controller and the motors.
 
-It bridges a short gap in the measurements (NaN, infinite or beyond a million) and stops on everything worse::
+It bridges short gaps in the measurements (NaN, infinite or beyond a million) and stops on any other fault::
 
     sample without a valid measurement    up to `max_missing` in a row are bridged; one more stops
     lean beyond the limit                 stops at once
@@ -13,8 +13,8 @@ and in the firmware, which has the limits of `SafetyLimits.on_robot`::
                                           encoder that does not count while its wheel must turn
     silent host                           stops after 50 ms without a valid frame
 
-A gap is bridged by the estimator, which predicts the state. If there is no state at all, the torques are zero for as
-long and the controller is not called. A stop is latched: every torque is zero until `reset`, and `stop` has the reason.
+The estimator bridges a gap by predicting the state. Without any state the torques are zero and the controller is not
+called. A stop is latched: every torque is zero until `reset`, and `stop` has the reason.
 `simulate` puts a `SafeController` around every controller that it runs.
 
 Examples
@@ -44,7 +44,7 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
 from ballbot.robot import Robot
 
-#: lean [rad] beyond which no wheel holds the ball: the end of the model
+#: lean [rad] beyond which the wheels lose the ball and the model ends
 _MAX_LEAN = 1.2
 
 
@@ -95,7 +95,7 @@ class SafetyLimits:
     def on_robot(cls, robot: Robot, *, sample_time: float, lean: float = 0.35) -> SafetyLimits:
         """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
 
-        A sample may be as late as a gap that is bridged; a wheel must turn under twice its break-away torque, and under
+        A sample may be late by as much as a bridged gap lasts; a wheel must turn under twice its break-away torque, or
         a quarter of the torque limit if that is more. `ballbot limits` finds the lean [rad] that a robot recovers from;
         InputError if it is not above zero and at most 1.2 rad. The sample time is in [s].
         """
@@ -113,9 +113,9 @@ class SafetyLimits:
         )
 
 
-#: for which a sensor of a real robot may repeat itself [s]; an IMU of 100 Hz does so for 0.01 s
+#: longest time for which a sensor of a real robot may repeat itself [s]; an IMU of 100 Hz does so for 0.01 s
 _STUCK_TIME = 0.1
-#: torque over the break-away torque under which a wheel must turn
+#: ratio to the break-away torque at which a wheel must turn
 _TURNING = 2.0
 
 
@@ -137,11 +137,11 @@ class SafeController:
 
     @property
     def estimator(self) -> EstimatorName:
-        """Name of the on-board state that the controller is made for."""
+        """Name of the estimator that the controller is designed for."""
         return estimator_of(self.controller)
 
     def reset(self) -> None:
-        """Start anew: a stop is forgotten, and what the controller remembers too."""
+        """Clear the latched stop and the controller's memory."""
         self.stop, self._missing, self._t = None, 0, None
         self.controller.reset()
 

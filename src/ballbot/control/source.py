@@ -1,4 +1,4 @@
-"""Whatever stands for a controller: an object, a function, the name of a ready-made one, or a controller file."""
+"""Controllers by what a user gives: an object, a function, the name of a ready-made one, or a controller file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FunctionController:
     sample_time: float  #: [s]
 
     def reset(self) -> None:
-        """Do nothing: there is nothing to forget."""
+        """Do nothing: there is no memory."""
 
     def update(
         self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]

@@ -205,7 +205,6 @@ def _stack_sizes(content: bytes) -> Iterator[tuple[int, int]]:
 class EmulatedCall:
     """A call of a function."""
 
-    returned: int  #: register r0
     instructions: int  #: executed
     stack: int  #: used [bytes]
 
@@ -295,7 +294,6 @@ class Board:
         core.emu_start(self.image.functions[name].start | 1, _RETURN)
         stack = bytes(core.mem_read(top - _STACK, pointer - (top - _STACK)))
         return EmulatedCall(
-            returned=int(core.reg_read(arm.UC_ARM_REG_R0)),
             instructions=self._instructions,
             stack=len(stack.lstrip(bytes([_PAINT]))),
         )

@@ -30,7 +30,7 @@ from ballbot.control.parts.part import MAX_PAST
 from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.files import write_text
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
-from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, schema_words
+from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
 
 #: the C sources
 SOURCES = Path(__file__).parent / "c"
@@ -54,7 +54,7 @@ def struct_name(schema: Schema) -> str:
 def types_header() -> str:
     """Return the text of ballbot_types.h."""
     structs = "\n".join(struct_text(schema) for schema in _schemas(FIRMWARE))
-    words = ", ".join(map(str, schema_words(FIRMWARE)))
+    words = ", ".join(map(str, digest_words(FIRMWARE.digest)))
     return f"""\
 /* The records of Ballbot as structs: parameters, state and sensor readings.
  *

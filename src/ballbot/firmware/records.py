@@ -173,9 +173,8 @@ STATE = Schema(
 FIRMWARE = Schema(name="firmware", fields={"parameters": PARAMETERS, "state": STATE, "reading": READING})
 
 
-def schema_words(schema: Schema) -> tuple[int, ...]:
-    """Return a schema's digest as numbers of 31 bits."""
-    digest = schema.digest
+def digest_words(digest: str) -> tuple[int, ...]:
+    """Return a SHA-256 in hexadecimal digits as `DIGEST_WORDS` numbers of 31 bits."""
     return tuple(int(digest[8 * i : 8 * i + 8], 16) & 0x7FFFFFFF for i in range(DIGEST_WORDS))
 
 
@@ -186,7 +185,7 @@ def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np
     """
     robot, sample_time = controller.robot, controller.sample_time
     record = PARAMETERS.zeros()
-    record["schema"] = schema_words(FIRMWARE)
+    record["schema"] = digest_words(FIRMWARE.digest)
     record["wheel_count"] = len(controller.gain)
     record["estimator"] = ESTIMATORS[controller.estimator]
     record["sample_time"] = sample_time

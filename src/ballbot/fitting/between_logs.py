@@ -1,31 +1,31 @@
-"""How an estimate varies from one log to another of the same robot: joint random effects with a prior.
+"""The variation of an estimate between logs of one robot: random effects with a prior.
 
-Log k gives p parameters the estimates y_k, with the covariance C_k that its own residuals show, and
+Log k gives estimates y_k of p parameters, with the covariance C_k from its own residuals, and
 
     y_k = theta + a_k + e_k        a_k ~ N(0, tau^2 D),  e_k ~ N(0, C_k)
 
-where a_k is what changes from log to log and the model lacks: the way driven, where the rollers touch, the floor, the
-drift of a sensor. D is diagonal, and small beside C_k in the directions in which parameters make up for one another: so
-each of them keeps its large error, and what they give together gets one of the size of D. Little is known of tau from
-few logs, and nothing from one. Other robots, with two logs each, give D its sizes and tau a prior, tau^2 ~ scaled
-inverse chi-squared of nu degrees and scale 1 (`campaigns.between_logs`). With
+where a_k is the effect of what changes from log to log and the model lacks: the path driven, the contacts of the
+rollers, the floor, the drift of a sensor. D is diagonal, and small beside C_k in the directions in which parameters
+compensate for each other: each of these keeps its large error, and their combined effect gets one of the size of D. A
+few logs determine tau poorly, and one log not at all. Other robots, with two logs each, give D, and a prior of tau:
+tau^2 is scaled inverse chi-squared with nu degrees and scale 1 (`campaigns.between_logs`). With
 
     W_k = (C_k + tau^2 D)^-1,   V = (sum W_k)^-1,   m = V sum W_k y_k
 
-and no prior knowledge of theta, the logs leave tau with
+and a flat prior of theta, the posterior of tau is
 
     p(tau | y) ~ p(tau) sqrt(|V|) prod_k sqrt(|W_k|) exp(-(y_k - m)^T W_k (y_k - m) / 2)
 
 (A. Gelman et al., Bayesian Data Analysis, 3rd edition 2013, section 5.4). The covariance of theta is the mean of V over
-it. One log and many are the same formula; with one, p(tau | y) is the prior and the covariance C_1 + E(tau^2) D.
+it. With one log, p(tau | y) is the prior and the covariance is C_1 + E(tau^2) D.
 
-If all C_k are zero this is conjugate: tau^2 has nu + (K - 1) p degrees. That, and the coverage over robots drawn from
-the prior, which is exact, are the tests' oracles.
+If all C_k are zero this is conjugate: tau^2 has nu + (K - 1) p degrees. The tests check that, and the coverage over
+robots drawn from the prior, which is exact.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,21 +34,21 @@ from scipy.special import chdtrc, logsumexp
 from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations, leverage_corrected
 
-#: values of tau, in even steps of its logarithm
+#: grid of tau, logarithmic
 _TAU = np.geomspace(0.05, 50.0, 121)
-#: of a covariance's diagonal
+#: ridge, as a share of a covariance's diagonal
 _RIDGE = 1e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogSpread:
-    """What logs of one robot tell of tau, and of theta."""
+    """Posterior of tau and theta from the logs of one robot."""
 
     factor: float  #: root of the mean of tau^2
     covariance: NDArray[np.float64]  #: of theta (p, p)
-    #: of theta, beyond that without variation between logs (p, p)
+    #: of theta, less the covariance without variation between logs (p, p)
     added: NDArray[np.float64]
-    p_value: float  #: how likely estimates differ as much by chance alone (Cochran's Q); one for a single log
+    p_value: float  #: of differences as large by chance alone (Cochran's Q); 1 for a single log
 
 
 def spread(
@@ -58,12 +58,12 @@ def spread(
     *,
     degrees: float,
 ) -> LogSpread:
-    """Return how a robot's parameters vary between its logs.
+    """Return the variation of a robot's parameters between its k logs, one or more.
 
-    There is an estimate (k, p) of each log, k of 1 or more, with the covariances (k, p, p) within each. The sizes (p,)
-    are roots of the diagonal of D, and the degrees are nu.
+    `estimates` (k, p) have the covariances (k, p, p) within each log. `sizes` (p,) are the square roots of the diagonal
+    of D, and `degrees` is nu.
     """
-    unit = np.where(sizes > 0.0, sizes, 1.0)  # in units of D's sizes all matrices are well scaled
+    unit = np.where(sizes > 0.0, sizes, 1.0)  # in these units all matrices are well scaled
     y, C = estimates / unit, covariances / np.outer(unit, unit)
     D = np.diag((sizes > 0.0).astype(float))
     (alike, differing, _), (V_at, _, likelihood) = _given(np.zeros(1), y, C, D), _given(_TAU, y, C, D)
@@ -83,12 +83,12 @@ def spread(
 def log_evidence(
     y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], *, degrees: float
 ) -> float:
-    """Return the logarithm of the likelihood of a robot's logs, estimates (k, p) with (k, p, p), up to a constant."""
+    """Return the log-likelihood of a robot's logs, up to a constant; y is (k, p) and C (k, p, p)."""
     return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D)[2])))
 
 
 def _prior(degrees: float) -> NDArray[np.float64]:
-    """Return the logarithm of the prior's weight of each tau."""
+    """Return the logarithm of the prior probability of each tau on the grid."""
     density = -degrees * np.log(_TAU) - 0.5 * degrees / _TAU**2
     return density - np.asarray(logsumexp(density))
 
@@ -97,7 +97,7 @@ def _given(
     tau: NDArray[np.float64], y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return V (g, p, p), the sum of (y_k - m)^T W_k (y_k - m) and the log likelihood (g,) at each value of tau."""
-    # fewer windows than parameters leave a C_k without full rank: a small ridge keeps it invertible
+    # with fewer windows than parameters C_k is singular; the ridge makes it invertible
     ridge = _RIDGE * np.eye(y.shape[1]) * np.diagonal(C, axis1=1, axis2=2)[:, None]
     total = C + ridge + tau[:, None, None, None] ** 2 * D
     W = np.linalg.inv(total)
@@ -111,7 +111,7 @@ def _given(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LogEstimates:
-    """The estimates of each of k logs, scaled, and their covariances within that log."""
+    """The estimate from each of k logs by itself, scaled, with its covariance within that log."""
 
     points: NDArray[np.float64]  #: (k, p)
     covariances: NDArray[np.float64]  #: (k, p, p); NaN for parameters without a standard error
@@ -120,42 +120,44 @@ class LogEstimates:
 def log_estimates(
     within: Uncertainty, equations: WindowEquations, block_log: NDArray[np.int64], *, widen: float
 ) -> LogEstimates:
-    """Return what each log by itself leads to, to first order about the estimate from all of them.
+    """Return the estimate from each log by itself, to first order about the estimate from all logs.
 
-    One log leads to the estimate itself, with its errors. A parameter at a bound stays there in every log. `within` is
-    of the estimate from all logs, and `equations` are there; `block_log` (w,) is the log of each window; errors within
-    a log are multiplied by `widen`, as those of `within` are.
+    With one log, that is the estimate itself. A parameter at a bound stays there in every log. `within` is the
+    uncertainty of the estimate from all logs, and `equations` are the equations there; `block_log` (w,) has the log of
+    each window; errors within a log are multiplied by `widen`, as those of `within` are.
     """
     estimated = np.isfinite(within.scaled_errors)
-    logs, places = np.unique(block_log), np.flatnonzero(estimated)
+    logs, columns = np.unique(block_log), np.flatnonzero(estimated)
     points = np.tile(within.point, (len(logs), 1))
     covariances = np.tile(within.covariance, (len(logs), 1, 1))
-    if len(logs) > 1 and len(places):
-        common, _ = _step(equations, places)
+    if len(logs) > 1 and len(columns):
+        common, _ = _step(equations, columns)
         own, inverses = equations.scores.copy(), []
         for k, log in enumerate(logs):
             rows = block_log == log
             mine = WindowEquations(matrices=equations.matrices[rows], scores=equations.scores[rows])
-            step, inverse = _step(mine, places)
-            points[k, places] += step - common
-            # about the log's own estimate, or what it differs from the others by would count as noise within it
-            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, places], step, optimize=False)
+            step, inverse = _step(mine, columns)
+            points[k, columns] += step - common
+            # about the log's own estimate; otherwise its difference from the others counts as noise within it
+            own[rows] += np.einsum("wij,j->wi", mine.matrices[:, :, columns], step, optimize=False)
             inverses.append(inverse)
-        scores = leverage_corrected(equations.matrices, own, estimated).scores[:, places]
+        scores = leverage_corrected(replace(equations, scores=own), estimated).scores[:, columns]
         of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
         for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
-            covariances[k][np.ix_(places, places)] = (
+            covariances[k][np.ix_(columns, columns)] = (
                 inverse @ ((block_log == log).sum() * of_window) @ inverse
             )
     return LogEstimates(points=points, covariances=covariances)
 
 
 def _step(
-    equations: WindowEquations, places: NDArray[np.intp]
+    equations: WindowEquations, columns: NDArray[np.intp]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the Gauss-Newton step of the parameters at `places`, and the inverse of its matrix."""
-    H = equations.matrices[:, places[:, None], places].sum(axis=0)
+    """Return the Gauss-Newton step of the parameters at `columns`, and the inverse of its matrix."""
+    H = equations.matrices[:, columns[:, None], columns].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))
-    # a log may lack every window that determines a parameter: a small ridge keeps its equations soluble
-    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))) * np.outer(scale, scale)
-    return -inverse @ equations.scores[:, places].sum(axis=0), inverse
+    # a log may have no window that determines a parameter; the ridge makes its equations soluble
+    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(columns))) * np.outer(
+        scale, scale
+    )
+    return -inverse @ equations.scores[:, columns].sum(axis=0), inverse

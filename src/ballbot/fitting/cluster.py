@@ -1,8 +1,7 @@
-"""Pieces of work over a Dask cluster: `pip install 'ballbot[cluster]'`, a scheduler, workers with the same packages.
+"""Work on a Dask cluster: `pip install 'ballbot[cluster]'`, a scheduler, and workers with the same packages.
 
-Workers may come, go and be killed: the scheduler does again what was lost with them. A piece of work has the same bits
-wherever it is done as long as the packages and the processor's kind are the same, and a worker of which they are
-not refuses.
+Workers may join, leave and be killed: the scheduler repeats the work that was lost with them. Results are the same to
+the bit on every worker with the same packages and processor; other workers refuse the work.
 """
 
 from __future__ import annotations
@@ -23,26 +22,26 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import Executor, ExecutorError, Piece, Result
 from ballbot.fitting.sweep import machine
 
-#: of a scheduler: without a host and a port Dask would wait for a minute and fail
+#: address of a scheduler; without host and port Dask waits for a minute and fails
 _ADDRESS = r"((tcp|tls|ws|wss|ucx)://)?[^/]+:(\d{1,5})"
-_PATIENCE = 30.0  #: how long a scheduler, and then a first worker, is waited for [s]
-_KEPT = 16  #: so many different things that pieces share are kept on the cluster
+_PATIENCE = 30.0  #: timeout for the scheduler, and for the first worker [s]
+_KEPT = 16  #: shared inputs kept on the cluster
 
 
 class Cluster(Executor):
-    """The workers of a Dask scheduler; a context manager that ends the connection.
+    """The workers of a Dask scheduler; a context manager that closes the connection.
 
     Parameters
     ----------
     address : str
-        The scheduler's, such as "tcp://10.0.0.5:8786".
+        Of the scheduler, such as "tcp://10.0.0.5:8786".
 
     Raises
     ------
     InputError
-        If that is no address.
+        If the address is invalid.
     ExecutorError
-        If no scheduler answers there, or no worker joins it.
+        If no scheduler answers, or no worker joins it.
     """
 
     def __init__(self, address: str) -> None:
@@ -67,38 +66,38 @@ class Cluster(Executor):
         self.close()
 
     def close(self) -> None:
-        """End the connection; the cluster stays."""
+        """Close the connection; the cluster keeps running."""
         self._held.clear()
         self._client.close()
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished.
+        """Yield the index and the result of each piece as they finish.
 
         Raises
         ------
         ExecutorError
-            If a worker's packages or processor are others than here, or the cluster is lost.
+            If a worker has other packages or another processor, or the connection is lost.
         """
         try:
             held, here = self._hold(make), machine()
-            places = {
-                self._client.submit(_made, held, piece, here, pure=False, retries=0): place
-                for place, piece in enumerate(pieces)
+            indices = {
+                self._client.submit(_made, held, piece, here, pure=False, retries=0): index
+                for index, piece in enumerate(pieces)
             }
-            for future in as_completed(list(places), loop=self._client.loop):
+            for future in as_completed(list(indices), loop=self._client.loop):
                 result = cast("Result", future.result())
-                place = places.pop(future)  # with the last hold on it, the cluster forgets the result
+                index = indices.pop(future)  # without a reference to it, the cluster frees the result
                 del future
-                yield place, result
+                yield index, result
         except (KilledWorker, FutureCancelledError, OSError, TimeoutError) as error:
             raise ExecutorError(
                 f"The connection to the Dask cluster at {self._address!r} was lost: {error}."
             ) from None
 
     def _hold(self, make: object) -> Future:
-        """Send what pieces share once; as the result of a task, so that it is made again where its worker is lost."""
+        """Send the shared input once, as the result of a task, which is repeated if its worker is lost."""
         data = pickle.dumps(make)
         key = hashlib.sha256(data).hexdigest()
         if key not in self._held:
@@ -112,7 +111,7 @@ class Cluster(Executor):
 
 
 def _made(make: Callable[[Piece], Result], piece: Piece, asked_from: dict[str, str]) -> Result:
-    """Do a piece; runs on a worker."""
+    """Make a piece on a worker."""
     here = machine()
     for name, asked in asked_from.items():
         if here[name] != asked:

@@ -1,8 +1,8 @@
-"""Errors of competing models on the same runs: a 95 % interval on their ratio, and errors by horizon.
+"""Errors of competing models on the same runs: a 95 % interval of their ratio, and errors by horizon.
 
-The interval is a block bootstrap of the runs. Neighbouring runs share the same interval of floor and the same swing of
-the limit cycle, so blocks of neighbours are drawn (`ballbot.fitting.uncertainty`), both models' errors of a run
-together. With r* the ratio of a draw,
+The interval is from a block bootstrap of the runs. Neighbouring runs share a stretch of floor and a swing of the limit
+cycle, so blocks of neighbours are drawn (`ballbot.fitting.uncertainty`), with the errors of both models together. With
+r* the ratio of a draw,
 
     log r  +-  t  s*,     s* = std(log r*) sqrt(m / (m - 1)),     m = runs / block,   t Student's with m - 1
 
@@ -26,7 +26,7 @@ from scipy import special
 
 from ballbot.fitting.uncertainty import block_length, resampled_means
 
-#: fewer runs give no interval
+#: with fewer runs there is no interval
 LEAST_RUNS = 8
 
 #: of the first model against the second: "better" or "worse" only if the whole interval is above or below one
@@ -40,9 +40,9 @@ def verdicts(interval: NDArray[np.float64]) -> tuple[Verdict, ...]:
     )
 
 
-#: resamples; they give the standard error to 1 / sqrt(2 * 2000) = 1.6 %
+#: resamples; the standard error is then known to 1 / sqrt(2 * 2000) = 1.6 %
 _REPEATS = 2000
-#: blocks are at most so long that this many fit
+#: blocks are short enough that there are this many
 _LEAST_BLOCKS = 4
 
 
@@ -61,7 +61,7 @@ def ratio_interval(
     numerator, denominator : array (runs, k)
         Positive, in the order of time.
     overlap : int
-        How many neighbouring runs share some of the log.
+        How many neighbouring runs share part of the log.
     seed : int
     power : float
         One half for ratios of root mean squares, given squares.
@@ -78,7 +78,7 @@ def ratio_interval(
 
 
 def _bootstrap_block(influence: NDArray[np.float64], overlap: int) -> int:
-    """Return the length of a block for columns (runs, k) of each run's pull on the ratio."""
+    """Return the length of a block from the influence (runs, k) of each run on the ratio."""
     runs = len(influence)
     products = np.sum(influence[1:] * influence[:-1], axis=0)
     squares = np.sum(influence**2, axis=0)
@@ -90,7 +90,7 @@ def _bootstrap_block(influence: NDArray[np.float64], overlap: int) -> int:
     return min(longest, max(block_length(runs), 2 * overlap if overlap > 1 else 1, round(wanted)))
 
 
-#: no error counts as less, in any unit: a thousandth of what a robot's finest sensors resolve
+#: least error that counts, in any unit: a thousandth of the resolution of a robot's finest sensors
 _LEAST = 1e-9
 
 
@@ -101,7 +101,7 @@ class HorizonErrors:
     horizons: NDArray[np.float64]  #: (h,) [s], whole samples
     #: (models, starts, h, k), predicted less measured; NaN if a forecast has no value
     differences: NDArray[np.float64]
-    overlap: int = 1  #: how many neighbouring forecasts share some of the log
+    overlap: int = 1  #: how many neighbouring forecasts share part of the log
 
     @property
     def starts(self) -> int:
@@ -115,15 +115,12 @@ class HorizonErrors:
 
     @property
     def ratio(self) -> NDArray[np.float64]:
-        """RMSE of the second model over the first one's (h, k), none below `_LEAST`: above one, the first is nearer."""
+        """RMSE of the second model over that of the first (h, k); above 1, the first is better."""
         first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
     def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
-        """Return the lower and upper ends (2, h, k) of 95 % intervals on `ratio`, by a bootstrap of blocks of starts.
-
-        NaN if there are too few starts.
-        """
+        """Return the 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
         shape = self.differences.shape[2:]
         if self.starts < LEAST_RUNS * self.overlap:
             return np.full((2, *shape), np.nan)
@@ -132,5 +129,5 @@ class HorizonErrors:
         return ends.reshape(2, *shape)
 
     def _squares(self) -> NDArray[np.float64]:
-        """Return the squared errors, none below the square of `_LEAST`."""
+        """Return the squared errors, each at least `_LEAST` squared."""
         return np.maximum(self.differences**2, _LEAST**2)

@@ -1,7 +1,8 @@
-"""An experiment: parameters, and residuals in blocks that depend on each other, in units of their noise.
+"""An experiment: parameters, and residuals in blocks, in units of their noise.
 
-A block is a stretch of time, as a window of a log. It may have unknown states x_w of its own, such as where it begins.
-Gauss-Newton's equations couple the parameters p with these only block by block,
+A block is an interval of time, such as a window of a log. Its residuals depend on each other, and it may have unknown
+states x_w of its own, such as its initial state. The Gauss-Newton equations couple the parameters p with the states of
+each block separately,
 
     [ H_w   B_w^T ] [dp  ]     [ g_w ]        H_w = J_w^T J_w,  B_w = S_w^T J_w,  A_w = S_w^T S_w
     [ B_w   A_w   ] [dx_w] = - [ a_w ]        J_w, S_w: residuals by p and by x_w
@@ -9,6 +10,9 @@ Gauss-Newton's equations couple the parameters p with these only block by block,
 and eliminating dx_w = -A_w^-1 (a_w + B_w dp) leaves, for the parameters alone, the sums over blocks of
 
     H_w - B_w^T A_w^-1 B_w   and   g_w - B_w^T A_w^-1 a_w.
+
+This Schur complement is exact: the step of p is that of all unknowns together, at the cost of the parameters alone (as
+in bundle adjustment: B. Triggs et al., Bundle adjustment, a modern synthesis, Vision Algorithms 2000, section 6.1).
 
 `ballbot.fitting.fit` takes any experiment. `Residuals` makes one of a function that gives the errors.
 """
@@ -28,7 +32,7 @@ from ballbot.fitting.uncertainty import WindowEquations
 
 
 class Iterate(Protocol):
-    """A point of a descent, and what its experiment knows there."""
+    """A point of a descent, with what its experiment has computed there."""
 
     @property
     def point(self) -> NDArray[np.float64]:
@@ -37,7 +41,7 @@ class Iterate(Protocol):
 
     @property
     def cost(self) -> float:
-        """The cost there: half the mean logarithm of the squared residuals, up to a constant."""
+        """The cost: half the mean logarithm of the squared residuals, up to a constant."""
         ...
 
 
@@ -46,7 +50,7 @@ At = TypeVar("At", bound=Iterate)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Linearized:
-    """Equations of w blocks about a point, zero for parameters that are held, and how the best states follow."""
+    """Gauss-Newton equations of w blocks about a point; zero for parameters that are held."""
 
     H: NDArray[np.float64]  #: (w, p, p)
     B: NDArray[np.float64]  #: (w, n, p)
@@ -56,17 +60,17 @@ class Linearized:
 
     @cached_property
     def response(self) -> NDArray[np.float64]:
-        """How the best states follow the parameters (w, n, p), d x_w / d p."""
+        """Derivatives of the best states by the parameters (w, n, p)."""
         return np.negative(np.linalg.solve(self.A, self.B), dtype=np.float64)
 
     @cached_property
     def shift(self) -> NDArray[np.float64]:
-        """How states move where the parameters stay (w, n), dx_w."""
+        """Step of the states at constant parameters (w, n)."""
         return np.negative(np.linalg.solve(self.A, self.a[..., None])[..., 0], dtype=np.float64)
 
     @cached_property
     def equations(self) -> WindowEquations:
-        """The parameters' equations of each block, its states eliminated."""
+        """The equations of the parameters, block by block, with the states eliminated."""
         B = self.B.transpose(0, 2, 1)
         return WindowEquations(
             matrices=self.H + B @ self.response, scores=self.g + (B @ self.shift[..., None])[..., 0]
@@ -75,14 +79,14 @@ class Linearized:
 
 @dataclass(frozen=True, kw_only=True)
 class Dependence:
-    """Quantities that act through another's numbers only, and have no effect where these are zero."""
+    """Quantities that act only through another one, and have no effect where it is zero."""
 
     through: str
     dependent: tuple[str, ...]
 
 
 class Experiment(Protocol[At]):
-    """What `ballbot.fitting.fit` fits. Points (p,) hold every parameter, held ones too, scaled."""
+    """What `ballbot.fitting.fit` fits. A point (p,) has all parameters, scaled, also those that are held."""
 
     @property
     def coordinates(self) -> ParameterSpace:
@@ -113,7 +117,7 @@ class Experiment(Protocol[At]):
         ...
 
     def begin(self, point: NDArray[np.float64], near: At | None = None) -> At:
-        """Return where a descent begins: a point, and the best states near the measured ones or those of `near`."""
+        """Return the first iterate of a descent, its states settled near the measured ones or those of `near`."""
         ...
 
     def linearize(self, at: At) -> Linearized:
@@ -121,36 +125,37 @@ class Experiment(Protocol[At]):
         ...
 
     def advance(self, at: At, about: Linearized, step: NDArray[np.float64]) -> At:
-        """Return the iterate a step (p,) on, its states settled anew."""
+        """Return the iterate after a step (p,), with the states settled there."""
         ...
 
     def renew(self, at: At, *, seed: int) -> At:
-        """Return the same point with states that may lie in better minima; `at` itself if there are no states."""
+        """Return the same point with states in better minima where there are any."""
         ...
 
     def equations(self, at: At) -> WindowEquations:
-        """Return each block's equations by differences as wide as standard errors need, states eliminated."""
+        """Return each block's equations for standard errors, with the states eliminated."""
         ...
 
 
 #: half the central difference, as a share of the value, at least of this share of the parameter's range: wide enough to
 #: average over single events of sticking
 _DIFFERENCE, _OF_RANGE = 5e-4, 1e-3
-#: mean square below which errors count as none
+#: a mean square error below this counts as zero
 _NO_ERROR = 1e-60
-#: states are settled at new parameters in so many steps; one that does not help is tried again over this share of it
-_SETTLED, _SHORTER = 3, 0.3
+#: number of steps that settle the states at new parameters; a step that fails is tried again at this share of its
+#: length
+_SETTLING_STEPS, _SHORTER = 3, 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BlockErrors:
-    """Parameters and blocks' states, and the errors there."""
+    """The parameters and states of an iterate, and the errors there."""
 
     point: NDArray[np.float64]  #: (p,), scaled
-    states: NDArray[np.float64]  #: (w, n), less what is expected of them, in their standard deviations
+    states: NDArray[np.float64]  #: (w, n), deviations from their expected values, in standard deviations
     errors: NDArray[np.float64]  #: (m,)
-    squares: NDArray[np.float64]  #: (w,) of each block, its states' deviation included
-    cost: float  #: half the logarithm of the mean square, states' included
+    squares: NDArray[np.float64]  #: (w,), sum of each block, including its states' deviations
+    cost: float  #: half the logarithm of the mean square, including the states'
 
 
 #: from parameters (p,) in SI units, states (w, n) and the numbers of these blocks (w,) to the blocks' rows (m, ...)
@@ -159,10 +164,11 @@ RowsOfBlocks = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.in
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """An experiment by a function that gives its errors; their derivatives are differences, unless they are known.
+    """An experiment defined by a function that returns its errors.
 
-    Errors all weigh the same, and their noise is their root mean square. A block may have n states, each with its
-    expected value: one standard deviation from it counts as an error of `state_weight`.
+    All errors have the same weight, and their noise is their root mean square. Derivatives are finite differences
+    unless they are given. A block may have n states, each with an expected value: a deviation by one standard deviation
+    counts as an error of `state_weight`.
     """
 
     coordinates: ParameterSpace  #: the parameters, with their bounds
@@ -170,7 +176,7 @@ class Residuals:
     block: NDArray[np.int64]  #: (m,) the block of each error, from 0, rising
     block_log: NDArray[np.int64]  #: (w,) the log of each block
     derivatives_of: RowsOfBlocks | None = None  #: of the errors by the parameters (m, p)
-    numbers: NDArray[np.int64] | None = None  #: (w,) of the blocks, if these are some of an experiment's
+    numbers: NDArray[np.int64] | None = None  #: (w,) of the blocks in the experiment that this is a part of
     #: of finite differences by a block's states (n,), in their standard deviations
     state_steps: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     state_weight: NDArray[np.float64] | float = 0.0  #: of each block (w,)
@@ -193,18 +199,18 @@ class Residuals:
         )
 
     def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the costs (sets,) at points (sets, p), states as expected."""
+        """Return the costs (sets,) at points (sets, p), with the states at their expected values."""
         return np.array([self._at(point, self._expected).cost for point in points])
 
     def begin(self, point: NDArray[np.float64], near: BlockErrors | None = None) -> BlockErrors:
-        """Return where a descent begins, with the best states."""
+        """Return the first iterate of a descent, with the best states."""
         return self._settled(self._at(point, self._expected if near is None else near.states))
 
     def advance(self, at: BlockErrors, about: Linearized, step: NDArray[np.float64]) -> BlockErrors:
-        """Return the iterate a step (p,) on, its states settled anew."""
+        """Return the iterate after a step (p,), with the states settled there."""
         return self._settled(self._at(at.point + step, at.states + about.shift + about.response @ step))
 
-    def renew(self, at: BlockErrors, *, seed: int) -> BlockErrors:  # noqa: ARG002 (no state has several minima)
+    def renew(self, at: BlockErrors, *, seed: int) -> BlockErrors:  # noqa: ARG002 (states have one minimum)
         """Return the same point."""
         return at
 
@@ -214,7 +220,7 @@ class Residuals:
         return self._linearized(at, slopes * self._derivatives(values, at.states))
 
     def equations(self, at: BlockErrors) -> WindowEquations:
-        """Return each block's equations, its states eliminated."""
+        """Return each block's equations, with the states eliminated."""
         return self.linearize(at).equations
 
     def mean_squares(self, at: BlockErrors) -> NDArray[np.float64]:
@@ -225,7 +231,7 @@ class Residuals:
     def _numbers(self) -> NDArray[np.int64]:
         return np.arange(len(self.block_log)) if self.numbers is None else self.numbers
 
-    # the error of a simulation that diverges is infinite; such a step is refused
+    # a simulation that diverges has infinite errors, and the step that led there is rejected
     @np.errstate(over="ignore", invalid="ignore")
     def _errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.errors_of(values, states, self._numbers)
@@ -236,12 +242,12 @@ class Residuals:
             return self.derivatives_of(values, states, self._numbers)
         space, J = self.coordinates, np.zeros((len(self.block), len(values)))
         halves = _DIFFERENCE * np.maximum(np.abs(values), _OF_RANGE * (space.upper - space.lower))
-        for place in np.flatnonzero(space.free).tolist():
+        for column in np.flatnonzero(space.free).tolist():
             ahead, behind = values.copy(), values.copy()
-            ahead[place] = min(values[place] + halves[place], space.upper[place])
-            behind[place] = max(values[place] - halves[place], space.lower[place])
+            ahead[column] = min(values[column] + halves[column], space.upper[column])
+            behind[column] = max(values[column] - halves[column], space.lower[column])
             change = self._errors(ahead, states) - self._errors(behind, states)
-            J[:, place] = change / (ahead[place] - behind[place])
+            J[:, column] = change / (ahead[column] - behind[column])
         return J
 
     @property
@@ -250,14 +256,13 @@ class Residuals:
 
     @property
     def _weight(self) -> NDArray[np.float64]:
-        """The squares (w,) that one standard deviation of a state counts as."""
+        """The squared error (w,) that one standard deviation of a state counts as."""
         return np.broadcast_to(np.square(self.state_weight), len(self.block_log))
 
     def _at(self, point: NDArray[np.float64], states: NDArray[np.float64]) -> BlockErrors:
         return self._with(point, states, self._errors(self.coordinates.physical(point), states))
 
-    # the error of a simulation that diverges is infinite; such a step is refused
-    @np.errstate(over="ignore", invalid="ignore")
+    @np.errstate(over="ignore", invalid="ignore")  # as in `_errors`
     def _with(
         self, point: NDArray[np.float64], states: NDArray[np.float64], errors: NDArray[np.float64]
     ) -> BlockErrors:
@@ -268,9 +273,9 @@ class Residuals:
         return BlockErrors(point=point, states=states, errors=errors, squares=squares, cost=float(cost))
 
     def _settled(self, at: BlockErrors) -> BlockErrors:
-        """Return the point with the best states of each block, by steps that are shorter where one did not help."""
+        """Return the iterate with the best states of each block, by steps that shorten where one fails."""
         share = np.ones((len(at.states), 1))
-        for _ in range(_SETTLED if at.states.size and np.isfinite(at.cost) else 0):
+        for _ in range(_SETTLING_STEPS if at.states.size and np.isfinite(at.cost) else 0):
             shift = self._linearized(at, np.zeros((len(at.errors), 0))).shift
             after = self._at(at.point, at.states + share * shift)
             better = after.squares < at.squares
@@ -311,8 +316,8 @@ def residuals_without_states(
 ) -> Residuals:
     """Return the plain least-squares experiment of a function from parameters (p,), SI units, to m residuals.
 
-    The residuals may have any shape; `block` (m,) is in the order of `numpy.ravel`. Blocks are of one log unless
-    `block_log` (w,) says otherwise, and derivatives (m, p) are differences unless they are known.
+    The residuals may have any shape; `block` (m,) is in the order of `numpy.ravel`. All blocks belong to one log unless
+    `block_log` (w,) is given, and derivatives (m, p) are finite differences unless `derivatives_of` is given.
     """
 
     def of_blocks(function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> RowsOfBlocks:

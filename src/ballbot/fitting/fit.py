@@ -1,21 +1,22 @@
-"""The one fit: from an experiment to values, their covariance, and what the data cannot tell.
+"""The one fit: from an experiment to parameter values with their covariance, and what the data do not determine.
 
-A search finds the basin, by short descents from a few starts or by a genetic algorithm. Gauss-Newton descends from
-there in parameters and blocks' states at once. Each step tries one point, within a trust region in Levenberg and
-Marquardt's form, and compares the least costs over the states here and there. Where the descent has ended, states are
-begun again in case they lie in a poorer minimum (`Experiment.renew`).
+A search finds the basin, by short descents from a few starts or by a genetic algorithm. From there Gauss-Newton
+descends in the parameters and the states of the blocks together. Each step tries one point within a trust region in
+Levenberg and Marquardt's form, and compares the least costs over the states before and after. When the descent has
+converged, the states are searched again in case they lie in a poorer minimum (`Experiment.renew`).
 
-What has no influence gets no number. Some parameters act through others only: v_s and delta shape how s fades, and have
-no effect without s. If s is zero, a fit still ends at some s of the size of chance, with v_s and delta that suit it;
-their standard errors there mean nothing (R. Davies, Hypothesis testing when a nuisance parameter is present only under
-the alternative, Biometrika 64 (1977) 247-254). So they count as identified only if the fit with s is better than the
-best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the
-residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the chi-squared quantile of
-as many parameters as the fit with s has more.
+A parameter without influence gets no value. Some parameters act only through others: v_s and delta shape how s fades,
+and have no effect without s. If s is zero, a fit still ends at some s of the size of chance, with v_s and delta that
+suit it, and their standard errors there are meaningless (R. Davies, Hypothesis testing when a nuisance parameter is
+present only under the alternative, Biometrika 64 (1977) 247-254). So they count as identified only if the fit with s is
+better than the best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N
+n_s counts the residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the
+chi-squared quantile of as many parameters as the fit with s has more.
 
-A profile shows how far a parameter may go, all others following, before the fit is worse than chance explains. The cost
-of n_s states over N residuals each is, up to a constant, minus the logarithm of a likelihood over N n_s. Residuals
-within a block are not independent, so the doubled rise is no chi-squared variable but, for one parameter, one times
+A profile shows how far a parameter can move, all others refitted, before the fit is worse than chance explains. The
+cost of n_s states over N residuals each is, up to a constant, minus the log-likelihood divided by N n_s. Residuals
+within a block are not independent, so twice the rise of the log-likelihood is not a chi-squared variable. For one
+parameter it is that variable times
 
     lambda = (clustered variance) / [H^-1]_ii
 
@@ -59,24 +60,24 @@ from ballbot.fitting.uncertainty import (
 )
 from ballbot.progress import Progress
 
-#: half the width of the trust region at first, in scaled parameters; a step that gains less than a quarter of what was
-#: expected leaves this share of the step, one that gains more than three quarters gives room for so many of it
+#: first half width of the trust region, in scaled parameters; its new size over the step after a gain below a quarter
+#: of the predicted one, and after a gain above three quarters of it
 _RADIUS, _NARROWER, _WIDER = 0.3, 0.3, 2.5
-#: a descent ends early where so many gains as the last would not reach what it is for: its gains shrink by two or more
+#: a descent ends early if this many gains as large as the last do not reach the target: gains shrink by two or more
 _MORE_GAINS = 5.0
-#: curvature in the flattest direction, of the steepest one's
+#: least curvature, as a share of the steepest direction's
 _FLATTEST = 1e-12
-#: where so many steps one after another gain less than the first, and promise no more or are shorter than the last,
-#: blocks are begun again; then the descent ends by the second
+#: after so many successive steps that gain less than `_SLOW` and predict no more, or are shorter than `_SHORT`, the
+#: states are renewed; after the last renewal, `_LITTLE` takes the place of `_SLOW` and the descent ends
 _PATIENCE, _SLOW, _LITTLE, _SHORT = 2, 1e-4, 5e-7, 1e-3
-#: until that gains less of the cost, but not more often: a level valley is left by one better start of a block; and
-#: half the width of the trust region at least after it
+#: renewals at most; one that gains less than `_WORTH` is the last; least half width of the trust region after one. One
+#: better initial state of a block can lead out of a flat valley
 MOST_RENEWALS, _WORTH, _AGAIN = 8, 1e-6, 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descended(Generic[At]):
-    """Result of a descent, from which others go on."""
+    """Result of a descent, from which another one can continue."""
 
     experiment: Experiment[At]
     end: At
@@ -94,13 +95,13 @@ class Descended(Generic[At]):
 
     @cached_property
     def equations(self) -> WindowEquations:
-        """The parameters' equations of each block there."""
+        """The equations of the parameters, block by block."""
         return self.experiment.equations(self.end)
 
     @cached_property
     def errors(self) -> NDArray[np.float64]:
         """Clustered standard errors (p,) of the free parameters, scaled; NaN without influence, or if all are lost."""
-        normal, free = self.equations.normal, self.experiment.coordinates.free
+        normal, free = self.equations, self.experiment.coordinates.free
         varied = free & (normal.matrix.diagonal() > 0.0) & np.isfinite(normal.matrix).all()
         return _roots(covariance(normal, varied))
 
@@ -116,19 +117,19 @@ def descend(
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> Descended[At]:
-    """Descend in parameters and blocks' states at once.
+    """Descend in the parameters and the states of the blocks together.
 
     Parameters
     ----------
     begin : ndarray (p,) or iterate
-        A scaled point, the states being as measured; or where another descent ended.
+        A scaled point, from which the states start as measured, or the end of another descent.
     free : ndarray (p,)
-        Which parameters the descent moves.
+        Which parameters the descent varies.
     most_steps, most_renewals : int
     moved : ndarray (p,), optional
-        By how much the first step moves those that are not free, whatever it costs.
+        Change of the parameters that are not free in the first step, whatever it costs.
     target : float
-        The descent ends early where a few more gains as the last would leave it above this cost.
+        The descent ends early if a few more gains as large as the last do not reach this cost.
     run : Run, optional
         The stage "gauss_newton" is reported after each step.
     """
@@ -139,7 +140,7 @@ def descend(
     short_steps = renewals = 0
     for number in range(1, most_steps + 1):
         about = experiment.linearize(at)
-        normal = about.equations.normal
+        normal = about.equations
         H, g = normal.matrix, normal.scores.sum(axis=0)
         step = _step(H, g, at.point, free=free, fixed=fixed, radius=radius)
         promised = -float(2.0 * g @ step + step @ H @ step) / scale
@@ -159,7 +160,11 @@ def descend(
         if short_steps == _PATIENCE and not hopeless and renewals < most_renewals and number < most_steps:
             renewed = experiment.renew(at, seed=renewals)
             renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
-            at, radius, short_steps = min(renewed, at, key=lambda one: one.cost), max(radius, _AGAIN), 0
+            at, radius, short_steps = (
+                min(renewed, at, key=lambda iterate: iterate.cost),
+                max(radius, _AGAIN),
+                0,
+            )
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
         if short_steps == _PATIENCE or hopeless:
@@ -176,30 +181,30 @@ def _step(
     fixed: NDArray[np.float64],
     radius: float,
 ) -> NDArray[np.float64]:
-    """Return the best step (p,) of free parameters beside that of those fixed, within the bounds and the region."""
-    step, places = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
-    if len(places):
-        scale = 1.0 / np.sqrt(H.diagonal()[places])
-        values, vectors = np.linalg.eigh(H[np.ix_(places, places)] * np.outer(scale, scale))
+    """Return the step (p,): `fixed`, and the best step of the free parameters within bounds and trust region."""
+    step, columns = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
+    if len(columns):
+        scale = 1.0 / np.sqrt(H.diagonal()[columns])
+        values, vectors = np.linalg.eigh(H[np.ix_(columns, columns)] * np.outer(scale, scale))
         roots = np.sqrt(np.maximum(values, _FLATTEST * values[-1]))
-        right = -(vectors.T @ (scale * (g + H @ fixed)[places])) / roots
-        inside = point[places]
+        right = -(vectors.T @ (scale * (g + H @ fixed)[columns])) / roots
+        inside = point[columns]
         lower, upper = np.maximum(-radius, -inside), np.minimum(radius, 1.0 - inside)
-        # in place of a side that is no interval
+        # bvls needs lower < upper
         upper = np.maximum(upper, lower + 1e-15)
-        found = lsq_linear(roots[:, None] * vectors.T / scale, right, bounds=(lower, upper), method="bvls")
-        step[places] = found.x
+        solution = lsq_linear(roots[:, None] * vectors.T / scale, right, bounds=(lower, upper), method="bvls")
+        step[columns] = solution.x
     return np.clip(point + step, 0.0, 1.0) - point
 
 
-#: ends that differ by more standard errors in some parameter are not of one optimum; those of a search, which are not
-#: settled, not of one basin
+#: ends of descents that differ by more standard errors in some parameter are two optima; those of a search, which have
+#: not converged, are in two basins
 _ELSEWHERE, _ANOTHER_BASIN = 2.0, 3.0
 _AT_BOUND = 1e-9
 
 
 def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
-    """Return whether two ends of a fit lie so many standard errors of the best one apart in some parameter."""
+    """Return whether two ends differ by more than so many standard errors of the best one in some parameter."""
     return bool((np.abs(best.point - other.point) > errors * best.errors).any())
 
 
@@ -210,32 +215,32 @@ def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 # --- search ---
 
-#: how the basin is found: by descents from fixed starts, or by a genetic algorithm, as in the thesis
+#: how the basin is found: by descents from fixed starts, or by a genetic algorithm as in the thesis
 Search = Literal["multistart", "genetic"]
-#: steps from each start. Fewer from those that look worse lost the lower optimum of one log in six, a figure of eight:
-#: it is reached late, and on part of the blocks it may be the higher one
+#: steps from each start. With fewer from starts that look worse, one log in six (a figure of eight) lost the lower
+#: optimum, which is reached late and may be the higher one on some of the blocks
 _SEARCH_STEPS = 9
-#: a genetic search ends early where this many generations together gain less than that; a descent follows
+#: a genetic search ends early if this many generations together gain less than that; a descent follows
 _SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SearchResult:
-    """What a search found."""
+    """Result of a search."""
 
     best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
     history: tuple[float, ...] = ()  #: best cost after each generation
-    other: NDArray[np.float64] | None = None  #: (p,), where it also ended, elsewhere
+    other: NDArray[np.float64] | None = None  #: (p,), the best end in another basin
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
-    """How far a search goes, and the intervals after it."""
+    """Options of the search, and of the intervals."""
 
-    blocks: NDArray[np.int64] | None = None  #: those that the search looks at; all if None
-    generations: int = 150  #: of a genetic one, at most
+    blocks: NDArray[np.int64] | None = None  #: that the search uses; all if None
+    generations: int = 150  #: of a genetic search, at most
     population: int = 24  #: sets of parameters in each generation
-    #: a scaled point (p,), where Gauss-Newton begins if it predicts better than where the search ended
+    #: a scaled point (p,) from which Gauss-Newton starts if it predicts better than the end of the search
     earlier: NDArray[np.float64] | None = None
     most_profiles: int = MOST_PROFILES  #: parameters with doubtful errors that are profiled, at most
 
@@ -296,14 +301,14 @@ def genetic(experiment: Experiment[At], *, generations: int, population: int, ru
         complete[:, free] = drawn
         return np.where(free, coordinates.from_search(complete), complete)
 
-    found = evolve(
+    result = evolve(
         lambda drawn: experiment.costs(points(drawn)),
         size=int(free.sum()),
         generations=generations,
         population=population,
         run=run,
     )
-    return replace(found, best=points(found.best[None])[0])
+    return replace(result, best=points(result.best[None])[0])
 
 
 def evolve(
@@ -314,7 +319,7 @@ def evolve(
     population: int,
     run: Run,
 ) -> SearchResult:
-    """Minimise a cost over the unit cube, each generation in one batch.
+    """Minimise a cost over the unit cube, one batch a generation.
 
     CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
 
@@ -363,10 +368,10 @@ _COMPARED_STEPS = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OtherOptimum:
-    """Where another descent from the same logs ended."""
+    """Another optimum of the same fit."""
 
     values: NDArray[np.float64]  #: (p,), SI units
-    rise: float  #: of the cost there, over that of the estimate, before blocks were begun again
+    rise: float  #: of the cost over that of the estimate, before the states were renewed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -375,8 +380,8 @@ class Fit(Generic[At]):
 
     finished: Descended[At]
     no_influence: NDArray[np.bool_]  #: (p,), free parameters that the residuals do not depend on
-    refused: NDArray[np.bool_]  #: (p,), others that the data do not excite
-    other: OtherOptimum | None  #: where another descent ended
+    refused: NDArray[np.bool_]  #: (p,), other parameters that the data do not excite
+    other: OtherOptimum | None  #: another optimum, if there is one near
     searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
     groups: NDArray[np.int64] | None = None  #: (w,), of blocks that should agree, from 0
     most_profiles: int = MOST_PROFILES  #: see `FitOptions`
@@ -389,12 +394,12 @@ class Fit(Generic[At]):
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """Which parameters (p,) get no number."""
+        """Which parameters (p,) get no value."""
         return self.no_influence | self.refused
 
     @property
     def at_bound(self) -> NDArray[np.bool_]:
-        """Which of the others (p,) are at a bound."""
+        """Which other parameters (p,) are at a bound."""
         free = self.finished.experiment.coordinates.free
         return free & ~self.unknown & at_bound(self.finished.point)
 
@@ -406,14 +411,14 @@ class Fit(Generic[At]):
 
     @cached_property
     def scaled_covariance(self) -> NDArray[np.float64]:
-        """Clustered by block (p, p), as the jackknife that leaves out each in turn; NaN without a standard error."""
+        """Covariance (p, p) clustered by block, as a jackknife over blocks gives it; NaN without a standard error."""
         blocks = self.finished.equations
-        kept = self.estimated & (blocks.normal.matrix.diagonal() > 0.0)
-        return covariance(leverage_corrected(blocks.matrices, blocks.scores, kept), kept)
+        kept = self.estimated & (blocks.matrix.diagonal() > 0.0)
+        return covariance(leverage_corrected(blocks, kept), kept)
 
     @cached_property
     def discrepancy(self) -> Discrepancy:
-        """Whether groups of blocks want the same parameters."""
+        """Whether groups of blocks agree on the parameters."""
         groups = (
             np.zeros(len(self.finished.equations.scores), dtype=np.int64)
             if self.groups is None
@@ -437,14 +442,14 @@ class Fit(Generic[At]):
         )
         chosen = errors.doubtful[: self.most_profiles].tolist()
         within, profiled = np.flatnonzero(self.estimated), {}
-        for done, place in enumerate(chosen, start=1):
-            inverse = np.linalg.pinv(finished.equations.normal.matrix[np.ix_(within, within)], hermitian=True)
-            rise = errors.clustered[place] ** 2 / inverse.diagonal()[within == place][0] * errors.quantile**2
-            profiled[place] = profile(
+        for done, index in enumerate(chosen, start=1):
+            inverse = np.linalg.pinv(finished.equations.matrix[np.ix_(within, within)], hermitian=True)
+            rise = errors.clustered[index] ** 2 / inverse.diagonal()[within == index][0] * errors.quantile**2
+            profiled[index] = profile(
                 finished,
-                place,
+                index,
                 free=self.estimated | self.at_bound,
-                error=float(errors.half_width[place]),
+                error=float(errors.half_width[index]),
                 rise=float(rise),
             )
             self.run.progress(Progress(stage="intervals", done=done, total=len(chosen)))
@@ -459,7 +464,7 @@ class Fit(Generic[At]):
 
     @cached_property
     def by_log(self) -> LogEstimates:
-        """What each log by itself leads to."""
+        """The estimate from each log by itself."""
         return log_estimates(
             self.uncertainty,
             self.finished.equations,
@@ -469,18 +474,18 @@ class Fit(Generic[At]):
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """That of `scaled_covariance` in SI units."""
+        """`scaled_covariance` in SI units (p, p)."""
         slopes = self.finished.experiment.coordinates.slopes(self.finished.point)
         return self.scaled_covariance * np.outer(slopes, slopes)
 
     @property
     def errors(self) -> NDArray[np.float64]:
-        """Standard errors (p,), SI units; NaN if there is none."""
+        """Standard errors (p,), SI units; NaN for a parameter without one."""
         return np.sqrt(self.covariance.diagonal())
 
     @property
     def quantile(self) -> float:
-        """Student's t for 95 %, with as many blocks less the parameters estimated."""
+        """Student's t for 95 %, its degrees of freedom the blocks less the estimated parameters."""
         return _quantile(len(self.finished.equations.scores), int(self.estimated.sum()))
 
 
@@ -496,28 +501,28 @@ def fit(
     most_steps: int = 30,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
-    """Search, fit by Gauss-Newton, fix what has no influence, and fit the rest again from there.
+    """Search, fit by Gauss-Newton, hold the parameters without influence, and fit the others again.
 
     Parameters
     ----------
     experiment : Experiment
     starts : ndarray (p,) or (s, p)
-        Scaled. From several the search finds the basin, from one Gauss-Newton begins.
+        Scaled. With several, a search finds the basin; with one, Gauss-Newton starts there.
     also : ndarray (p,), optional
-        A further place to descend from, which may be of another optimum; by default where the search also ended.
+        A second point to descend from, perhaps to another optimum; by default the search's end in another basin.
     method : {"multistart", "genetic"}
         A genetic search needs no starts.
     options : FitOptions, optional
     refused : ndarray (p,), optional
-        Parameters that the data do not excite: they are fitted, and get no number.
+        Parameters that the data do not excite: they are fitted, but get no value.
     groups : ndarray (w,), optional
-        Numbers from 0 of groups of blocks that should agree on the parameters.
+        The group of each block, from 0; groups should agree on the parameters.
     most_steps : int
         Of each descent.
     run : Run, optional
     """
-    found = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
-    start, also = found.best, found.other if also is None else also
+    searched = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
+    start, also = searched.best, searched.other if also is None else also
     if options.earlier is not None:
         points = np.stack([start, options.earlier])
         start = points[experiment.costs(points).argmin()]
@@ -525,7 +530,7 @@ def fit(
     free = coordinates.free
     finished, other = _optima(experiment, start, also, most_steps=most_steps, run=run)
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
-    no_influence = free & (dependent | without_influence(finished.equations.normal))
+    no_influence = free & (dependent | without_influence(finished.equations))
     if no_influence.any():
         again = _as_before(experiment, finished.point, no_influence & ~dependent)
         own = coordinates.scaled(coordinates.nominal)
@@ -537,7 +542,7 @@ def fit(
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
         other=other,
-        searched=found.history,
+        searched=searched.history,
         groups=groups,
         most_profiles=options.most_profiles,
         run=run,
@@ -552,9 +557,9 @@ def _optima(
     most_steps: int,
     run: Run,
 ) -> tuple[Descended[At], OtherOptimum | None]:
-    """Return where the descent from the better of two points (p,) ends, and another optimum near the other one.
+    """Return the end of the descent from the better of two points (p,), and the other optimum if there is one.
 
-    They are compared before blocks are begun again: that gains more than optima differ by, and takes longest.
+    They are compared before the states are renewed, which gains more than optima differ by and takes longest.
     """
     free = experiment.coordinates.free
     if also is None:
@@ -574,9 +579,9 @@ def _optima(
 def _as_before(
     experiment: Experiment[At], point: NDArray[np.float64], no_influence: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return `point` (p,) with nominal values where there is no influence, if that predicts as well.
+    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well.
 
-    It need not: a wheel that friction holds throughout is held by any friction above some size, and not by none.
+    It may not: any friction above some size holds a wheel that never turns, and no friction does not.
     """
     own = experiment.coordinates.scaled(experiment.coordinates.nominal)
     before = np.where(no_influence, own, point)
@@ -584,21 +589,21 @@ def _as_before(
     return before if costs[1] < costs[0] + LARGEST_LOSS else point
 
 
-#: confidence that an effect is not zero; a number without a meaning is worse than none
+#: confidence that an effect is not zero; a meaningless value is worse than none
 _EFFECT_CONFIDENCE = 0.999
-#: the fit without the effect is left out if the errors alone put it this many times past the limit
+#: the fit without the effect is not made if the covariance alone puts it this many times past the limit
 _CLEARLY_PRESENT = 4.0
 
 
 def unidentifiable(
     fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RUN
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which free parameters (p,) act through others that do not differ from zero, and these others (p,)."""
+    """Return which free parameters (p,) act only through others that are zero within chance, and these others (p,)."""
     coordinates, names = fit.experiment.coordinates, np.array(fit.experiment.coordinates.names)
     dependent, through = (np.zeros(len(names), dtype=bool) for _ in range(2))
-    for one in fit.experiment.dependences:
-        free = coordinates.free & (fit.equations.normal.matrix.diagonal() > 0.0)
-        mine, theirs = np.isin(names, one.dependent) & free, (names == one.through) & free
+    for dependence in fit.experiment.dependences:
+        free = coordinates.free & (fit.equations.matrix.diagonal() > 0.0)
+        mine, theirs = np.isin(names, dependence.dependent) & free, (names == dependence.through) & free
         if mine.any() and theirs.any() and not _has_effect(fit, theirs, mine, most_steps, run):
             dependent, through = dependent | mine, through | theirs
     return dependent, through
@@ -611,8 +616,8 @@ def _has_effect(
     most_steps: int,
     run: Run,
 ) -> bool:
-    """Return whether the fit is better with parameters `through` than without, see the module's text."""
-    amounts, normal, free = fit.point * through, fit.equations.normal, fit.experiment.coordinates.free
+    """Return whether the fit with parameters `through` is better than without by more than chance explains."""
+    amounts, normal, free = fit.point * through, fit.equations, fit.experiment.coordinates.free
     if not amounts.any():
         return False
     varies = through | (free & (normal.matrix.diagonal() > 0.0) & (fit.point > 0.0))
@@ -621,7 +626,7 @@ def _has_effect(
     own = amounts[through]
     if own @ np.linalg.lstsq(spread, own, rcond=1e-13)[0] > _CLEARLY_PRESENT * limit:
         return True
-    # lambda: the clustered covariance over that of independent residuals, on average over the numbers
+    # lambda: the clustered covariance over that of independent residuals, on average over the parameters
     inverse = np.linalg.pinv(normal.matrix[np.ix_(varies, varies)], hermitian=True)
     independent = inverse[np.ix_(through[varies], through[varies])]
     dependence = float(np.trace(np.linalg.lstsq(independent, spread, rcond=1e-13)[0])) / len(spread)
@@ -640,16 +645,17 @@ def _has_effect(
 
 # --- held-out blocks ---
 
-#: steps of a fit without some of the blocks, from the fit with all
+#: steps of a fit to some of the blocks, from the fit to all
 _HELD_OUT_STEPS = 8
 
 
 def held_out_squares(
     experiment: Residuals, end: BlockErrors, groups: Sequence[NDArray[np.int64]], *, folds: int
 ) -> NDArray[np.float64]:
-    """Fit again without each of so many parts of the groups of blocks; return the mean square errors there (w,).
+    """Return the mean square error (w,) of each block by a fit that did not see it.
 
-    `end` is where the fit with all blocks ended, and every block is in one group.
+    The groups of blocks are divided into `folds` parts, and the fit is repeated without each. `end` is the end of the
+    fit to all blocks; every block is in one group.
     """
     squares, count = np.empty(len(end.states)), len(end.states)
     for fold in range(folds):
@@ -682,43 +688,43 @@ def _roots(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
 
-#: fits of the other parameters on one side, and steps of each
+#: fits of the other parameters on each side at most, and steps of each fit
 _MOST_FITS, _STEPS = 4, 3
-#: a limit is found if the rise is this near to lambda t^2, as a share of it: lambda is not known better
+#: a limit is accepted if the rise differs from lambda t^2 by this share of it: lambda is not known better
 _AT_LIMIT = 0.2
 
 
 def profile(
-    fit: Descended[At], place: int, *, free: NDArray[np.bool_], error: float, rise: float
+    fit: Descended[At], index: int, *, free: NDArray[np.bool_], error: float, rise: float
 ) -> tuple[float | None, float | None]:
-    """Return the 95 % limits of one parameter, scaled; None if the logs set none before its bound.
+    """Return the 95 % limits of one parameter, scaled; None on a side where the data set none before the bound.
 
     Parameters
     ----------
-    place : int
-        Which parameter.
+    index : int
+        Of the parameter.
     free : ndarray (p,)
-        Those that the estimate moved.
+        Which parameters the fit varied.
     error : float
-        Half the width expected, scaled, for the first step.
+        Expected half width of the interval, scaled, for the first step.
     rise : float
-        lambda t^2, see the module's text.
+        lambda t^2; see the module's text.
     """
-    others = free & (np.arange(len(free)) != place)
-    # each fit begins from the farthest one below the limit: windows that have come to stick do not find back
+    others = free & (np.arange(len(free)) != index)
+    # each fit starts from the farthest one below the limit: windows that have begun to stick do not recover
     nearest = [fit, fit]
 
     def fitted(target: float, side: int) -> float:
-        """Return the root of the rise with the parameter there."""
+        """Return the square root of the rise with the parameter at `target`."""
         moved = np.zeros(len(free))
-        moved[place] = target - nearest[side].point[place]
+        moved[index] = target - nearest[side].point[index]
         at = descend(fit.experiment, nearest[side].end, free=others, most_steps=_STEPS, moved=moved)
         root = float(np.sqrt(max(2.0 * fit.experiment.residual_count * (at.cost - fit.cost), 0.0)))
         if root**2 < rise:
             nearest[side] = at
         return root
 
-    origin = float(fit.point[place])
+    origin = float(fit.point[index])
     lower, upper = (
         _limit(lambda target, side=side: fitted(target, side), origin, step=sign * error, rise=rise)
         for side, sign in ((0, -1.0), (1, 1.0))
@@ -727,9 +733,9 @@ def profile(
 
 
 def _limit(root_of: Callable[[float], float], origin: float, *, step: float, rise: float) -> float | None:
-    """Return where the root of the rise reaches that of `rise`: it is nearly straight in the distance."""
+    """Return where the square root of the rise, nearly linear in the distance, reaches that of `rise`."""
     wanted = np.sqrt(rise)
-    # where and the root of the rise there: the farthest below the limit, and the nearest above it
+    # (position, root of the rise): the farthest one below the limit, and the nearest one above it
     inside, outside = (origin, 0.0), None
     target = origin + step
     for _ in range(_MOST_FITS):
@@ -753,16 +759,16 @@ def _limit(root_of: Callable[[float], float], origin: float, *, step: float, ris
 
 
 def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
-    """Return the intervals of parameters at a bound, about the point that the unbounded equations lead to."""
-    found = {}
-    coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations.normal
+    """Return the intervals of parameters at a bound, about the solution of the equations without that bound."""
+    intervals = {}
+    coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations
     for i in np.flatnonzero(fit.at_bound & (normal.matrix.diagonal() > 0.0)).tolist():
         wanted = fit.estimated | (np.arange(len(fit.estimated)) == i)
-        places = np.flatnonzero(wanted)
-        matrix, score = normal.matrix[np.ix_(places, places)], normal.scores[:, places].sum(axis=0)
-        step = -np.linalg.lstsq(matrix, score, rcond=1e-13)[0][places == i][0]
+        columns = np.flatnonzero(wanted)
+        matrix, score = normal.matrix[np.ix_(columns, columns)], normal.scores[:, columns].sum(axis=0)
+        step = -np.linalg.lstsq(matrix, score, rcond=1e-13)[0][columns == i][0]
         error = widen * float(np.sqrt(covariance(normal, wanted)[i, i]))
-        half = _quantile(len(normal.scores), len(places)) * error
+        half = _quantile(len(normal.scores), len(columns)) * error
         at = float(fit.finished.point[i])
         middle = float(at + step)
         reach = error * truncated_reach(abs(middle - at) / error if error > 0.0 else 0.0)
@@ -771,5 +777,5 @@ def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
             if at <= 0.5
             else (min(middle - half, at - reach), max(middle + half, at))
         )
-        found[coordinates.labels[i]] = between(coordinates, i, lower, upper, method="at bound")
-    return found
+        intervals[coordinates.labels[i]] = between(coordinates, i, lower, upper, method="at bound")
+    return intervals

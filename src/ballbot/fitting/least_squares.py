@@ -1,9 +1,9 @@
-"""Linear least squares of residuals that depend on each other in time: standard errors and tests that allow for it.
+"""Linear least squares with errors that depend on each other in time.
 
-Within a block of time, errors may depend on each other in any way: the covariance V is the clustered one of
+Within a block of time, errors may depend on each other in any way: the covariance V is clustered by block, as in
 `ballbot.fitting.uncertainty`. For q parameters, W = p^T V^-1 p is tested as Hotelling's T^2 of G blocks,
-W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the blocks in which the least frequent of the q columns is not zero: a
-rare event is known from few blocks.
+W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the number of blocks in which the least frequent of the q columns is not
+zero: a rare event is known from few blocks.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-#: blocks beyond the parameters tested, below which a test has no result
+#: least degrees of freedom (blocks less parameters) of a test
 _LEAST_FREEDOM = 5
 
 
@@ -26,7 +26,7 @@ class LinearFit:
     values: NDArray[np.float64]
     covariance: NDArray[np.float64]  #: (p, p)
     residuals: NDArray[np.float64]  #: (n,), measured less fitted
-    blocks: NDArray[np.int64]  #: (p,), blocks in which each parameter's column is not zero
+    blocks: NDArray[np.int64]  #: (p,), number of blocks in which each parameter's column is not zero
 
     @property
     def errors(self) -> NDArray[np.float64]:
@@ -38,16 +38,13 @@ class LinearFit:
         """Half widths of the 95 % intervals (p,)."""
         return special.stdtrit(np.maximum(self.blocks - 1, 1), 0.975) * self.errors
 
-    def p_value(self, places: Sequence[int]) -> float:
-        """Return the p-value of the parameters at `places`, for the hypothesis that all are zero.
-
-        NaN if there are too few blocks.
-        """
-        blocks = int(self.blocks[list(places)].min())
-        count, freedom = len(places), blocks - len(places)
+    def p_value(self, columns: Sequence[int]) -> float:
+        """Return the p-value of all parameters at `columns` being zero; NaN with too few blocks."""
+        blocks = int(self.blocks[list(columns)].min())
+        count, freedom = len(columns), blocks - len(columns)
         if freedom < _LEAST_FREEDOM:
             return float("nan")
-        part, covariance = self.values[list(places)], self.covariance[np.ix_(places, places)]
+        part, covariance = self.values[list(columns)], self.covariance[np.ix_(columns, columns)]
         wald = float(part @ np.linalg.pinv(covariance, hermitian=True) @ part)
         return float(special.fdtrc(count, freedom, wald * freedom / (count * (blocks - 1))))
 
@@ -55,11 +52,11 @@ class LinearFit:
 def fit_linear(
     design: NDArray[np.float64], values: NDArray[np.float64], blocks: NDArray[np.int64]
 ) -> LinearFit:
-    """Fit values (n,) by columns (n, p), their errors clustered by `blocks` (n,)."""
-    found = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
+    """Fit values (n,) by the columns of `design` (n, p), with errors clustered by `blocks` (n,)."""
+    solution = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     _, block = np.unique(blocks, return_inverse=True)
-    count, residuals = int(block.max()) + 1, values - design @ found
-    # columns of length one first: mass, viscosity and stiffness are of very different sizes
+    count, residuals = int(block.max()) + 1, values - design @ solution
+    # columns of length one, as mass, viscosity and stiffness differ by orders of magnitude
     lengths = np.linalg.norm(design, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     scaled = design / lengths
@@ -67,7 +64,7 @@ def fit_linear(
     scores = np.column_stack([np.bincount(block, column) for column in (design * residuals[:, None]).T])
     present = [np.bincount(block, column != 0.0) for column in design.T]
     return LinearFit(
-        values=found,
+        values=solution,
         covariance=count / max(count - 1, 1) * inverse @ (scores.T @ scores) @ inverse,
         residuals=residuals,
         blocks=np.count_nonzero(present, axis=1),

@@ -1,9 +1,9 @@
-"""By how much a model predicts better than another one within it, on the same windows held out.
+"""The gain of a model over one nested within it, on the same held-out windows.
 
-The gain is the share by which its error is smaller: one less the geometric mean over states of the ratios of root mean
-square errors. Its interval is that of a paired bootstrap: blocks of neighbouring windows are drawn anew, the same for
-both models, so that what both find hard does not widen it (H. R. Kuensch, The jackknife and the bootstrap for general
-stationary observations, Annals of Statistics 17 (1989) 1217-1241).
+The gain is the relative reduction of the error: one minus the geometric mean over states of the ratios of root mean
+square errors. Its interval is from a paired bootstrap: the same blocks of neighbouring windows are drawn for both
+models, so that windows that are hard for both do not widen it (H. R. Kuensch, The jackknife and the bootstrap for
+general stationary observations, Annals of Statistics 17 (1989) 1217-1241).
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from ballbot.fitting.uncertainty import resamples
 
-#: bootstrap draws of a gain, and the confidence of its interval
+#: bootstrap draws, and the confidence of the interval
 DRAWS, LEVEL = 4000, 0.95
-#: a gain below this is of no use, whatever its significance
+#: a smaller gain is of no use, however significant
 USEFUL_GAIN = 0.01
 _SEED = 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """By which share a model's held-out error is below another's; negative if it is above."""
+    """Relative reduction of the held-out error by a model; negative if its error is larger."""
 
     share: float
     lower: float  #: of the 95 % interval
@@ -33,7 +33,7 @@ class Gain:
 
     @property
     def significant(self) -> bool:
-        """Whether the whole interval is above zero."""
+        """Whether the interval is above zero."""
         return self.lower > 0.0
 
     def to_dict(self) -> dict[str, object]:
@@ -49,13 +49,13 @@ def gain_between(
     Parameters
     ----------
     squares, others : ndarray (w, k)
-        Sums of squared errors of each window and state, of the one and of the other.
+        Sums of squared errors of each window and state, of this model and of the other.
     groups : sequence of ndarray
-        Which windows are drawn together.
+        The windows of each block.
     """
     counts = resamples(len(groups), block=1, repeats=DRAWS, seed=_SEED)
     ours, theirs = (np.stack([table[rows].sum(axis=0) for rows in groups]) for table in (squares, others))
-    with np.errstate(invalid="ignore"):  # predictions without a value have no gain
+    with np.errstate(invalid="ignore"):  # a prediction without a value has no gain
         draws = 1.0 - _error_ratio(counts @ ours, counts @ theirs)
     tail = 0.5 * (1.0 - LEVEL)
     lower, upper = np.quantile(draws, [tail, 1.0 - tail])
@@ -64,7 +64,7 @@ def gain_between(
 
 
 def neighbours(rows: Sequence[int], *, block: int) -> list[NDArray[np.int64]]:
-    """Return the numbers of windows that follow one another, `block` of them at a time."""
+    """Return the rows in blocks of `block` neighbours."""
     return [np.array(rows[first : first + block], dtype=np.int64) for first in range(0, len(rows), block)]
 
 

@@ -1,7 +1,7 @@
-"""The context of a run: its random seed, where its work is done, and who watches its progress.
+"""The context of a computation: its random seed, its executor and its progress callback.
 
-How work is cut into pieces is fixed by the problem, and the pieces' results are put together in their order. A result
-is therefore the same to the bit wherever, and by however many threads or workers, the pieces were done.
+The problem alone decides how work is cut into pieces, and results are joined in the order of the pieces. A result is
+therefore the same to the bit with any executor and any number of threads or workers.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ Result = TypeVar("Result")
 
 
 class ExecutorError(InputError):
-    """Workers are not there, not alike or lost; nothing is wrong with the work, which others may go on with."""
+    """Workers are missing, incompatible or lost; the work itself can go on with other workers."""
 
 
 class Executor(ABC):
-    """Does pieces of work, several at a time."""
+    """Makes pieces of work in parallel."""
 
     @abstractmethod
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished.
+        """Yield the index and the result of each piece as they finish.
 
-        `make` is a function of a module or a partial of one; for workers in other processes, it, the pieces and the
-        results can be pickled. ExecutorError if a worker is lost.
+        `make` is a function of a module or a partial of one. For workers in other processes `make`, the pieces and the
+        results must be picklable. ExecutorError if a worker is lost.
         """
 
     def __call__(
@@ -47,7 +47,7 @@ class Executor(ABC):
     ) -> list[Result]:
         """Return [function(shared, piece) for piece in pieces]."""
         made = dict(self.each(partial(function, shared), pieces))
-        return [made[place] for place in range(len(pieces))]
+        return [made[index] for index in range(len(pieces))]
 
 
 def _each_in(
@@ -56,7 +56,7 @@ def _each_in(
     make: Callable[[Piece], Result],
     pieces: Sequence[Piece],
 ) -> Generator[tuple[int, Result], None, None]:
-    """Yield the place and the result of each piece, done in a pool of this machine; by one worker, here."""
+    """Yield the index and the result of each piece, made in a pool, or in this thread by a single worker."""
     workers = min(count or os.cpu_count() or 1, len(pieces))
     if workers < 2:
         yield from enumerate(map(make, pieces))
@@ -64,9 +64,9 @@ def _each_in(
     pool, finished = pool_of(workers), False
     try:
         with uninterrupted():
-            places = {pool.submit(make, piece): place for place, piece in enumerate(pieces)}
-        for future in as_completed(places):
-            yield places[future], future.result()
+            indices = {pool.submit(make, piece): index for index, piece in enumerate(pieces)}
+        for future in as_completed(indices):
+            yield indices[future], future.result()
         finished = True
     except BrokenProcessPool:
         raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
@@ -76,27 +76,27 @@ def _each_in(
 
 @dataclass(frozen=True, kw_only=True)
 class Threads(Executor):
-    """The threads of this process: compiled code and MuJoCo run in them side by side."""
+    """Threads of this process; compiled code and MuJoCo run in parallel in them."""
 
-    count: int | None = None  #: how many work side by side; one for each core where None
+    count: int | None = None  #: of workers; None for one a core
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished."""
+        """Yield the index and the result of each piece as they finish."""
         return _each_in(ThreadPoolExecutor, self.count, make, pieces)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Processes(Executor):
-    """Processes of this machine, which take seconds to begin."""
+    """Processes on this machine, which take seconds to start."""
 
-    count: int | None = None  #: how many work side by side; one for each core where None
+    count: int | None = None  #: of workers; None for one a core
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the place and the result of each piece, as they are finished."""
+        """Yield the index and the result of each piece as they finish."""
         return _each_in(worker_pool, self.count, make, pieces)
 
 
@@ -105,7 +105,7 @@ ALL_CORES = Processes()
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """What every long computation is given beside its inputs.
+    """The context of a long computation.
 
     Raises
     ------
@@ -113,9 +113,9 @@ class Run:
         If the seed is not a whole number from 0 to 2**32 - 1.
     """
 
-    seed: int = 0  #: of all random numbers; the same seed gives the same result
+    seed: int = 0  #: random seed; the same seed gives the same result
     executor: Executor = field(default_factory=Threads)  #: where the work is done
-    #: is called after each step; by default it shows a line in a notebook
+    #: called after each step; by default it shows a progress line in a notebook
     progress: ProgressCallback = in_notebook
 
     def __post_init__(self) -> None:
@@ -123,10 +123,9 @@ class Run:
 
 
 def check_seed(seed: int) -> None:
-    """Raise InputError unless `seed` is a whole number from 0 to 2**32 - 1, which seeds every generator here."""
+    """Raise InputError unless 0 <= seed < 2**32, which every generator accepts."""
     if not 0 <= seed < 2**32:
         raise InputError(f"The seed is {seed}; it must be a whole number from 0 to {2**32 - 1}.")
 
 
-#: without a seed of its own
 DEFAULT_RUN = Run()

@@ -1,12 +1,12 @@
-"""A sweep: many runs, each of which leaves one finished file in a folder and is not made again while that is there.
+"""A sweep: many runs, each of which leaves one finished file in a folder.
 
-A sweep that is stopped at any moment, by Ctrl-C, kill -9 or a power cut, goes on when it is started again: finished
-runs are read, the others made. In the folder stands, beside the runs, what all of them are made from: digests of the
-inputs, the options, and the versions and the processor that the last bits of a result depend on. Other runs are
-refused there.
+A sweep that is stopped at any moment, by Ctrl-C, kill -9 or a power cut, continues when it is started again: finished
+runs are read, and the others are made. A header file in the folder identifies the inputs of all runs: digests of the
+inputs, the options, and the versions and the processor, on which the last bits of a result depend. Runs with other
+inputs are refused.
 
-What a run's worker returns is written here, whole or not at all, and read back, so that a result is the same whether
-its run was made now or before.
+The result of a worker is written completely or not at all, and read back, so that a result is the same whether its run
+was made now or before.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ballbot.files import read_json, write_text
 from ballbot.fitting.run import Executor, ExecutorError, Piece
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 
-#: in a folder of runs, what all of them are made from
+#: file in the folder with the identity of its runs
 HEADER = ".ballbot-runs.json"
 
 Made = TypeVar("Made")
@@ -42,9 +42,9 @@ class RunFolder(Generic[Made, Finished]):
     """A folder of finished runs."""
 
     path: Path
-    made_from: Mapping[str, str]  #: what all its runs depend on, by plain names; see `identity`
-    write: Callable[[Path, Made], object]  #: writes what a run has made, whole or not at all
-    #: returns a finished run, None if it is not there or not whole; InputError if it may not be replaced
+    made_from: Mapping[str, str]  #: identity of its runs, by plain names; see `identity`
+    write: Callable[[Path, Made], object]  #: writes the result of a run, completely or not at all
+    #: returns a finished run, None if it is missing or incomplete; InputError if it must not be replaced
     read: Callable[[Path], Finished | None]
 
     def complete(
@@ -56,7 +56,7 @@ class RunFolder(Generic[Made, Finished]):
         stage: str,
         progress: ProgressCallback = ignore_progress,
     ) -> dict[str, Finished]:
-        """Make the runs that the folder lacks, and return every run by its name, in the order of `runs`.
+        """Make the missing runs, and return all runs by name, in the order of `runs`.
 
         Parameters
         ----------
@@ -66,13 +66,13 @@ class RunFolder(Generic[Made, Finished]):
             The piece of each run by the name of its file in the folder.
         workers : Executor
         stage : str
-            What is being done, for the progress, which is reported after each run.
+            Name of the stage for the progress, which is reported after each run.
         progress : callable, optional
 
         Raises
         ------
         InputError
-            If the folder holds runs that are made from something else, or a run cannot be made or written.
+            If the folder holds runs with other inputs, or a run cannot be made or written.
         """
         self._check(runs)
         found = {name: run for name in runs if (run := self.read(self.path / name)) is not None}
@@ -104,7 +104,7 @@ class RunFolder(Generic[Made, Finished]):
         return kept
 
     def _check(self, names: Collection[str]) -> None:
-        """Raise InputError unless the runs in the folder are made from the same as these."""
+        """Raise InputError unless the runs in the folder have the same identity as these."""
         header = self.path / HEADER
         if not header.exists():
             there = next((name for name in names if (self.path / name).exists()), None)
@@ -128,9 +128,7 @@ class RunFolder(Generic[Made, Finished]):
 
 
 def identity(inputs: Mapping[str, Sequence[object]], options: Mapping[str, object]) -> dict[str, str]:
-    """Return what runs are made from: digests of their inputs by name (each a list of parts for `digest`), their
-    options, the versions and the processor's kind.
-    """
+    """Return the identity of runs: digests of their inputs (each the parts of `digest`), options and `machine`."""
     return {
         **{name: digest(*parts) for name, parts in inputs.items()},
         **{name: str(value) for name, value in options.items()},
@@ -140,19 +138,16 @@ def identity(inputs: Mapping[str, Sequence[object]], options: Mapping[str, objec
 
 @cache
 def machine() -> dict[str, str]:
-    """Return the versions and the processor's kind, each by a plain name.
-
-    In brackets stands a digest of the instructions that Numba compiles to.
-    """
+    """Return the versions of packages and the processor, with a digest of its instruction set in brackets."""
     _, _, features = cpu_target.target_context.codegen().magic_tuple()  # pyright: ignore[reportAttributeAccessIssue]
     compiled_for = hashlib.sha256(features.encode()).hexdigest()[:8]
-    found = {}
+    versions = {}
     for package in ("ballbot", "numpy", "scipy", "numba", "cmaes", "mujoco"):
         try:
-            found[package] = version(package)
+            versions[package] = version(package)
         except PackageNotFoundError:  # MuJoCo is an extra
-            found[package] = "not installed"
-    return {**found, "processor": f"{get_host_cpu_name()} ({compiled_for})"}
+            versions[package] = "not installed"
+    return {**versions, "processor": f"{get_host_cpu_name()} ({compiled_for})"}
 
 
 def digest(*parts: object) -> str:

@@ -1,14 +1,14 @@
-"""Uncertainty of a least-squares estimate from residuals that depend on each other: covariances and a block bootstrap.
+"""Uncertainty of a least-squares estimate with dependent residuals: clustered covariance and block bootstrap.
 
-Clustered by window. Residuals within a window are one trajectory and far from independent, so the usual
+Clustered covariance. The residuals of a window are one trajectory and far from independent, so the usual
 s^2 (J^T J)^-1 is several times too small. With a window's score g_w = J_w^T r_w the covariance is
 
     H^-1 (sum_w g_w g_w^T) H^-1 W / (W - 1)          H = sum_w J_w^T J_w
 
 (K.-Y. Liang and S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986) 13-22).
-The fit follows each window, which makes its residuals smaller than its errors, the more the fewer windows there are.
-If each window's H_w is known, its score is corrected for that, (I - H_w H^-1)^-1 g_w, which turns the above into the
-jackknife that leaves out one window after another (R. Bell and D. McCaffrey, Bias reduction in standard errors for
+The fit follows each window, so residuals are smaller than errors, and the more so the fewer windows there are. Each
+score is corrected for this leverage, (I - H_w H^-1)^-1 g_w, which turns the above into the jackknife that leaves out
+one window after another (R. Bell and D. McCaffrey, Bias reduction in standard errors for
 linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
 
 Block bootstrap. Neighbouring windows share the sample between them and the same interval of floor, so blocks of
@@ -19,92 +19,86 @@ g_w about the estimate give the resample's estimate to first order,
 
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
 
-On a simulated log of 32 s, six resamples fitted in full ended 0.15 standard errors from that (root mean square over
-their twelve parameters, 0.7 at most); tests/identification/test_balancing.py looks at two of a shorter log.
+On a simulated log of 32 s, full fits of six resamples differed from this by 0.15 standard errors (root mean square over
+the twelve parameters; 0.7 at most). tests/identification/test_balancing.py checks two resamples of a shorter log.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-#: a parameter has no influence if its standard error, all others known, is this share of its range
+#: a parameter has no influence if its standard error, all others known, exceeds this share of its range
 NO_INFLUENCE = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NormalEquations:
-    """The weighted least-squares problem about a point, in scaled coordinates."""
+class WindowEquations:
+    """Normal equations of the scaled parameters, window by window; zero for parameters that are held.
 
-    matrix: NDArray[np.float64]  #: H = sum J^T J (p, p)
+    The states of a window are eliminated (`ballbot.fitting.experiment`).
+    """
+
+    matrices: NDArray[np.float64]  #: J^T J of each window (w, p, p)
     scores: NDArray[np.float64]  #: J^T r of each window (w, p); their sum is the gradient
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WindowEquations:
-    """The parameters' equations of each window, its start eliminated; zero for parameters that are held."""
-
-    matrices: NDArray[np.float64]  #: (w, p, p)
-    scores: NDArray[np.float64]  #: (w, p)
-
-    @property
-    def normal(self) -> NormalEquations:
-        """Summed over the windows."""
-        return NormalEquations(matrix=self.matrices.sum(axis=0), scores=self.scores)
+    @cached_property
+    def matrix(self) -> NDArray[np.float64]:
+        """The sum of the matrices, H (p, p)."""
+        return self.matrices.sum(axis=0)
 
 
-def covariance(equations: NormalEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
+def covariance(equations: WindowEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the clustered covariance (p, p) in scaled coordinates; NaN for parameters not `estimated` (p,)."""
-    places = np.flatnonzero(estimated)
+    columns = np.flatnonzero(estimated)
     result = np.full((len(estimated), len(estimated)), np.nan)
-    if len(places):
-        inverse = _inverse(equations.matrix[np.ix_(places, places)])
-        scores = equations.scores[:, places]
+    if len(columns):
+        inverse = _inverse(equations.matrix[np.ix_(columns, columns)])
+        scores = equations.scores[:, columns]
         spread = np.einsum("wi,wj->ij", scores, scores, optimize=False)
         count = len(scores)
-        result[np.ix_(places, places)] = count / (count - 1) * inverse @ spread @ inverse
+        result[np.ix_(columns, columns)] = count / (count - 1) * inverse @ spread @ inverse
     return result
 
 
-def leverage_corrected(
-    matrices: NDArray[np.float64], scores: NDArray[np.float64], estimated: NDArray[np.bool_]
-) -> NormalEquations:
-    """Return normal equations whose scores are those of errors and not of residuals, see the module's text.
+def leverage_corrected(equations: WindowEquations, estimated: NDArray[np.bool_]) -> WindowEquations:
+    """Return the equations with the scores of errors instead of residuals, (I - H_w H^-1)^-1 g_w.
 
-    `matrices` (w, p, p) are J^T J of each window and `scores` (w, p); those not `estimated` (p,) stay.
+    The scores of parameters that are not `estimated` (p,) do not change.
     """
-    places = np.flatnonzero(estimated)
-    matrix, result = matrices.sum(axis=0), scores.copy()
-    if len(places):
-        own = matrices[:, places[:, None], places]
+    columns = np.flatnonzero(estimated)
+    matrix, scores = equations.matrix, equations.scores.copy()
+    if len(columns):
         # scaled, so that the ridge does not depend on units
-        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[places], np.finfo(float).tiny))
-        own, total = own * np.outer(scale, scale), matrix[np.ix_(places, places)] * np.outer(scale, scale)
-        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; one window may be the only one that determines a parameter
-        rest = total - own + 1e-12 * np.eye(len(places))
-        scaled = np.linalg.solve(rest, (scores[:, places] * scale)[..., None])[..., 0]
-        result[:, places] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
-    return NormalEquations(matrix=matrix, scores=result)
+        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal()[columns], np.finfo(float).tiny))
+        of_window = equations.matrices[:, columns[:, None], columns] * np.outer(scale, scale)
+        total = matrix[np.ix_(columns, columns)] * np.outer(scale, scale)
+        # (I - H_w H^-1)^-1 = H (H - H_w)^-1; the ridge is for a window that alone determines a parameter
+        rest = total - of_window + 1e-12 * np.eye(len(columns))
+        scaled = np.linalg.solve(rest, (scores[:, columns] * scale)[..., None])[..., 0]
+        scores[:, columns] = np.einsum("ij,wj->wi", total, scaled, optimize=False) / scale
+    return replace(equations, scores=scores)
 
 
-def without_influence(equations: NormalEquations) -> NDArray[np.bool_]:
-    """Return which parameters (p,) the residuals hardly depend on, even with all others known."""
+def without_influence(equations: WindowEquations) -> NDArray[np.bool_]:
+    """Return which parameters (p,) hardly influence the residuals, even with all others known."""
     H = equations.matrix.diagonal()
     spread = np.sqrt((equations.scores**2).sum(axis=0))
-    # one unit of H is one residual as large as its standard deviation, over a parameter's whole range
+    # H = 1: over the parameter's whole range, one residual changes by its standard deviation
     return (H < 1.0) | (spread > NO_INFLUENCE * H)
 
 
 def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the correlation matrix (p, p) of a covariance; NaN if that is."""
+    """Return the correlation matrix (p, p) of a covariance, with NaN where it has NaN."""
     variance = covariance.diagonal()
     deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
     with np.errstate(divide="ignore", invalid="ignore"):
         result = covariance / np.outer(deviation, deviation)
-    places = np.ix_(*2 * (np.flatnonzero(np.isfinite(deviation)),))
-    known = result[places]
+    block = np.ix_(*2 * (np.flatnonzero(np.isfinite(deviation)),))
+    known = result[block]
     if (np.abs(known) > 1.0 + 1e-9).any():
         # errors of a thousand times the bounds' width: rounding leaves a covariance with negative eigenvalues
         values, vectors = np.linalg.eigh(known)
@@ -112,12 +106,12 @@ def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
         length = np.sqrt(known.diagonal())
         known = np.clip(known / np.outer(length, length), -1.0, 1.0)
         np.fill_diagonal(known, 1.0)
-        result[places] = known
+        result[block] = known
     return result
 
 
 def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return H^-1, with directions that the data do not determine kept, as very uncertain ones."""
+    """Return H^-1, in which directions that the data do not determine are very uncertain."""
     scale = 1.0 / np.sqrt(H.diagonal())
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
     inverse = (vectors / np.maximum(values, 1e-13 * values[-1])) @ vectors.T
@@ -125,7 +119,7 @@ def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def block_length(count: int) -> int:
-    """Return how many of `count` neighbours make a block: the cube root of their number, as a variance wants it.
+    """Return the number of neighbours in a block: the cube root of `count`, which is optimal for a variance.
 
     P. Hall, J. Horowitz and B.-Y. Jing, Biometrika 82 (1995) 561-574.
     """
@@ -133,7 +127,7 @@ def block_length(count: int) -> int:
 
 
 def _block_starts(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.int64]:
-    """Return where the blocks begin that are drawn of `count` neighbours, (repeats, blocks)."""
+    """Return the first members (repeats, blocks) of blocks drawn from `count` neighbours."""
     return np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
 
 
@@ -169,39 +163,39 @@ def bootstrap(
     """
     count = len(equations.scores)
     drawn = resamples(count, block=block_length(count), repeats=repeats, seed=seed)
-    places = np.flatnonzero(estimated)
+    columns = np.flatnonzero(estimated)
     shifts = np.full((repeats, len(estimated)), np.nan)
-    if len(places):
-        matrices = equations.matrices[:, places[:, None], places]
+    if len(columns):
+        matrices = equations.matrices[:, columns[:, None], columns]
         # einsum and not BLAS, whose order of summation depends on its threads
         H = np.einsum("rw,wij->rij", drawn, matrices, optimize=False)
-        g = np.einsum("rw,wi->ri", drawn, equations.scores[:, places], optimize=False)
-        scale = 1.0 / np.sqrt(equations.matrices.sum(axis=0).diagonal()[places])
+        g = np.einsum("rw,wi->ri", drawn, equations.scores[:, columns], optimize=False)
+        scale = 1.0 / np.sqrt(equations.matrices.sum(axis=0).diagonal()[columns])
         # a resample may lack every window that determines a parameter: a small ridge keeps its equations soluble
-        scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(places))
-        shifts[:, places] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
+        scaled = H * np.outer(scale, scale) + 1e-12 * np.eye(len(columns))
+        shifts[:, columns] = -scale * np.linalg.solve(scaled, (g * scale)[..., None])[..., 0]
     return shifts
 
 
-#: shuffles of the windows; the smallest p value is one over one more
+#: shuffles of the windows; the smallest p-value is 1 / (1 + SHUFFLES)
 SHUFFLES = 999
 
 
 @dataclass(frozen=True, kw_only=True)
 class Discrepancy:
-    """Whether groups of windows want different parameters than all windows together."""
+    """Whether groups of windows disagree on the parameters."""
 
-    ratio: float  #: of the groups' squared scores to what chance gives
+    ratio: float  #: of the groups' squared scores to those by chance
     p_value: float
 
     @property
     def significant(self) -> bool:
-        """Whether chance explains it in less than 1 % of cases."""
+        """Whether chance alone gives such a ratio in less than 1 % of cases."""
         return self.p_value < 0.01
 
     @property
     def factor(self) -> float:
-        """What standard errors are multiplied by, one if chance explains the groups' difference (R. Birge 1932)."""
+        """The factor on standard errors (R. Birge 1932); 1 if chance explains the difference between groups."""
         return float(np.sqrt(self.ratio)) if self.significant else 1.0
 
 
@@ -210,11 +204,11 @@ def discrepancy(
 ) -> Discrepancy:
     """Test whether all groups of windows agree on the parameters, by their scores.
 
-    At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group but for
-    chance; if slow windows want another friction than fast ones, they do not. With scores whitened by their own
+    At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group within
+    chance; if slow windows need another friction than fast ones, they do not. With scores whitened by their own
     covariance the statistic is the sum over groups of |sum of scores|^2 / windows, and chance is the same groups with
-    the windows shuffled. `groups` (w,) are the numbers of the windows' groups, from 0, and `estimated` (p,) the
-    parameters that the fit moved.
+    the windows shuffled. `groups` (w,) has the group of each window, from 0; `estimated` (p,) marks the
+    parameters that the fit varied.
     """
     scores = equations.scores[:, estimated]
     count, size = scores.shape

@@ -63,8 +63,8 @@ def inseparable(
     gradients = {name: np.zeros((n, len(values))) for name in weights}
     for name, weight in weights.items():
         gradients[name][:, layout.columns(name)] = np.diag(weight)
-    known = free & ~unknown & (equations.normal.matrix.diagonal() > 0.0)
-    C = covariance(leverage_corrected(equations.matrices, equations.scores, known), known)
+    known = free & ~unknown & (equations.matrix.diagonal() > 0.0)
+    C = covariance(leverage_corrected(equations, known), known)
     slopes = coordinates.slopes(coordinates.scaled(values))
     C = np.nan_to_num(C) * np.outer(slopes, slopes)
     from_mean = np.eye(n) - 1.0 / n

@@ -217,7 +217,7 @@ def _fitted(
         block_log=(names // _CLUSTERS_OF_LOG).astype(np.int64),
     )
     found = fit(experiment, experiment.coordinates.scaled(start))
-    condition = np.linalg.cond(found.finished.equations.normal.matrix)
+    condition = np.linalg.cond(found.finished.equations.matrix)
     if not found.estimated.all() or condition > _LARGEST_CONDITION:
         raise InputError(_UNDETERMINED[kind])
     numbers = zip(parameters, found.values.tolist(), found.errors.tolist(), strict=True)

@@ -31,6 +31,7 @@ from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
 from ballbot.log.checks.kinematics import measured_wheel_speeds
+from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.results import key
 from ballbot.rounding import plus_minus
@@ -79,6 +80,7 @@ def friction_by_horizon(
     sample_time, layout = log.sample_time, predictor.layout
     # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
     duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
+    log = without_encoder_lag(log, predictor.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, values, [supplied], duration=duration)
     initial = windows.initial if starts is None else starts(np.array([span.start for span in windows.spans]))
@@ -176,9 +178,10 @@ def cross_validate(
         The log's name in the results.
     starts : callable, optional
         The states known at times of its rows, from which the predictions by horizon start, as
-        `ballbot.log.mapping.causal_states` gives them for a log from elsewhere; by default those of its rows.
+        `ballbot.log.pose.causal_states` gives them for a log from elsewhere; by default those of its rows.
     """
     predictor, log = found.predictor, as_log(log)
+    log = without_encoder_lag(log, predictor.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, found.values, [supplied], duration=found.window)
     if not len(windows):

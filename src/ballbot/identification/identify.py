@@ -76,6 +76,7 @@ from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
+from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
@@ -317,7 +318,7 @@ def prepare(
         layout=coordinates.layout,
         back_emf=options.back_emf,
     )
-    logs = [standstill_torques(log, robot, options.back_emf) for log in logs]
+    logs = [standstill_torques(without_encoder_lag(log, robot), robot, options.back_emf) for log in logs]
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
     fit_rows, held_rows = split_in_time(windows.spans, held)

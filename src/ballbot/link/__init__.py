@@ -7,7 +7,8 @@ session      handshake, watchdogs, arming in two steps, parameters: the host's s
 emulated     firmware in lock-step with a plant, behind a transport
 recorder     a log that is written while the robot runs and survives a pulled plug
 references   where the robot is asked to be: courses, files, the keyboard
-live         a robot from its self-test to disarming, and the log of it
+live         a robot while it runs: references or torques, and its samples
+connection   a run from the self-test to disarming, its log, and what a terminal shows meanwhile
 operators    the person at the robot: confirms arming, moves it by hand
 bench        torques of a robot that is held: a sweep of its wheels, and upside down
 wiring       whether the IMU's axes and the encoders are those of the robot

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
@@ -18,11 +20,13 @@ from rich.text import Text
 from ballbot.errors import InputError
 from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
-from ballbot.link.live import Commander, LiveRobot, LiveRun, RobotSample, TorqueProgram, recorded_run
+from ballbot.link.live import Commander, Ending, LiveRobot, RobotSample, TorqueProgram, log_columns
 from ballbot.link.messages import State
 from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
+from ballbot.link.recorder import Recorder
 from ballbot.link.session import Session
 from ballbot.link.transport import Transport, open_transport
+from ballbot.log import Log
 from ballbot.robot import Robot
 
 #: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
@@ -73,6 +77,21 @@ class Monitor:
             self._live.update(Text(line()), refresh=True)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiveRun:
+    """A run's log and how it ended."""
+
+    ending: Ending
+    log: Log | None  #: None if the run ended before its first sample
+    trouble: str | None  #: why the recording ends before the run, in one sentence
+
+    def whole_log(self) -> Log:
+        """Return the log; InputError if the run ended before its first sample."""
+        if self.log is None:
+            raise InputError(self.ending.text)
+        return self.log
+
+
 @dataclass(frozen=True, kw_only=True)
 class Connection:
     """A robot at the other end of a link, and the person beside it."""
@@ -106,27 +125,48 @@ class Connection:
         monitor: Monitor,
         *,
         duration: float,  # [s]
-        ramp: float = 0.0,
-        recording: Path | None = None,
+        ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
+        recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
     ) -> LiveRun:
-        """Make a run, watched by the monitor; see `recorded_run`."""
+        """Test and arm the robot, run it with a commander, disarm it, and return the log; the monitor shows the run.
+
+        The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written
+        stops the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
+
+        InputError if the recording cannot be written, the self-test fails, arming is not confirmed, or the robot
+        refuses.
+        """
         line = bench_line if isinstance(commander, TorqueProgram) else sample_line
-
-        def watch(sample: RobotSample) -> None:
-            monitor.show(sample.t, lambda: line(sample, torque_limit=self.robot.torque_limit))
-            if self.camera is not None:
-                self.camera.watch(sample.t)
-
+        robot, columns = self.robot, log_columns(self.robot.wheel_count)
+        rows: list[Sequence[float]] = []
         with monitor.shown():
-            return recorded_run(
-                self.robot,
-                commander,
-                operator=self.operator,
-                duration=duration,
-                ramp=ramp,
-                watch=watch,
-                recording=recording,
-            )
+            robot.test(self.operator)
+            with Recorder(recording, columns) if recording else nullcontext() as recorder:
+
+                def record(row: Sequence[float]) -> None:
+                    rows.append(row)
+                    if recorder is not None:
+                        recorder.append(row)
+
+                def watch(sample: RobotSample) -> None:
+                    monitor.show(sample.t, lambda: line(sample, torque_limit=robot.torque_limit))
+                    if self.camera is not None:
+                        self.camera.watch(sample.t)
+
+                gc.collect()
+                gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
+                try:
+                    robot.arm(self.operator.confirm_arming, controller=commander.place, ramp=ramp)
+                    ending = robot.run(commander, duration=duration, record=record, watch=watch)
+                finally:
+                    gc.unfreeze()
+                    if recording and not rows:  # nothing to recover
+                        recording.unlink(missing_ok=True)
+                    robot.disarm()
+        log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
+        if log is not None and ending.kind in ("stop", "link"):
+            log = Log(log.columns, ended=ending.text.removesuffix("."))
+        return LiveRun(ending=ending, log=log, trouble=recorder.failure if recorder else None)
 
     def troubles(self, made: LiveRun) -> Iterator[str]:
         """Yield what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""

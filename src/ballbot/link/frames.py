@@ -61,11 +61,6 @@ class LayerCounts:
         """Count a frame that a layer refuses."""
         self.refused[layer] += 1
 
-    @property
-    def total(self) -> int:
-        """All frames so far."""
-        return self.accepted + sum(self.refused)
-
 
 def encode(
     message: Message,

@@ -16,12 +16,9 @@ is lost. A robot whose link is lost stops by itself.
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
@@ -33,11 +30,9 @@ from ballbot.errors import InputError
 from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
 from ballbot.link.messages import AnswerResult, ControllerPlace, State
 from ballbot.link.operators import MOVEMENTS, Operator
-from ballbot.link.recorder import Recorder
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
 from ballbot.link.session import IMU_POSITIONS, MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
-from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
@@ -421,61 +416,3 @@ def _why_disarmed(state: State, t: float) -> str:
         return f"The robot was disarmed after {t:.2f} s."
     wheel = f" (wheel {state.stop_wheel})" if state.stop_wheel else ""
     return f"The robot stopped after {t:.2f} s: {STOPS[stop]}{wheel}."
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LiveRun:
-    """A run's log and how it ended."""
-
-    ending: Ending
-    log: Log | None  #: None if the run ended before its first sample
-    trouble: str | None  #: why the recording ends before the run, in one sentence
-
-    def whole_log(self) -> Log:
-        """Return the log; InputError if the run ended before its first sample."""
-        if self.log is None:
-            raise InputError(self.ending.text)
-        return self.log
-
-
-def recorded_run(
-    robot: LiveRobot,  # disarmed
-    commander: Commander,
-    *,
-    operator: Operator,  # moves the robot for its self-test, and confirms that it may arm
-    duration: float,  # [s]
-    ramp: float = 0.0,  # time over which the torque limit rises from zero [s]
-    watch: Callable[[RobotSample], None],  # takes each sample
-    recording: Path | None = None,  # where rows are kept while the robot runs; nowhere if it is not given
-) -> LiveRun:
-    """Test and arm a robot, run it with a commander, disarm it, and return the log.
-
-    The recording (`ballbot.link.recorder`) is opened before the robot arms, so that a disk that cannot be written stops
-    the command and not the robot. Whatever ends the run, the robot is disarmed and the recording closed.
-
-    InputError if the recording cannot be written, the self-test fails, arming is not confirmed, or the robot refuses.
-    """
-    columns = log_columns(robot.wheel_count)
-    rows: list[Sequence[float]] = []
-    robot.test(operator)
-    with Recorder(recording, columns) if recording else nullcontext() as recorder:
-
-        def record(row: Sequence[float]) -> None:
-            rows.append(row)
-            if recorder is not None:
-                recorder.append(row)
-
-        gc.collect()
-        gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
-        try:
-            robot.arm(operator.confirm_arming, controller=commander.place, ramp=ramp)
-            ending = robot.run(commander, duration=duration, record=record, watch=watch)
-        finally:
-            gc.unfreeze()
-            if recording and not rows:  # nothing to recover
-                recording.unlink(missing_ok=True)
-            robot.disarm()
-    log = Log(dict(zip(columns, np.array(rows).T, strict=True))) if rows else None
-    if log is not None and ending.kind in ("stop", "link"):
-        log = Log(log.columns, ended=ending.text.removesuffix("."))
-    return LiveRun(ending=ending, log=log, trouble=recorder.failure if recorder else None)

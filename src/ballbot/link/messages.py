@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.records import MAX_WHEELS, Schema, number, schema_of, whole
-from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, schema_words
+from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
 
 #: of the protocol, in every frame
 VERSION = 1
@@ -274,15 +274,13 @@ def message_digest() -> str:
 
 
 def message_words() -> NDArray[np.int32]:
-    """Return the digest of the messages as `DIGEST_WORDS` numbers of 31 bits."""
-    digest = message_digest()
-    numbers = [int(digest[8 * k : 8 * k + 8], 16) & 0x7FFFFFFF for k in range(DIGEST_WORDS)]
-    return np.array(numbers, dtype=np.int32)
+    """Return the digest of the messages in numbers."""
+    return np.array(digest_words(message_digest()), dtype=np.int32)
 
 
 def firmware_words() -> NDArray[np.int32]:
-    """Return the digest of parameters, state and readings as `DIGEST_WORDS` numbers of 31 bits."""
-    return np.array(schema_words(FIRMWARE), dtype=np.int32)
+    """Return the digest of parameters, state and readings in numbers."""
+    return np.array(digest_words(FIRMWARE.digest), dtype=np.int32)
 
 
 def pack_body(message: Message) -> bytes:
@@ -296,12 +294,7 @@ def pack_body(message: Message) -> bytes:
 
 
 def unpack_body(kind: int, body: bytes) -> Message:
-    """Return the message of a type from its body.
-
-    KeyError if there is no such type. ValueError if the body has another length than the type.
-    """
-    if len(body) != BODY_LENGTHS[kind]:
-        raise ValueError(f"{MESSAGES[kind].__name__} has {BODY_LENGTHS[kind]} bytes, not {len(body)}.")
+    """Return the message of a type from its body, which has the length of that type."""
     record = np.frombuffer(body, _DTYPES[kind])[0] if body else None
     values: dict[str, object] = {}
     for name, member in SCHEMAS[kind].fields.items():

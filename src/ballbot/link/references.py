@@ -120,7 +120,6 @@ def _require_terminal(descriptor: int) -> None:
 
 def _keys_at_once(descriptor: int) -> Callable[[], None]:
     """Read keys one by one and without echo; return a function that restores the terminal."""
-    _require_terminal(descriptor)
     import termios
     import tty
 

@@ -51,22 +51,102 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     are those of a heading that stays zero, and the log returned has the heading that the wheels give. InputError if a
     column is missing, or no row has a value in all of them.
     """
-    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
-
     names = wheel_speed_names(robot.wheel_count)
     heading = _HEADING if any(name in log for name in _HEADING) else ()
     log = log.complete(*_LEAN, *heading, *names)
     if "psi" not in log:
         log = _with_heading(log, robot)
-    theta, phi, theta_dot, phi_dot, psi, psi_dot = (log[name] for name in (*_LEAN, *_HEADING))
-    rates = np.column_stack([theta_dot, phi_dot, psi_dot])
-    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), rates)
-    z = np.column_stack([log[name] for name in names]) @ transforms(robot).T_obw.T + w
-    Omega = np.einsum("nij,nj->ni", rotation(theta, phi, psi), z)
-    x_dot, y_dot = robot.ball.radius * Omega[:, 1], -robot.ball.radius * Omega[:, 0]
+    x_dot, y_dot = _ball_velocity(log, robot, np.column_stack([log[name] for name in names])).T
     return log.with_columns(
         {"x": integral_of(log.t, x_dot), "y": integral_of(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
     )
+
+
+def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
+    """Return v (N, 2) [m/s] by the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+
+    angles, rates = (
+        np.column_stack([log[f"{name}{end}"] for name in ATTITUDE_NAMES]) for end in ("", "_dot")
+    )
+    w = np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
+    z = wheel_speeds @ transforms(robot).T_obw.T + w
+    Omega = np.einsum("nij,nj->ni", rotation(*angles.T), z)
+    return robot.ball.radius * np.column_stack([Omega[:, 1], -Omega[:, 0]])
+
+
+#: of two velocities or ways that are the same but for the digits of a file, their difference's share of either
+_SAME = 2e-3
+
+
+def without_encoder_lag(log: Log, robot: Robot) -> Log:
+    """Return the log with speeds of the wheels and the ball that hold at their rows.
+
+    Firmware differences an encoder's counts over the last samples, and may filter that: the speeds are late, by half a
+    sample or more, and with them the ball's velocity and position by the wheels, while the body's rates are not. At
+    200 Hz half a sample moves friction's parameters by up to 1.4 standard errors (`campaigns.coverage`). By how much
+    the speeds are late follows from the angles; the speeds returned are read so much later, and the velocity and
+    position follow from them.
+
+    A log is returned as it is where it lacks a wheel's angle or speed or a state, or has another velocity than that of
+    its wheel speeds, as a Kalman filter's; and a position that is not the integral of its velocity stays.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if len(log) < 2 * _APART or any(
+        name not in log for name in (*STATE_NAMES, *wheel_angle_names(robot.wheel_count), *names)
+    ):
+        return log
+    speeds, velocity = (np.column_stack([log[n] for n in columns]) for columns in (names, ("x_dot", "y_dot")))
+    if not _alike(_ball_velocity(log, robot, speeds), velocity):
+        return log
+    lag = encoder_lag(log, robot)
+    at_rows = np.column_stack([np.interp(log.t + lag, log.t, one) for one in speeds.T])
+    velocity_at_rows = _ball_velocity(log, robot, at_rows)
+    columns = dict(zip((*names, "x_dot", "y_dot"), (*at_rows.T, *velocity_at_rows.T), strict=True))
+    steps, place = np.diff(log.t)[:, None], np.column_stack([log["x"], log["y"]])
+    way = np.diff(place, axis=0)
+    means = (velocity[1:], 0.5 * (velocity[1:] + velocity[:-1]))
+    if any(_alike(_summed(steps * mean), _summed(way)) for mean in means):
+        further = 0.5 * steps * (velocity_at_rows[1:] + velocity_at_rows[:-1]) - way
+        further[~np.isfinite(further)] = 0.0  # a hole in the log
+        place[1:] += np.cumsum(further, axis=0)
+        columns |= {"x": place[:, 0], "y": place[:, 1]}
+    return log.with_columns(columns)
+
+
+#: rows over which the ways of angles and of speeds are compared, and the largest lag that is one [s]
+_APART, _LARGEST_LAG = 10, 0.05
+
+
+def encoder_lag(log: Log, robot: Robot) -> float:
+    """Return by how much the wheels' speeds are later than their angles [s]; 0 where nothing shows it.
+
+    A speed that is late by e is the angle's rate at t - e: over some rows, the angle changes by e times the change of
+    speed more than the speeds add up to. Least squares over all wheels; the counts' noise is of the ways alone.
+    """
+    angles, speeds = (
+        np.column_stack([log[name] for name in of(robot.wheel_count)])
+        for of in (wheel_angle_names, wheel_speed_names)
+    )
+    ways = 0.5 * np.diff(log.t)[:, None] * (speeds[1:] + speeds[:-1])
+    ahead = _summed(np.diff(angles, axis=0) - ways)
+    change = speeds[_APART:] - speeds[:-_APART]
+    seen = np.isfinite(ahead) & np.isfinite(change)
+    size = float((change[seen] ** 2).sum())
+    lag = float((ahead[seen] * change[seen]).sum()) / size if size > 0.0 else 0.0
+    return lag if abs(lag) <= _LARGEST_LAG else 0.0
+
+
+def _summed(values: Floats) -> Floats:
+    """Return the sums over `_APART` rows of (N, c), from each row on."""
+    return np.lib.stride_tricks.sliding_window_view(values, _APART, axis=0).sum(axis=-1)
+
+
+def _alike(one: Floats, other: Floats) -> bool:
+    """Return whether two signals are the same but for rounding; False of signals without a common value."""
+    away, size = (one - other) ** 2, other**2
+    seen = np.isfinite(away)
+    return bool(seen.any() and away[seen].sum() <= _SAME**2 * size[seen].sum())
 
 
 def _with_heading(log: Log, robot: Robot) -> Log:

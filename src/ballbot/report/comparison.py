@@ -25,8 +25,16 @@ from ballbot.summary import counted
 from ballbot.workflows.alternation import Alternation
 from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.courses import Course
-from ballbot.workflows.league import METRIC_BY_KEY, METRICS, RATIOS, League, Standing, overall, standing
-from ballbot.workflows.metrics import BAND, SETTLE, Metric, position_error, settled, true_place
+from ballbot.workflows.league import RATIOS, League, Standing, overall, standing
+from ballbot.workflows.metrics import (
+    METRIC_BY_KEY,
+    METRICS,
+    SETTLE,
+    Metric,
+    position_error,
+    settled,
+    true_place,
+)
 from ballbot.workflows.statistics import Estimate
 
 #: looks of a study's candidates
@@ -106,25 +114,53 @@ def _overall_sheet(league: League) -> Sheet:
     return Sheet(headings, rows, caption)
 
 
-def metric_rows(league: League, course: str) -> list[list[str | Cell]]:
-    """Return a row for each metric on a course: its name and each controller's mean, below it the difference."""
-    found = [standing(league, course, name) for name in league.controllers]
-    return [
-        *([unit_heading(one.heading, one.unit), *(_cell(each, one) for each in found)] for one in METRICS),
-        ["falls", *(f"{each.falls} of {each.runs}" for each in found)],
+def course_sheet(league: League) -> Sheet:
+    """Return a row for each course: its first metric, each controller's mean with its interval, and the falls."""
+
+    def cell(course: Course, metric: Metric, name: str) -> str:
+        found = standing(league, course.name, name)
+        fell = f", {found.falls} of {found.runs} fell" if found.falls and not course.until_fall else ""
+        mean = found.means[metric.key]
+        if math.isnan(mean.mean):
+            return f"–{fell}"
+        return f"{'≥ ' if _is_bound(found, metric) else ''}{_estimate(mean, metric.scale)}{fell}"
+
+    rows = []
+    for course in league.courses:
+        metric = METRIC_BY_KEY[course.metrics[0]] if course.metrics else METRICS[0]
+        of = course.name.replace("_", " ")
+        cells = [cell(course, metric, name) for name in league.controllers]
+        rows.append((f"{of}: {unit_heading(metric.heading, metric.unit)}", *cells))
+    caption = "One number of each course, the first of its own table below: means with their 95 % intervals."
+    return Sheet(("course", *league.controllers), rows, caption)
+
+
+def metric_rows(league: League, course: Course) -> list[list[str | Cell]]:
+    """Return a row for each metric of a course: its name and each controller's mean, below it the difference."""
+    standings = [standing(league, course.name, name) for name in league.controllers]
+    metrics = [METRIC_BY_KEY[key] for key in course.metrics] or METRICS
+    rows: list[list[str | Cell]] = [
+        [unit_heading(metric.heading, metric.unit), *(_cell(each, metric) for each in standings)]
+        for metric in metrics
     ]
+    falls: list[str | Cell] = ["falls", *(f"{each.falls} of {each.runs}" for each in standings)]
+    return rows if course.until_fall else [*rows, falls]
 
 
 def _cell(found: Standing, metric: Metric) -> Cell:
     """Return a mean in the metric's unit, and below it how much it differs; a star where an interval shows it."""
-    # a settling time is a lower bound where some run had not arrived at its end
-    late = metric.key == "settling_time" and found.arrived < found.runs - found.falls
-    text = f"{'≥ ' if late else ''}{digits(metric.scale * found.means[metric.key].mean)}"
+    text = f"{'≥ ' if _is_bound(found, metric) else ''}{digits(metric.scale * found.means[metric.key].mean)}"
     difference = found.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
         return Cell(text)
     star = " *" if difference.sign else ""
     return Cell(text, f"{_estimate(difference, metric.scale, plus='+')}{star}")
+
+
+def _is_bound(found: Standing, metric: Metric) -> bool:
+    """Return whether a time is a lower bound, as some run had not arrived, or was not at rest, at its end."""
+    there = {"settling_time": found.arrived, "stopping_time": found.rested}
+    return there.get(metric.key, found.runs) < found.runs - found.falls
 
 
 def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
@@ -165,12 +201,13 @@ def course_series(league: League, course: Course) -> TimeSeries:
         look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
         runs.append((name + (" (fell)" if track.ended else ""), look, track["t"], distance))
     t, lines = together(runs)
-    pushes = ", ".join(f"{time:g} s" for time in course.disturbed)
+    pushes = ", ".join(f"{push.time:g} s" for push in course.scenario.pushes)
+    band = 1e3 * course.rules.band
     return TimeSeries(
         t,
-        (Panel("distance from the reference [mm]", lines, levels=(1e3 * BAND,), from_zero=True),),
+        (Panel("distance from the reference [mm]", lines, levels=(band,), from_zero=True),),
         f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
-        level=f"{1e3 * BAND:g} mm: has arrived",
+        level=f"{band:g} mm: has arrived",
     )
 
 
@@ -187,8 +224,8 @@ def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 
-def league_report(league: League) -> Result:
-    """Return the page of a league."""
+def league_report(league: League, *, twin: League | None = None) -> Result:
+    """Return the page of a league, and of its best two on the twin if they ran there too."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     courses = counted(len(league.courses), "course")
     return Result(
@@ -196,14 +233,20 @@ def league_report(league: League) -> Result:
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
-            section("Over all courses", _overall_sheet(league)),
+            section("Over all courses", _overall_sheet(league), course_sheet(league)),
+            *([_twin_section(twin)] if twin else []),
             *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
         ],
         undecided=[
             "How the controllers compare on a real robot: these are simulated runs of the robot as described."
         ],
-        data=league.to_dict(),
+        data=league.to_dict() | ({"twin": twin.to_dict()} if twin else {}),
     )
+
+
+def _twin_section(twin: League) -> Section:
+    said = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
+    return section("On the twin", Paragraph(said), course_sheet(twin))
 
 
 def _course_section(league: League, course: Course, place: int) -> Section:
@@ -211,13 +254,15 @@ def _course_section(league: League, course: Course, place: int) -> Section:
         f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, "
         "seed by seed, with its 95 % interval; a star where the interval leaves zero out."
     )
+    until = ", or until the robot falls" if course.until_fall else ""
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
     made = section(
         course.name.replace("_", " ").capitalize(),
-        Paragraph(f"{course.about} A run lasts {course.duration:g} s."),
-        Sheet(("", *league.controllers), metric_rows(league, course.name), caption),
+        Paragraph(f"{course.about} A run lasts {course.duration:g} s{until}."),
+        *([Bullets([f"Published: {fact}" for fact in course.published])] if course.published else []),
+        Sheet(("", *league.controllers), metric_rows(league, course), caption),
         drawn_picture(f"course-{place}", floor, course_figure, league, course),
         course_series(league, course),
     )

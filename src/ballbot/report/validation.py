@@ -70,7 +70,7 @@ def undecided_by(validation: Validation) -> list[str]:
         return [validation.no_evidence]
     refused = [(way.heading.lower(), validation.refused.get(way.key)) for way in WAYS]
     sentences = [f"Which model is better in {where}: {why}" for where, why in refused if why]
-    if no_wheels := validation.prediction.analysis.no_wheels:
+    if no_wheels := validation.prediction.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {no_wheels}.")
     return [*sentences, "How well either model predicts motions, floors or loads that are not in these logs."]
 
@@ -111,7 +111,7 @@ def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
 
 
 def _residual_blocks(found: Prediction, models: ModelPair) -> Iterator[Block]:
-    matrix, by_speed = found.analysis.correlations, found.analysis.by_speed
+    matrix, by_speed = found.correlations, found.by_speed
     yield Paragraph(f"ε: the measured next state less the one that the model {models.first.name} predicts.")
     yield Bullets([with_symbols(one.text) for one in found.remarks()])
     caption = (

@@ -7,8 +7,8 @@ torques or a sloping floor (`Imperfections`), and may be left as soon as its out
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -35,7 +35,7 @@ from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.simulation.draws import draws_of, empty_outcome, push_table
+from ballbot.simulation.draws import bump_table, change_samples, draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record, packed_on_floor
 from ballbot.simulation.loop import Inputs, Outcome, Sampling, new_block, run_block
 from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states, lift_off, pack_contacts
@@ -194,8 +194,8 @@ def _side_by_side(
     samples = len(sampling.references)
     out = empty_outcome(lanes, -(-samples // sampling.every), samples, n)
     selected = models[0].selected
-    loops, filters = _loops(by_lane, robots, controllers, sample_time)
-    inputs = Inputs(
+    filters = _filters(by_lane, robots, controllers, sample_time)
+    at_start = Inputs(
         code=code_of(selected),
         play_code=play_code_of(selected) if any(lane.backlash > 0.0 for lane in by_lane) else 0,
         law_code=law_code(),
@@ -203,12 +203,25 @@ def _side_by_side(
         parameters=_on_floors(models, by_lane),
         lift_offs=_rows(lift_off, robots),
         laws=np.stack([controller.packed for controller in controllers]).view(LAW_TYPE)[:, 0],
-        loops=loops.view(LOOP.dtype())[:, 0],
+        loops=_loops(by_lane, robots, controllers, sample_time),
         filters=filters,
         contacts=_rows(pack_contacts, robots),
         initial=initial,
         pushes=push_table(by_lane, sample_time),
+        bumps=bump_table(models, by_lane),
     )
+    stages = [(0, at_start)]
+    for begin, changed, lanes_now in _changes(by_lane, robots, samples, sample_time):
+        robots_now = [model.robot for model in changed]
+        inputs = at_start._replace(
+            parameters=_on_floors(changed, lanes_now),
+            lift_offs=_rows(lift_off, robots_now),
+            loops=_loops(lanes_now, robots_now, controllers, sample_time),
+            contacts=_rows(pack_contacts, robots_now),
+            bumps=bump_table(changed, lanes_now),
+        )
+        stages.append((begin, inputs))
+    ends = [*(begin for begin, _ in stages[1:]), samples]
     alone = len(by_lane) == 1
 
     def run(first: int) -> None:
@@ -216,8 +229,9 @@ def _side_by_side(
         runs = range(first, first + width) if by_lane else ()
         which = [(by_lane[0], by_lane[0].seed + k) if alone else (by_lane[k], by_lane[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
-        block = new_block(inputs.loops, width, n, filtering=len(filters) > 0)
-        run_block(selected, inputs, draws, sampling, block, first, width, out)
+        block = new_block(at_start.loops, width, n, filtering=len(filters) > 0)
+        for (begin, inputs), end in zip(stages, ends, strict=True):
+            run_block(selected, inputs, draws, sampling, block, first, width, (begin, end), out)
 
     over_threads(run, lanes, threads)
     return out
@@ -336,18 +350,54 @@ def _check_imperfections(by_lane: Sequence[Imperfections], model: Model, sample_
         raise InputError("Either all lanes of a batch have play or none.")
 
 
+def _changes(
+    by_lane: Sequence[Imperfections], robots: Sequence[Robot], samples: int, sample_time: float
+) -> Iterator[tuple[int, list[Model], list[Imperfections]]]:
+    """Yield the sample of each change within the run, and the models and imperfections from there on."""
+    begins = {tuple(change_samples(lane, sample_time)) for lane in by_lane}
+    if len(begins) > 1:
+        raise InputError(
+            "The robots of a batch change at different times; all of a batch must at the same ones."
+        )
+    for k, begin in enumerate(begins.pop() if begins else ()):
+        if begin < samples:
+            changed = [
+                replace(
+                    lane,
+                    imbalance=lane.later[k].imbalance,
+                    known=lane.known or robots[place % len(robots)],
+                )
+                for place, lane in enumerate(by_lane)
+            ]
+            yield begin, [lane.later[k].model for lane in by_lane], changed
+
+
+def _filters(
+    by_lane: Sequence[Imperfections],
+    robots: Sequence[Robot],
+    controllers: Sequence[Controller],
+    sample_time: float,
+) -> NDArray[np.float64]:
+    """Return the rows of `filter_row`; none without a Kalman filter."""
+    if not (any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)):
+        return np.empty((0, 0))
+    lanes = range(max(len(by_lane), len(robots), len(controllers)))
+    known = [by_lane[k % len(by_lane)].known or robots[k % len(robots)] for k in lanes]
+    return _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
+
+
 def _loops(
     by_lane: Sequence[Imperfections],
     robots: Sequence[Robot],
     controllers: Sequence[Controller],
     sample_time: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the rows of `loop_record`, and those of `filter_row`, none without a Kalman filter."""
+) -> NDArray[np.void]:
+    """Return the records of `loop_record`."""
     if not by_lane:
         # the controllers see the true state and the drives have no limits of their own
         record = LOOP.zeros()
         fill_record(record, LoopRecord(sample_time=sample_time))
-        return record.view(np.float64)[None], np.empty((0, 0))
+        return record.view(np.float64)[None].view(LOOP.dtype())[:, 0]
     lanes = range(max(len(by_lane), len(robots), len(controllers)))
     of: list[tuple[Imperfections, Robot, EstimatorName]] = [
         (by_lane[k % len(by_lane)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
@@ -361,10 +411,7 @@ def _loops(
     loops = _once(
         keys, lambda k: loop_record(of[k][0], of[k][1], estimator=of[k][2], sample_time=sample_time)
     )
-    needed = any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)
-    known = [lane.known or robot for lane, robot, _ in of if needed]
-    filters = _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
-    return np.array(loops), filters if needed else np.empty((0, 0))
+    return np.array(loops).view(LOOP.dtype())[:, 0]
 
 
 def _on_floors(models: Sequence[Model], by_lane: Sequence[Imperfections]) -> NDArray[np.float64]:

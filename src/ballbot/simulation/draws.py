@@ -1,4 +1,4 @@
-"""Inputs of the compiled loop beside its records: pushes, random numbers, and arrays for the outcome."""
+"""Inputs of the compiled loop beside its records: pushes, bumps, random numbers, and arrays for the outcome."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.simulation.imperfections import Imperfections
+from ballbot.mechanics.model import Model
+from ballbot.simulation.imperfections import Imperfections, waves_of
 from ballbot.simulation.loop import Draws, Outcome
 
 
@@ -19,6 +20,25 @@ def push_table(by_lane: Sequence[Imperfections], sample_time: float) -> NDArray[
         for entry, push in zip(row, lane.pushes, strict=False):
             ends = [push.time / sample_time, (push.time + push.duration) / sample_time]
             entry[:] = [*np.ceil(np.subtract(ends, 1e-4)), *push.force, push.height]
+    return table
+
+
+def change_samples(imperfections: Imperfections, sample_time: float) -> list[int]:
+    """Return the samples from which each of a robot's changes holds."""
+    times = [change.time / sample_time for change in imperfections.later]
+    return np.ceil(np.subtract(times, 1e-4)).astype(np.int64).tolist()
+
+
+def bump_table(models: Sequence[Model], by_lane: Sequence[Imperfections]) -> NDArray[np.float64]:
+    """Return (1 or lanes, m, 4): the waves of each robot's floor, their amplitudes times its weight."""
+    most = max((len(waves_of(lane.roughness)) for lane in by_lane if lane.roughness), default=0)
+    lanes = max(len(by_lane), len(models)) if most else 1
+    table = np.zeros((lanes, most, 4))
+    for k in range(lanes if most else 0):
+        rough, robot = by_lane[k % len(by_lane)].roughness, models[k % len(models)].robot
+        if rough is not None:
+            table[k] = waves_of(rough)
+            table[k, :, 3] *= (robot.ball.mass + robot.body.mass) * robot.gravity
     return table
 
 

@@ -87,6 +87,43 @@ class Supply:
     internal_resistance: float = parameter("of the battery", "ohm", least=0.0)
 
 
+@parameter_class
+class Roughness:
+    """A floor with gentle bumps, modelled by the force of their slope.
+
+    The force on a robot of mass m at the height h(x, y) is -m g grad h. The height is a sum of waves in all directions
+    with wavelengths between one and four times the shortest.
+    """
+
+    height: float = parameter("root mean square", "m", least=0.0)
+    wavelength: float = parameter("shortest wavelength; the longest is four times as long", "m")
+    seed: int = parameter("random seed of the floor; the run has its own", least=-math.inf)
+
+
+#: waves of which a floor's bumps are the sum
+_WAVES = 24
+
+
+def waves_of(roughness: Roughness) -> NDArray[np.float64]:
+    """Return the waves (m, 4) of a floor's bumps: wave vector k [rad/m], phase [rad] and amplitude a [m].
+
+    The height is the sum of a sin(k . place + phase), drawn from the floor's seed.
+    """
+    random = np.random.default_rng([roughness.seed, 900])
+    heading = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
+    # log-uniform, up to four times
+    length = roughness.wavelength * 4.0 ** random.uniform(0.0, 1.0, _WAVES)
+    phases = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
+    k = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
+    return np.column_stack((k, phases, np.full(_WAVES, roughness.height * np.sqrt(2.0 / _WAVES))))
+
+
+def slope_of(waves: NDArray[np.float64], position: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return grad h (2,) of a floor's waves (m, 4) at a place (2,) [m]."""
+    k, phases, amplitudes = waves[:, :2], waves[:, 2], waves[:, 3]
+    return (amplitudes * np.cos(k @ position + phases)) @ k
+
+
 class DriveLimits:
     """Torque limit of the drivers, and what the supply leaves: a battery, or a fixed limit near the highest speed."""
 
@@ -132,6 +169,18 @@ class RollerContacts:
     relaxation: float = 0.0  #: time constant of a contact's spring and damper [s]
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Later:
+    """What a robot is from an instant on: a payload was put on or taken off, or the floor is another one.
+
+    Poses and velocities stay at the change.
+    """
+
+    time: float  #: [s]
+    model: Model  #: of the same kind as that at the start
+    imbalance: tuple[float, float] = (0.0, 0.0)  #: see `Imperfections` [kg m]
+
+
 @parameter_class
 class Imperfections:
     """A robot's sensors, drive and floor, beyond what its model has; all is off by default but the drive's limits.
@@ -170,6 +219,8 @@ class Imperfections:
     #: mass times distance of the body's centre of mass from its axis, forward and to the left [kg m]
     imbalance: tuple[float, float] = (0.0, 0.0)
     pushes: tuple[Push, ...] = ()
+    roughness: Roughness | None = None  #: bumps of the floor
+    later: tuple[Later, ...] = ()  #: changes of payload or floor, in the order of their times
     #: in a row from sample `missing_from` on; the law gives no torque in them
     missing: int = parameter("samples without a measurement", default=0, least=0.0)
     missing_from: int = parameter("the first of them", default=0, least=0.0)

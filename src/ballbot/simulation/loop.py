@@ -6,8 +6,8 @@ A sample of a robot is, in this order:
     estimate    the on-board state or the Kalman filter, of the robot that the controller knows; or the true state
     decide      the control law (`ballbot.control.law`)
     drive       the torques wait for the delay; noise and the limits of driver and supply apply
-    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, rollers
-                that come and go under the wheels; in the frame of a floor that slopes
+    move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, bumps,
+                rollers that come and go under the wheels; in the frame of a floor that slopes
 
 Random numbers are drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
 estimator and controller in Python, and gives the same results to rounding.
@@ -51,6 +51,7 @@ from ballbot.mechanics.engine.lanes import (
     LOAD,
     MOTOR,
     PLAY,
+    ROBOT,
     ROTOR,
     STATE,
     STEP,
@@ -92,6 +93,7 @@ class Inputs(NamedTuple):
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
     initial: NDArray[np.float64]
     pushes: NDArray[np.float64]  #: (robots, m, 6): first sample, first one after it, force [N], height [m]
+    bumps: NDArray[np.float64]  #: (robots, m, 4): waves of the floor, their amplitudes times the weight [N m]
 
 
 class Draws(NamedTuple):
@@ -172,6 +174,7 @@ class Block(NamedTuple):
     rolled: NDArray[np.float64]  #: (n,) torques of the rollers
     attitude: NDArray[np.float64]  #: (3,) angles
     start: NDArray[np.float64]  #: (10,) state
+    force: NDArray[np.float64]  #: (6,) as a row of `pushes`
 
 
 @inlined
@@ -432,13 +435,27 @@ def _along(v, p):
 
 
 @inlined
-def _take_pushes(selected, work, width, inputs, sampling, first, sample):
+def _take_pushes(selected, work, width, inputs, block, sampling, first, sample):
+    """Let pushes, and the slope of the floor's bumps as a push at the ball's centre, act for a sample."""
     for lane in range(width):
-        robot = first + robot_in(work, lane)
-        pushes = inputs.pushes[_row_of(inputs.pushes, robot)]
-        for k in range(len(pushes)):
-            if pushes[k, 0] <= sample < pushes[k, 1]:
-                _push(selected, work, lane, _loop_of(inputs, robot), pushes[k], sampling.sample_time)
+        robot = robot_in(work, lane)
+        pushes = inputs.pushes[_row_of(inputs.pushes, first + robot)]
+        bumps = inputs.bumps[_row_of(inputs.bumps, first + robot)]
+        for k in range(len(pushes) + min(len(bumps), 1)):
+            push = block.force
+            if k == len(pushes):
+                x, y = block.truths[robot, 0], block.truths[robot, 1]
+                push[2], push[3] = 0.0, 0.0
+                for i in range(len(bumps)):
+                    size = bumps[i, 3] * math.cos(bumps[i, 0] * x + bumps[i, 1] * y + bumps[i, 2])
+                    push[2] -= size * bumps[i, 0]
+                    push[3] -= size * bumps[i, 1]
+            else:
+                push = pushes[k]
+                if not pushes[k, 0] <= sample < pushes[k, 1]:
+                    continue
+            record = _loop_of(inputs, first + robot)
+            _push(selected, work, lane, record, push, sampling.sample_time)
 
 
 @inlined
@@ -535,6 +552,19 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
 
 
 # --- a block ---
+
+
+@inlined
+def _change(selected, work, width, inputs, block, first):
+    """Go on with other numbers of the robots in the lanes; poses and velocities stay."""
+    state = block.start
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + robot)])
+        fill(state, block.truths[robot])
+        _floored(state, _loop_of(inputs, first + robot), -1.0)
+        start_lane(selected, work, lane, state, work[STEP * LANES + lane])
+        work[ROBOT * LANES + lane] = float(robot)
 
 
 @inlined
@@ -736,6 +766,7 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
         "rolled": (n,),
         "attitude": (3,),
         "start": (10,),
+        "force": (6,),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
     others = {"memories": np.zeros(width, MEMORY_TYPE), "by_steps": by_steps, "work": new_work.py_func()}
@@ -765,15 +796,24 @@ def _move(selected, work, width, inputs, block, sampling, first):
 
 
 @compiled
-def run_block(selected, inputs, draws, sampling, block, first, width, out):
-    """Run robots first .. first + width - 1; `draws` and `block` are of these alone."""
+def run_block(selected, inputs, draws, sampling, block, first, width, span, out):
+    """Run robots first .. first + width - 1 from a sample to another; `draws` and `block` are of these alone.
+
+    Other inputs from a later sample on are a payload or a floor that has changed.
+    """
     inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
     block, out = borrowed(block), borrowed(out)
     samples, n = len(sampling.references), out.torques.shape[2]
+    begin, end = span
     filtering, work = len(inputs.filters) > 0, block.work
-    _start(selected, width, inputs, draws, sampling, first, block)
-    moving = width
-    for sample in range(samples):
+    if begin == 0:
+        _start(selected, width, inputs, draws, sampling, first, block)
+    else:
+        _change(selected, work, width, inputs, block, first)
+    moving = 0
+    for lane in range(width):
+        moving += 1 if _runs(work, lane, out, first, samples) else 0
+    for sample in range(begin, end):
         reference = sampling.references[sample]
         record, recorded = sample // sampling.every, sample % sampling.every == 0
         if recorded:
@@ -793,7 +833,7 @@ def run_block(selected, inputs, draws, sampling, block, first, width, out):
                     _drive(work, lane, inputs, block, first, sample, noise, out.changes)
                     if draws.durations.shape[1] > 0:
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
-            _take_pushes(selected, work, width, inputs, sampling, first, sample)
+            _take_pushes(selected, work, width, inputs, block, sampling, first, sample)
             _move(selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
         for lane in range(width):
@@ -819,6 +859,12 @@ def start_alone(selected, inputs, draws, sampling, block):
 
 
 @compiled
+def change_alone(selected, inputs, block):
+    """Go on with other numbers of such a robot."""
+    _change(selected, block.work, 1, inputs, block, 0)
+
+
+@compiled
 def step_alone(selected, inputs, draws, sampling, block, sample, torques, out):
     """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
 
@@ -828,7 +874,7 @@ def step_alone(selected, inputs, draws, sampling, block, sample, torques, out):
     fill(block.commanded[0], torques)
     _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
     work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
-    _take_pushes(selected, work, 1, inputs, sampling, 0, sample)
+    _take_pushes(selected, work, 1, inputs, block, sampling, 0, sample)
     _move(selected, work, 1, inputs, block, sampling, 0)
     _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
     _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)

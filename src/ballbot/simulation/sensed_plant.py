@@ -8,6 +8,8 @@ sensors and the estimator are those in Python, which have an accelerometer and f
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,9 +23,9 @@ from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.draws import draws_of, empty_outcome, push_table
+from ballbot.simulation.draws import bump_table, change_samples, draws_of, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record, packed_on_floor
-from ballbot.simulation.loop import Inputs, Sampling, new_block, start_alone, step_alone
+from ballbot.simulation.loop import Inputs, Sampling, change_alone, new_block, start_alone, step_alone
 from ballbot.simulation.model_plant import LIFTED, checked_states, fallen_words, lift_off, pack_contacts
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
@@ -69,21 +71,13 @@ class SensedPlant:
             if isinstance(estimator, str)
             else estimator
         )
-        record = loop_record(imperfections, robot, estimator=None, sample_time=self._sample_time)
-        self._inputs = Inputs(
-            code=code_of(model.selected),
-            play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
-            law_code=0,
-            filter_code=0,
-            parameters=packed_on_floor(model, imperfections)[None],
-            lift_offs=np.array([lift_off(robot)]),
-            laws=np.zeros(1, LAW_TYPE),
-            loops=record.view(LOOP.dtype()),
-            filters=np.empty((0, 0)),
-            contacts=pack_contacts(robot)[None],
-            initial=np.zeros((1, 10)),
-            pushes=push_table([imperfections], self._sample_time),
-        )
+        later = [
+            (change.model, replace(imperfections, imbalance=change.imbalance, known=assumed))
+            for change in imperfections.later
+        ]
+        self._stages = [self._inputs_of(*stage) for stage in ((model, imperfections), *later)]
+        self._changes = change_samples(imperfections, self._sample_time)
+        self._inputs = self._stages[0]
         self._sampling = Sampling(
             references=np.zeros((1, 10)),
             sample_time=self._sample_time,
@@ -94,6 +88,25 @@ class SensedPlant:
             grip=np.inf,
         )
         self.reset()
+
+    def _inputs_of(self, model: Model, imperfections: Imperfections) -> Inputs:
+        """Return the loop's inputs of a robot."""
+        record = loop_record(imperfections, model.robot, estimator=None, sample_time=self._sample_time)
+        return Inputs(
+            code=code_of(model.selected),
+            play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
+            law_code=0,
+            filter_code=0,
+            parameters=packed_on_floor(model, imperfections)[None],
+            lift_offs=np.array([lift_off(model.robot)]),
+            laws=np.zeros(1, LAW_TYPE),
+            loops=record.view(LOOP.dtype()),
+            filters=np.empty((0, 0)),
+            contacts=pack_contacts(model.robot)[None],
+            initial=np.zeros((1, 10)),
+            pushes=push_table([imperfections], self._sample_time),
+            bumps=bump_table([model], [imperfections]),
+        )
 
     @property
     def robot(self) -> Robot:
@@ -117,6 +130,7 @@ class SensedPlant:
         equal runs, bit for bit. InputError if the state is not ten finite numbers with a lean of at most 1.2 rad.
         """
         state = np.zeros(10) if initial_state is None else checked_states(initial_state)[0]
+        self._inputs = self._stages[0]
         self._inputs.initial[0] = state
         n = self.robot.wheel_count
         self._random, self._instants = np.random.default_rng(seed), np.random.default_rng([seed, 5])
@@ -147,6 +161,9 @@ class SensedPlant:
 
     def _advance(self, torques: NDArray[np.float64]) -> None:
         """Advance by one sample with the torques (n,) that were commanded."""
+        if self._sample in self._changes:
+            self._inputs = self._stages[1 + self._changes.index(self._sample)]
+            change_alone(self.model.selected, self._inputs, self._block)
         late = self.imperfections.jitter * self._instants.uniform(-1.0, 1.0)
         self._random.standard_normal(out=self._draws.noise[0])
         self._draws.durations[0, 0] = self._sample_time + late - self._late

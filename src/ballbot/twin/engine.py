@@ -31,6 +31,7 @@ class Engine:
             reason = " ".join(str(error).split())
             raise InputError(f"MuJoCo cannot simulate this robot in this scenario: {reason}.") from None
         self.data = mujoco.MjData(self.model)  # pyright: ignore[reportAttributeAccessIssue]
+        self._masses = self.model.body_mass.copy(), self.model.body_inertia.copy()
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)
         #: generalised positions and velocities, MuJoCo's order
@@ -70,6 +71,22 @@ class Engine:
     def mobility(self, body: str) -> float:
         """Return MuJoCo's inverse weight [1/kg] of a body, by which it scales contact forces."""
         return float(self.model.body(body).invweight0[0])
+
+    @property
+    def floor_friction(self) -> NDArray[np.float64]:
+        """A view (5,) of the friction of the first contact pair, the ball on the floor."""
+        return self.model.pair_friction[0]
+
+    def set_mass(self, body: str, share: float) -> None:
+        """Give a body that share of the document's mass and inertia.
+
+        MuJoCo's inverse weights, by which it scales the softness of contacts, stay those of the document.
+        """
+        place, spec = self.model.body(body).id, self._masses
+        self.model.body_mass[place], self.model.body_inertia[place] = (
+            share * spec[0][place],
+            share * spec[1][place],
+        )
 
     def external_force(self, body: str) -> NDArray[np.float64]:
         """Return a view (6,) of the force [N] at a body's centre of mass and the torque [N m], world frame."""

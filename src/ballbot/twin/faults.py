@@ -11,6 +11,8 @@ from ballbot.robot.parameters import parameter, parameter_class
 from ballbot.simulation.imperfections import MAX_DELAY
 
 _ALUMINIUM = 2700.0  # [kg/m^3]
+#: later than any run lasts [s]
+NEVER = 1e9
 
 
 @parameter_class
@@ -48,12 +50,14 @@ class LoadDependence:
 
 @parameter_class
 class Payload:
-    """A payload: a solid aluminium ball, fixed to the body."""
+    """A payload: a solid aluminium ball, fixed to the body while it is there."""
 
     mass: float = parameter("of the payload", "kg")
     position: tuple[float, float, float] = parameter(
         "of its centre from the ball's centre: forward, left, up", "m", least=-math.inf
     )
+    put_on: float = parameter("when it is put on", "s", default=0.0, least=0.0)
+    taken_off: float = parameter("when it is taken off", "s", default=NEVER, least=0.0)
 
     @property
     def radius(self) -> float:
@@ -62,16 +66,15 @@ class Payload:
 
 
 @parameter_class
-class Roughness:
-    """A floor with gentle bumps, modelled by the force of their slope.
+class Carpet:
+    """Another floor for a while: the robot rolls onto it at one instant, and off it at another."""
 
-    The force on a robot of mass m at the height h(x, y) is -m g grad h. The height is a sum of waves in all directions
-    with wavelengths between one and four times the shortest.
-    """
-
-    height: float = parameter("root mean square", "m", least=0.0)
-    wavelength: float = parameter("shortest wavelength; the longest is four times as long", "m")
-    seed: int = parameter("random seed of the floor; the run has its own", least=-math.inf)
+    rolling: float = parameter("coefficient of rolling friction on it", least=0.0)
+    pivoting: float = parameter(
+        "moment that resists the ball's pivoting on it, over the normal force", "m", least=0.0
+    )
+    begins: float = parameter("when the robot rolls onto it", "s", default=0.0, least=0.0)
+    ends: float = parameter("when it rolls off it", "s", default=NEVER, least=0.0)
 
 
 @parameter_class

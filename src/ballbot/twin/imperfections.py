@@ -19,7 +19,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.geometry import rotation_to
 from ballbot.mechanics.model import Model
 from ballbot.robot import Body, Friction, Robot
-from ballbot.simulation.imperfections import Imperfections, RollerContacts
+from ballbot.simulation.imperfections import Imperfections, Later, RollerContacts
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.faults import Payload
 from ballbot.twin.mjcf import floor_normal
@@ -31,7 +31,6 @@ from ballbot.twin.scenario_file import load_scenario
 _BEYOND = {
     "softness": "the ball's softness",
     "compliance": "the drivelines' resonance",
-    "roughness": "the floor's bumps",
 }
 #: compliance of MuJoCo's contacts over the square of their time constant [1/kg], and their tangential force over creep
 #: speed, times it [kg]: of the BBR by the masses of ball and roller, measured on its twin
@@ -66,7 +65,7 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
     `known` is the robot that the estimator knows; the true one by default.
     """
     normal = floor_normal(scenario)
-    timing, loop, payload = scenario.timing, scenario.current_loop, scenario.payload
+    timing, loop = scenario.timing, scenario.current_loop
     soft = scenario.softness
     contacts = RollerContacts(
         rollers=scenario.rollers,
@@ -90,29 +89,45 @@ def imperfections_of(scenario: Scenario, *, known: Robot | None = None) -> Imper
         contacts=contacts if scenario.wheel_contact == "rollers" else None,
         load_dependence=scenario.load_dependence.fraction if scenario.load_dependence else 0.0,
         slope=(float(-normal[0] / normal[2]), float(-normal[1] / normal[2])),
-        imbalance=(payload.mass * payload.position[0], payload.mass * payload.position[1])
-        if payload
-        else (0.0, 0.0),
+        imbalance=_imbalance(scenario.at(0.0)),
         pushes=scenario.pushes,
+        roughness=scenario.roughness,
         fallen_lean=scenario.fallen_lean,
         known=known,
     )
 
 
+def _imbalance(scenario: Scenario) -> tuple[float, float]:
+    payload = scenario.payload
+    return (payload.mass * payload.position[0], payload.mass * payload.position[1]) if payload else (0.0, 0.0)
+
+
+def changes_of(robot: Robot, scenario: Scenario) -> tuple[Later, ...]:
+    """Return how a scenario's payload and floor change after the start, with the robot's own friction of the wheels."""
+    stages = [(t, scenario.at(t)) for t in scenario.changes()]
+    return tuple(
+        Later(time=t, model=true_model(robot, stage), imbalance=_imbalance(stage)) for t, stage in stages
+    )
+
+
 def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: EstimatorName) -> SensedPlant:
-    """Return a model with its own friction behind a scenario's sensors, drive and floor."""
+    """Return a model with its own friction behind a scenario's sensors, drive, floor and payload."""
     resolved = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
     identified = with_identified(resolved, model.robot.friction)
-    return SensedPlant(model, imperfections_of(identified), estimator=estimator)
+    robot = model.robot
+    true = Model(true_model(robot, identified).robot, model.formulation, model.step, model.pivoting)
+    borne = replace(imperfections_of(identified, known=robot), later=changes_of(robot, identified))
+    return SensedPlant(true, borne, estimator=estimator)
 
 
 def true_model(robot: Robot, scenario: Scenario) -> Model:
-    """Return the model of a twin: the robot with the scenario's friction of drivelines and rolling, and its payload.
+    """Return the model of a twin at the start: the robot with the scenario's friction, of the floor too, and payload.
 
     The ball does not pivot; on the twin it pivots little.
     """
-    body = loaded_body(robot.body, scenario.payload) if scenario.payload else robot.body
-    return Model(robot.replace(friction=scenario.friction, body=body))
+    start = scenario.at(0.0)
+    body = loaded_body(robot.body, start.payload) if start.payload else robot.body
+    return Model(robot.replace(friction=start.friction, body=body))
 
 
 def loaded_body(body: Body, payload: Payload) -> Body:

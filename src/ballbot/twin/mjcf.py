@@ -296,17 +296,22 @@ def _ball(world: ET.Element, robot: Robot, scenario: Scenario, mounting: Mountin
     add(element, "geom", name="ball", type="sphere", size=ball.radius, rgba="0.2 0.3 0.7 1")
 
 
-def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
+def floor_friction(robot: Robot, scenario: Scenario) -> tuple[float, float, float, float, float]:
+    """Return MuJoCo's friction of the ball on the floor: sliding twice, pivoting [m], rolling twice [m]."""
     rolling = scenario.friction.rolling * robot.ball.radius  # a force N C_rr at r_b is a moment N C_rr r_b
-    grip = scenario.floor_grip
+    return (scenario.floor_grip, scenario.floor_grip, scenario.pivoting, rolling, rolling)
+
+
+def _floor_contact(root: ET.Element, robot: Robot, scenario: Scenario) -> None:
+    rolls = any(scenario.at(t).friction.rolling > 0.0 for t in (0.0, *scenario.changes()))
     pairs = add(root, "contact")
     add(
         pairs,
         "pair",
         geom1="ball",
         geom2="floor",
-        condim="6" if rolling > 0 else "4",
-        friction=(grip, grip, scenario.pivoting, rolling, rolling),
+        condim="6" if rolls else "4",
+        friction=floor_friction(robot, scenario.at(0.0)),
         solref=(scenario.contact_time, 1.0),
         solimp=_HARD,
     )

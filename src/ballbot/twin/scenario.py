@@ -21,10 +21,19 @@ from ballbot.errors import InputError, suggest
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
-from ballbot.simulation.imperfections import Push, Supply
+from ballbot.simulation.imperfections import Push, Roughness, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
 from ballbot.summary import Summary, listed, summarized
-from ballbot.twin.faults import Compliance, CurrentLoop, LoadDependence, Payload, Roughness, Softness, Timing
+from ballbot.twin.faults import (
+    NEVER,
+    Carpet,
+    Compliance,
+    CurrentLoop,
+    LoadDependence,
+    Payload,
+    Softness,
+    Timing,
+)
 from ballbot.twin.parts import check_rollers
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
@@ -100,6 +109,9 @@ class Scenario:
     roughness: Roughness | None = table(
         "A floor with gentle bumps.", default=None, example=Roughness(height=0.0005, wavelength=0.1, seed=1)
     )
+    carpet: Carpet | None = table(
+        "Another floor for a while.", default=None, example=Carpet(rolling=0.02, pivoting=0.04, begins=10.0)
+    )
     timing: Timing | None = table(
         "A controller with delay or jitter.", default=None, example=Timing(delay=1, jitter=0.001)
     )
@@ -131,6 +143,22 @@ class Scenario:
                 rows.append((field.name.replace("_", " "), _sizes(value, field.name)))
         rows.append(("sensors", _sizes(self.sensors, "sensors")))
         return Summary(title=f"Scenario {self.name} of a twin: what is on", rows=tuple(rows))
+
+    def changes(self) -> tuple[float, ...]:
+        """Return when a payload is put on or taken off, or the floor becomes another one [s], in order."""
+        times = [(one.put_on, one.taken_off) for one in (self.payload,) if one]
+        times += [(one.begins, one.ends) for one in (self.carpet,) if one]
+        return tuple(sorted({t for pair in times for t in pair if 0.0 < t < NEVER}))
+
+    def at(self, t: float) -> Scenario:
+        """Return the scenario that stays as this one is at the time t [s]."""
+        payload, carpet, friction, pivoting = self.payload, self.carpet, self.friction, self.pivoting
+        if payload:
+            there = payload.put_on <= t < payload.taken_off
+            payload = replace(payload, put_on=0.0, taken_off=NEVER) if there else None
+        if carpet and carpet.begins <= t < carpet.ends:
+            friction, pivoting = replace(friction, rolling=carpet.rolling), carpet.pivoting
+        return replace(self, payload=payload, carpet=None, friction=friction, pivoting=pivoting)
 
     @staticmethod
     def nominal(robot: RobotLike) -> Scenario:

@@ -20,12 +20,13 @@ from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import angle_rates, quaternion_of, rotation, transforms
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.simulation.imperfections import slope_of, waves_of
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 from ballbot.twin.driveline import Shafts, TwinDriveline
 from ballbot.twin.engine import Engine, attitude_of, body_rate
-from ballbot.twin.faults import Roughness, Timing
-from ballbot.twin.mjcf import floor_normal, twin_mjcf
+from ballbot.twin.faults import Timing
+from ballbot.twin.mjcf import floor_friction, floor_normal, twin_mjcf
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
 
@@ -66,9 +67,6 @@ class TimingModel:
         return steps
 
 
-_WAVES = 24
-
-
 class BodyForce:
     """Forces on the body at heights above the ball's centre, until they are changed."""
 
@@ -90,46 +88,43 @@ class BodyForce:
 
 
 class Disturbances:
-    """The pushes and the bumps of a scenario.
+    """The pushes, the bumps and the changes of a scenario.
 
     A push is a force on the body during its interval. A bump is the force of the slope of an uneven floor, at the
-    ball's centre.
+    ball's centre. A payload that is not on the robot has no mass.
     """
 
     def __init__(self, robot: Robot, scenario: Scenario, engine: Engine) -> None:
         self._pushes, self._body = scenario.pushes, BodyForce(engine)
-        self._floor = UnevenFloor(scenario.roughness) if scenario.roughness else None
-        carried = scenario.payload.mass if scenario.payload else 0.0
-        self._weight = (robot.ball.mass + robot.body.mass + carried) * robot.gravity  # of all that rolls [N]
+        self._waves = waves_of(scenario.roughness) if scenario.roughness else None
+        self._robot, self._scenario, self._engine = robot, scenario, engine
+        self._changes = [0.0, *scenario.changes()]
         self._on_ball = engine.external_force("ball")
         self._place = engine.position("ball")[:2]
 
+    def reset(self) -> None:
+        """Have the payload and the floor of the start."""
+        self._ahead = list(self._changes)
+
     def prepare_sample(self, t: float) -> None:
-        """Set the forces for the sample that begins at t [s], within half a microsecond of rounding."""
+        """Set forces, payload and floor for the sample that begins at t [s], within half a microsecond of rounding."""
+        while self._ahead and self._ahead[0] - 5e-7 <= t:
+            self._change(self._scenario.at(self._ahead.pop(0)))
         if self._pushes:
             self._body.clear()
         for push in self._pushes:
             if push.time - 5e-7 <= t < push.time + push.duration - 5e-7:
                 self._body.add(push.force, push.height)
-        if self._floor is not None:
-            self._on_ball[:2] = -self._weight * self._floor.slope(self._place)
+        if self._waves is not None:
+            self._on_ball[:2] = -self._weight * slope_of(self._waves, self._place)
 
-
-class UnevenFloor:
-    """A floor whose height over the plane is a sum of waves drawn from a seed, a sum of a sin(k . place + phase)."""
-
-    def __init__(self, roughness: Roughness) -> None:
-        random = np.random.default_rng([roughness.seed, 900])
-        heading = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
-        # log-uniform, up to four times
-        length = roughness.wavelength * 4.0 ** random.uniform(0.0, 1.0, _WAVES)
-        self._phases = random.uniform(0.0, 2 * np.pi, _WAVES)  # U(0, 2 pi)
-        self._numbers = (2 * np.pi / length)[:, None] * np.column_stack((np.cos(heading), np.sin(heading)))
-        self._amplitude = roughness.height * np.sqrt(2.0 / _WAVES)
-
-    def slope(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return grad h (2,) at a place (2,) [m]."""
-        return self._amplitude * np.cos(self._numbers @ position + self._phases) @ self._numbers
+    def _change(self, now: Scenario) -> None:
+        carried = now.payload.mass if now.payload else 0.0
+        self._weight = (self._robot.ball.mass + self._robot.body.mass + carried) * self._robot.gravity  # [N]
+        if self._scenario.payload:
+            self._engine.set_mass("payload", 1.0 if carried else 0.0)
+        if self._scenario.carpet:
+            self._engine.floor_friction[2:] = floor_friction(self._robot, now)[2:]
 
 
 def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -219,6 +214,7 @@ class Twin:
             )
         self.engine.reset()
         self._place(state)
+        self._disturbances.reset()
         self._driveline.reset()
         self._sensors.reset(self._random, self._shafts.angles())
         self._estimator.reset(position=(float(state[0]), float(state[1])))

@@ -1,28 +1,28 @@
-"""A log against motion capture of the same run (thesis, Appendix IV): clock, frames, lever arm, the sensors' errors.
+"""Align a log with motion capture of the same run (thesis, Appendix IV): clock, frames, lever arm, sensor errors.
 
-The cameras may be on any clock and in any frame, and their marker body may be mounted in any orientation.
+The cameras may have any clock and any frame, and the marker body may be mounted in any orientation.
 
     R_seen = R_camera_world R_world_body R_body_marker
     p_seen = R_camera_world p_world + origin + R_seen lever
 
-The log's own angles and position give the world. Its heading drifts, so the vertical comes from the whole log, heading
-and origin from the first two seconds. A constant error of the lean angles cannot be separated from a tilt of the frame
-and goes into it. The lever arm goes from the ball's centre to the point that the cameras track. Over some seconds, in
-the world's frame and with d the heading's error,
+The world frame is that of the log's angles and position. The log's heading drifts, so the vertical is estimated from
+the whole log, heading and origin from its first two seconds. A constant error of the lean angles cannot be separated
+from a tilt of the camera frame and is part of it. The lever arm is from the ball's centre to the tracked point. Over a
+few seconds, in the world frame and with d the heading's error,
 
     R_wc (p_k+1 - p_k) = (R_wm,k+1 - R_wm,k) a + [c -s; s c] Rz(-d) ((x y)_k+1 - (x y)_k) ,      height: no change
 
-linear in the arm a (marker frame), c and s; the last two let the log's path be longer than it was, or turned.
+which is linear in the arm a (marker frame), c and s; c and s scale and rotate the log's path.
 
-Errors of the log's angles and position by the cameras, with drift and delay:
+Errors of the log's angles and position with respect to the cameras, with drift and delay:
 
     error = logged - seen,     error(t) = constant + drift t + wander
 
-A log that is late by d has, over half a second, changes of its error of -d times the changes of its rate. Position
-that is integrated in a frame turned by a heading wrong by d has the error  integral of (Rz(d) - 1) dp; the share of
-the error seen that this explains is 1 - |seen - explained|^2 / |seen|^2.
+A delay d changes the error over half a second by -d times the change of the rate. Position that is integrated with a
+heading error d has the error  integral of (Rz(d) - 1) dp; its share of the observed error is
+1 - |observed - explained|^2 / |observed|^2.
 
-The findings have the heading first, then what else is significant; the numbers are tables.
+The findings begin with the heading; further significant results follow.
 """
 
 from __future__ import annotations
@@ -54,13 +54,13 @@ from ballbot.log.pose import Poses, read_poses
 from ballbot.results import key, left_out
 from ballbot.rounding import digits, percent, plus_minus
 
-#: share of the turning that must be common to both, or they are not of the same run
+#: share of the turning that log and cameras must have in common to be of the same run
 _LEAST_SHARE = 0.5
 PREFIX = "mocap_"
 POSITIONS = ("x", "y")
-#: fewer rows together give no frame and no errors
+#: fewest common rows for a frame and errors
 _LEAST_ROWS = 60
-#: heading and origin are those of the first so many seconds
+#: heading and origin are estimated over the first so many seconds
 _START = 2.0
 
 
@@ -76,11 +76,11 @@ class CameraFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathFit:
-    """The lever arm, and how the log's path compares with the cameras' but for the heading's error."""
+    """The lever arm, and scale and rotation of the log's path against the cameras' without the heading's error."""
 
     arm: Floats  #: (3,) [m] marker frame, as fitted
-    arm_half_width: Floats  #: (3,) 95 % [m], of chance alone
-    used: Floats  #: (3,) [m] the arm that is subtracted, or zero if it is not significant
+    arm_half_width: Floats  #: (3,) 95 % [m], random errors only
+    used: Floats  #: (3,) [m] the arm that is subtracted; zero if it is not significant
     scale: float  #: the log's distances over the cameras'
     scale_half_width: float
     turn: float  #: from the cameras' path to the log's [rad]
@@ -89,14 +89,14 @@ class PathFit:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorError:
-    """Of one angle [rad] or coordinate [m], logged less seen, while the robot stands."""
+    """Error of an angle [rad] or a coordinate [m], logged minus seen, while the robot stands."""
 
     rms: float
     largest: float
     drift: float  #: slope of the straight line through the error [1/s]
     drift_half_width: float  #: 95 %, by blocks of time
     wander: float  #: rms about that line
-    delay: float | None  #: of the logged value behind the clock's signal [s]; None for a coordinate
+    delay: float | None  #: of the logged value after the clock's signal [s]; None for a coordinate
     delay_half_width: float | None
 
 
@@ -104,17 +104,17 @@ class SensorError:
 class PositionError:
     """Contributions to the error of position."""
 
-    largest: float  #: its length [m]
-    path: float  #: length of the path that the cameras saw [m], over half a second at a time
-    #: share of the error's square that the heading's error explains; below 0, it makes it worse
+    largest: float  #: largest position error [m]
+    path: float  #: length of the path that the cameras saw [m], in steps of half a second
+    #: share of the squared error that the heading's error explains; negative if subtracting it makes the error larger
     by_heading: float = field(metadata=key("explained_by_heading"))
-    #: (N, 2) [m] the error that the heading's makes; NaN if not seen
+    #: (N, 2) [m] the position error by the heading's error; NaN if not seen
     predicted: Floats = field(metadata=left_out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SensorErrors:
-    """Errors of all that the log and the cameras both have."""
+    """Errors of the signals that both the log and the cameras have."""
 
     of: dict[str, SensorError]
     errors: dict[str, Floats]  #: by name, (N,) on the log's rows
@@ -137,11 +137,11 @@ class Alignment:
 
 
 def align(log: Log, mocap: Log) -> Alignment:
-    """Return how a log and its motion capture belong together.
+    """Return the alignment of a log with its motion capture.
 
-    The log needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles, their errors come too, and with x and y
-    those of the position. The motion capture has t, and qw qx qy qz of a body, marker frame to the cameras'; x y z [m]
-    of a point of it, if it has. InputError if they lack a needed column, are not of the same run, or the cameras
+    The log needs gyro_x, gyro_y, gyro_z or theta, phi, psi; with the angles their errors are estimated, and with x and
+    y those of the position. The motion capture needs t and qw qx qy qz of a body, marker frame to camera frame; x y z
+    [m] of a point are optional. InputError if a needed column is missing, they are not of the same run, or the cameras
     confused markers out of view.
     """
     turning, poses = log_turning(log), _in_one_frame(read_poses(mocap).seen_only())
@@ -157,62 +157,62 @@ def align(log: Log, mocap: Log) -> Alignment:
     )  # fmt: skip
 
 
-#: faster than any gyro's range, 2000 degrees a second: a jump of the marker body's frame, not a turning [rad/s]
+#: faster than any gyro's range, 2000 degrees a second: a jump of the marker body's frame, not a rotation [rad/s]
 _FASTEST = 40.0
-#: smaller turns may be noise; larger ones are a jump over any time, as a quarter turn is [rad]
+#: smaller rotations may be noise; larger ones are a jump whatever the time, as a quarter turn is [rad]
 _LEAST_JUMP, _SURE_JUMP = 0.35, 1.0
 
 
 def _in_one_frame(poses: Poses) -> Poses:
     """Return the poses, all seen, without those in which the cameras confused markers.
 
-    Symmetric markers make the marker body's frame jump by 90 or 180 degrees, and back. The frame that most poses have
-    is kept; the jumps multiplied give how each stretch between two of them is turned against the first.
+    Symmetric markers make the marker body's frame jump by 90 or 180 degrees, and back. The product of the jumps is the
+    rotation of each interval between two jumps against the first; the frame that most poses have is kept.
     """
     steps, dt = poses.rotations[:-1].inv() * poses.rotations[1:], np.diff(poses.t)
     jumps = steps.magnitude() > np.clip(_FASTEST * dt, _LEAST_JUMP, _SURE_JUMP)
     jumps &= dt <= longest_bridge(poses.t)
     frames = [Rotation.identity()]
-    for place in np.flatnonzero(jumps):
-        frames.append(frames[-1] * steps[int(place)])
+    for jump in np.flatnonzero(jumps):
+        frames.append(frames[-1] * steps[int(jump)])
     stretch = np.concatenate([[0], np.cumsum(jumps)])
     counts = np.bincount(stretch)
     turns = Rotation.concatenate(frames)
-    alike = np.array([(turns.inv() * one).magnitude() < _LEAST_JUMP for one in frames])
+    alike = np.array([(turns.inv() * frame).magnitude() < _LEAST_JUMP for frame in frames])
     kept = alike[int(np.argmax(alike @ counts))][stretch]
     return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Seen:
-    """What the cameras saw, on the rows of the log."""
+    """The poses of the cameras, interpolated on rows of the log."""
 
     rows: NDArray[np.intp]  #: (k,) of the log
     camera_marker: Rotation  #: k of them
-    places: Floats  #: (k, 3) [m], the cameras' frame; NaN if not seen
+    points: Floats  #: (k, 3) [m] where the tracked point was, the cameras' frame; NaN if not seen
 
 
 def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
-    """Return the poses at the log's rows that lie between two near ones."""
+    """Return the poses at the log's rows that lie between two close poses."""
     t, longest = motion.clock.to_cameras(log.t), longest_bridge(poses.t)
     rows = np.flatnonzero(_bracketed(t, poses.t, longest))
     t, known = t[rows], np.isfinite(poses.places).all(axis=1)
-    places = np.full((len(t), 3), np.nan)
+    points = np.full((len(t), 3), np.nan)
     if known.sum() > 1:
         near = _bracketed(t, poses.t[known], longest)
-        columns = [np.interp(t, poses.t[known], one) for one in poses.places[known].T]
-        places = np.where(near[:, None], np.column_stack(columns), np.nan)
-    return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), places=places)
+        columns = [np.interp(t, poses.t[known], column) for column in poses.places[known].T]
+        points = np.where(near[:, None], np.column_stack(columns), np.nan)
+    return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), points=points)
 
 
 def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
-    """Return which times (N,) lie between two of those seen that are no further apart than `longest`."""
+    """Return which times (N,) lie between two times of poses that are at most `longest` apart."""
     after = np.clip(np.searchsorted(seen, t), 1, len(seen) - 1)
     return (t >= seen[0]) & (t <= seen[-1]) & (seen[after] - seen[after - 1] <= longest)
 
 
 def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
-    """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], and how these were placed."""
+    """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], the frame and the path's fit."""
     world_body, known = log_rotations(log)
     kept, t = known[seen.rows], log.t[seen.rows]
     if kept.sum() < _LEAST_ROWS:
@@ -222,7 +222,7 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
     camera_world = _camera_world(t[kept], Rotation.from_quat(camera_body.as_quat()[kept]) * by_log.inv())
     seen_body = camera_world.inv() * camera_body
     angles = seen_body.as_euler("XYZ")
-    # the difference of two headings is slow, so that turns in a gap are not lost
+    # unwrap the slowly varying difference of the headings: the heading itself may turn within a gap
     off = np.unwrap(angles[:, 2] - np.interp(t, log.t[known], log["psi"][known]))
     off -= 2.0 * np.pi * np.round(off[0] / (2.0 * np.pi))
     angles[:, 2] = np.interp(t, log.t[known], log["psi"][known]) + off
@@ -230,16 +230,16 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
     positions = np.column_stack(
         [log.columns.get(name, np.full(len(log), np.nan))[seen.rows] for name in POSITIONS]
     )
-    world_marker, places = seen_body * motion.body_marker, camera_world.inv().apply(seen.places)
-    path = _path_fit(t, world_marker, places, positions, off)
+    world_marker, points = seen_body * motion.body_marker, camera_world.inv().apply(seen.points)
+    path = _path_fit(t, world_marker, points, positions, off)
     arm = np.zeros(3) if path is None else path.used
-    places = places - world_marker.apply(arm)
-    away = places - np.column_stack([positions, np.zeros(len(t))])
+    points = points - world_marker.apply(arm)
+    away = points - np.column_stack([positions, np.zeros(len(t))])
     both, origin = np.isfinite(away).all(axis=1), None
     if both.any():
         start = away[both & (t <= t[both][0] + _START)].mean(axis=0)
         origin = camera_world.apply(start)
-        columns |= dict(zip("xyz", (places - start).T, strict=True))
+        columns |= dict(zip("xyz", (points - start).T, strict=True))
     filled = {}
     for name, values in columns.items():
         filled[f"{PREFIX}{name}"] = np.full(len(log), np.nan)
@@ -253,7 +253,7 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
 
 
 def _camera_world(t: Floats, each: Rotation) -> Rotation:
-    """Return the world's orientation in the cameras' frame by that at each row; InputError if it jumps."""
+    """Return the world's orientation in the camera frame from its estimate at each row; InputError if it jumps."""
     jumps = (each[:-1].inv() * each[1:]).magnitude() > 2.0 * _LEAST_JUMP
     if jumps.any():
         raise InputError(
@@ -266,29 +266,29 @@ def _camera_world(t: Floats, each: Rotation) -> Rotation:
     return leveled.inv() * Rotation.from_rotvec([0.0, 0.0, float(np.arctan2(forward[1], forward[0]))])
 
 
-#: arm and scale of the path are fitted to pieces this long, in which a robot's rocking averages out [s]
+#: arm and scale of the path are fitted to pieces this long, over which a robot's rocking averages out [s]
 _STRETCH = 5.0
-#: and to one row in so many
+#: starting at one row in so many
 _EVERY = 5
-#: A ball's position computed from wheels is wrong by a little as the robot rocks (play, creep), and that looks like an
-#: arm: of 3 and 5 cm on two logs whose cameras report the ball's centre itself. Below this no arm is assumed [m]
+#: smallest lever arm that is subtracted [m]: the position computed from the wheels has small errors as the robot rocks
+#: (play, creep) that look like an arm, of 3 and 5 cm on two logs whose cameras track the ball's centre itself
 LEAST_LEVER = 0.1
 
 
 def _path_fit(
-    t: Floats, world_marker: Rotation, places: Floats, positions: Floats,
+    t: Floats, world_marker: Rotation, points: Floats, positions: Floats,
     heading: Floats,
 ) -> PathFit | None:  # fmt: skip
-    """Return the lever arm, scale and turn of the path, or None if log or cameras have hardly any positions.
+    """Return the lever arm, scale and rotation of the path, or None if log or cameras have too few positions.
 
-    At k times t [s]: the marker's orientation and the place (k, 3) [m] of the tracked point in the axes of the world,
+    At k times t [s]: the marker's orientation and the tracked point's position (k, 3) [m] in the axes of the world,
     the log's x and y (k, 2) [m], and the cameras' heading less the log's (k,) [rad].
     """
-    known = np.asarray(np.isfinite(np.hstack([places, positions])).all(axis=1))
+    known = np.asarray(np.isfinite(np.hstack([points, positions])).all(axis=1))
     ends = np.searchsorted(t, t + _STRETCH)
     starts = np.flatnonzero(ends < len(t))[::_EVERY]
     ends = ends[starts]
-    # without a gap, or nearly
+    # without a long gap
     kept = known[starts] & known[ends] & (t[ends] - t[starts] < 1.2 * _STRETCH)
     starts, ends = starts[kept], ends[kept]
     if len(starts) < _LEAST_ROWS:
@@ -299,26 +299,26 @@ def _path_fit(
     J = np.zeros((len(starts), 3, 5))
     J[:, :, :3] = marker[ends] - marker[starts]
     J[:, 0, 3], J[:, 1, 3], J[:, 0, 4], J[:, 1, 4] = x, y, -y, x
-    found, half = fit_in_blocks(J, places[ends] - places[starts], t[starts])
-    if half[3:].max() > 0.3 * np.hypot(*found[3:]):  # hardly a path
+    estimate, half = fit_in_blocks(J, points[ends] - points[starts], t[starts])
+    if half[3:].max() > 0.3 * np.hypot(*estimate[3:]):  # too short a path
         return None
-    arm, size = found[:3], float(np.hypot(*found[3:]))
+    arm, size = estimate[:3], float(np.hypot(*estimate[3:]))
     significant = np.linalg.norm(arm) > LEAST_LEVER + np.linalg.norm(half[:3])
     return PathFit(
         arm=arm, arm_half_width=half[:3], used=arm if significant else np.zeros(3), scale=1.0 / size,
-        scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(found[4], found[3])),
+        scale_half_width=float(half[3]) / size**2, turn=-float(np.arctan2(estimate[4], estimate[3])),
         turn_half_width=float(half[4]) / size,
     )  # fmt: skip
 
 
-#: beyond this angle from upright a robot is falling or in hands [rad]
+#: beyond this lean a robot falls or is held by hand [rad]
 _LARGEST_LEAN = 0.35
-#: rates are slopes over this, to either side [s]
+#: rates are differences over this time to either side [s]
 _SLOPE = 0.04
 
 
 def _sensor_errors(log: Log) -> SensorErrors | None:
-    """Return the errors of a log with the columns of the cameras, or None if the two have hardly a row together."""
+    """Return the errors of a log with the columns of the cameras, or None if they have too few common rows."""
     names = [name for name in (*ANGLE_NAMES, *POSITIONS) if name in log and f"{PREFIX}{name}" in log]
     standing = np.hypot(log[f"{PREFIX}theta"], log[f"{PREFIX}phi"]) < _LARGEST_LEAN
     errors = {name: np.where(standing, log[name] - log[f"{PREFIX}{name}"], np.nan) for name in names}
@@ -348,7 +348,7 @@ def _sensor_error(name: str, log: Log, error: Floats) -> SensorError:
 
 
 def _delay(log: Log, name: str, error: Floats) -> tuple[float | None, float | None]:
-    """Return how late an angle is logged [s] and the 95 % half width, or None if too little is known."""
+    """Return the delay of a logged angle [s] and its 95 % half width, or None if there are too few rows."""
     t, known = log.t, np.isfinite(log[name])
     times, angle = t[known], np.unwrap(log[name][known])
     rate = (np.interp(t + _SLOPE, times, angle) - np.interp(t - _SLOPE, times, angle)) / (2.0 * _SLOPE)
@@ -356,8 +356,8 @@ def _delay(log: Log, name: str, error: Floats) -> tuple[float | None, float | No
     usable = np.isfinite(of_rate) & np.isfinite(of_error) & (t + SPAN <= t[-1])
     if usable.sum() < _LEAST_ROWS:
         return None, None
-    found, half = fit_in_blocks(-of_rate[usable][:, None, None], of_error[usable][:, None], t[usable])
-    return float(found[0]), float(half[0])
+    estimate, half = fit_in_blocks(-of_rate[usable][:, None, None], of_error[usable][:, None], t[usable])
+    return float(estimate[0]), float(half[0])
 
 
 def _position_error(log: Log, errors: dict[str, Floats]) -> PositionError | None:
@@ -366,60 +366,60 @@ def _position_error(log: Log, errors: dict[str, Floats]) -> PositionError | None
     known = np.isfinite(seen).all(axis=1) & np.isfinite(error).all(axis=1)
     if known.sum() < _LEAST_ROWS:
         return None
-    t, seen, found, off = log.t[known], seen[known], error[known], errors["psi"][known]
+    t, seen, logged_off, off = log.t[known], seen[known], error[known], errors["psi"][known]
     explained = _turned(seen, off) - (seen - seen[0])
     predicted = np.full_like(error, np.nan)
     predicted[known] = explained
     coarse = np.arange(t[0], t[-1], SPAN)
     path = np.column_stack([np.interp(coarse, t, column) for column in seen.T])
     return PositionError(
-        largest=float(np.linalg.norm(found, axis=1).max()),
+        largest=float(np.linalg.norm(logged_off, axis=1).max()),
         path=float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
-        by_heading=1.0 - float(np.sum((found - explained) ** 2) / max(np.sum(found**2), 1e-300)),
+        by_heading=1.0 - float(np.sum((logged_off - explained) ** 2) / max(np.sum(logged_off**2), 1e-300)),
         predicted=predicted,
     )
 
 
 def _turned(path: Floats, turn: Floats) -> Floats:
-    """Return a path (k, 2), from its start, whose every step is turned by an angle (k,)."""
+    """Return a path (k, 2) relative to its start with every step rotated by an angle (k,)."""
     steps = np.diff(path, axis=0) @ np.array([1.0, 1.0j])
     turned = np.cumsum(np.exp(0.5j * (turn[1:] + turn[:-1])) * steps)
     return np.concatenate([np.zeros((1, 2)), np.column_stack([turned.real, turned.imag])])
 
 
-#: share of the error from which position follows the heading
+#: explained share from which the position error is said to follow the heading
 _FOLLOWS = 0.5
 #: delays of angles below this are not reported [s]
 _LEAST_DELAY = 2e-3
-#: as exactly as markers are mounted [m]
+#: accuracy of mounting markers [m]
 _LEAST_ARM = 0.01
-#: a larger share of the time out of view is reported
+#: share of the time out of view from which it is reported
 _UNSEEN = 0.01
 
 
 def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
-    """Return the findings, the one on the heading first where there is one."""
-    found: list[str] = []
+    """Return the findings, the one on the heading first."""
+    sentences: list[str] = []
     if alignment.sensors is None:
-        found.append(
-            "The log has no theta, phi and psi in common with the cameras: clocks and markers are aligned alone."
+        sentences.append(
+            "The log has no theta, phi and psi in common with the cameras: only clocks and markers are aligned."
         )
     else:
-        found += [_heading(alignment.sensors), _leans(alignment.sensors)]
-        found += _delays(alignment.sensors, alignment.clock_signal)
+        sentences += [_heading(alignment.sensors), _leans(alignment.sensors)]
+        sentences += _delays(alignment.sensors, alignment.clock_signal)
     if alignment.path is not None:
-        found += _scale(alignment.path) + _lever(alignment.path)
+        sentences += _scale(alignment.path) + _lever(alignment.path)
     if alignment.unseen >= _UNSEEN:
-        found.append(
+        sentences.append(
             f"For {percent(alignment.unseen)} of the log's time the cameras saw nothing, or confused two markers."
         )
     if alignment.rival_clock is not None:
-        found.append(
+        sentences.append(
             "Another alignment fits nearly as well, with the cameras' clock at "
             f"{alignment.rival_clock.offset:.2f} s at the log's zero, because the motion "
             "repeats itself. A log that begins or ends with a sideways push would decide."
         )
-    return tuple(note("alignment", sentence) for sentence in found)
+    return tuple(note("alignment", sentence) for sentence in sentences)
 
 
 def _heading(sensors: SensorErrors) -> str:

@@ -1,12 +1,11 @@
-"""Closed-loop validation: both models from the measured start, driven by the controller that drove the robot.
+"""Closed-loop validation: both models from the measured state, driven by the controller that recorded the log.
 
-Both models restart from the measured state every few seconds, before they and the robot lose each other's phase; whole
+Both models restart from the measured state every few seconds, before their phase drifts away from the robot's; whole
 logs are compared by distributions (`ballbot.validation.whole_log`).
 
-The controller is given, or its gain is recovered from the log. A robot that balances by u = K S(psi) (r - x) shows its
-K: states, references and torques are all in the log, and the law is linear in K. Least squares over the samples that
-no limit clipped gives it, and the share of the torques' variance that it explains shows whether the controller was of
-this kind at all.
+The controller is given, or its gain is recovered from the log: states, references and torques are in the log, and
+u = K S(psi) (r - x) is linear in K. Least squares over the samples that are not clipped gives K, and the explained
+share of the torques' variance shows whether the controller was of this kind.
 """
 
 from __future__ import annotations
@@ -16,20 +15,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
-from ballbot.log import Log
+from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
+from ballbot.mechanics.model import Model
 from ballbot.summary import counted
 from ballbot.validation.models import (
     Case,
     Comparison,
     ErrorPair,
-    ModelPair,
     Trajectories,
     in_heading_frame,
     rows_after,
@@ -37,31 +35,31 @@ from ballbot.validation.models import (
 )
 from ballbot.validation.whole_log import WholeLog, compare_whole_log
 
-#: torques this close to the limit count as clipped
+#: torques above this fraction of the limit count as clipped
 _CLIPPED = 0.999
-#: least share of each wheel's torque that the law must explain; dry friction compensated, for one, explains less
+#: smallest explained share of each wheel's torque; with compensated dry friction, for example, less is explained
 LEAST_R_SQUARED = 0.98
-#: least share that a controller given must explain: its limits and quantised torques are its own, so less is asked
+#: smallest share explained by a given controller: its own limits and quantisation are not modelled, so less suffices
 LEAST_EXPLAINED = 0.9
-#: about the length of a run [s]: the longest stretch is divided into equal runs
+#: approximate length of a run [s]: the longest interval without a gap is divided into equal runs
 _RESTART = 4.0
-#: a controller may be late by up to so many samples
+#: largest delay of a controller that is tried, in samples
 _LARGEST_DELAY = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RecoveredGain:
-    """u[k] = K S(psi) (r - x) at row k - delay, as found in a log."""
+    """A controller u[k] = K S(psi) (r - x) at row k - delay, estimated from a log."""
 
     gain: Floats  #: K (n, 10)
-    delay: int  #: samples from the state that a torque answers to the row that it stands in
+    delay: int  #: samples from a state to the row of the torque that answers it
     r_squared: Floats  #: (n,) share of each wheel's torque variance explained
     samples: int  #: rows used
-    torque_limit: float | None  #: [N m] at which the log's torques were clipped, if they were
+    torque_limit: float | None  #: [N m] at which the log's torques were clipped; None if they were not
 
 
 def recover_gain(log: Log) -> RecoveredGain:
-    """Find the gain and the delay of the controller that recorded a log with states, torques and ref_x, ref_y, ref_psi.
+    """Estimate gain and delay of the controller that recorded a log with states, torques and ref_x, ref_y, ref_psi.
 
     InputError if no linear law explains the torques.
     """
@@ -92,9 +90,9 @@ def recover_gain(log: Log) -> RecoveredGain:
 
 
 def delay_of(controller: Feedback, log: Log) -> int:
-    """Return by how many samples the log's torques come after the states that the controller answers to.
+    """Return the delay in samples from a state to the torques that the controller answers with.
 
-    InputError if the controller is not the one that recorded the log, at any delay.
+    InputError if the controller did not record the log, whatever the delay.
     """
     references, states = log.reference, log.states
     controller.reset()
@@ -128,7 +126,7 @@ def heading_error(states: Floats, references: Floats) -> Floats:
 
 
 def _clipping_limit(torques: Floats) -> float | None:
-    """Return the largest torque where it recurs as only a limit makes it, else None."""
+    """Return the largest torque if it recurs exactly, as at a limit; else None."""
     largest = np.abs(torques).max()
     recurring = np.count_nonzero(np.abs(torques) == largest)
     return float(largest) if recurring > 3 and largest > 0.0 else None
@@ -152,17 +150,17 @@ def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClosedLoop(Comparison):
-    """Errors in closed loop, restarted every few seconds, and the distributions over whole logs."""
+    """Errors in closed loop with restarts every few seconds, and the distributions over whole logs."""
 
     restarted: ErrorPair
     restart_every: float  #: [s]
-    recovered: RecoveredGain | None  #: the log's own gain, where no controller was given
-    whole: tuple[WholeLog, ...]  #: of each log; none with a user's controller or the thesis's equations
+    recovered: RecoveredGain | None  #: the gain recovered from the log if no controller was given
+    whole: tuple[WholeLog, ...]  #: of each log; empty with a user's controller or the thesis's equations
 
     def verdict(self) -> str:
         runs = f"restarted every {self.restart_every:.2g} s ({counted(self.restarted.runs, 'run')})"
         verdict = f"Closed loop, {runs}: {self.restarted.claim(self.models)}."
-        return " ".join([verdict, *(one.verdict() for one in self.whole)])
+        return " ".join([verdict, *(comparison.verdict() for comparison in self.whole)])
 
     def shown(self) -> Iterator[tuple[str, ErrorPair | Trajectories | None]]:
         controller, recovered = "the controller that drove the robot", self.recovered
@@ -175,25 +173,27 @@ class ClosedLoop(Comparison):
             f"measured state every {self.restart_every:.2g} s."
         )
         yield caption, self.restarted
-        yield from ((one.verdict(), None) for one in self.whole)
-        yield from (("The first seconds without a restart.", one.example) for one in self.whole[:1])
+        yield from ((comparison.verdict(), None) for comparison in self.whole)
+        yield from (
+            ("The first seconds without a restart.", comparison.example) for comparison in self.whole[:1]
+        )
 
     def results(self) -> dict[str, object]:
         return {
             **self.restarted.results(self.models),
             "restart_every": self.restart_every,
-            "whole_logs": [one.results() for one in self.whole],
+            "whole_logs": [comparison.results() for comparison in self.whole],
         }
 
 
 def closed_loop(case: Case) -> ClosedLoop | str:
     """Compare both models with the log in closed loop, in runs that restart within the rows that count.
 
-    Without the controller that recorded the log its gain is recovered; the reason is returned if that fails. Every run
-    has a copy of the controller of its own, as it ran on the robot. InputError if a controller that is given did not
-    record the log.
+    Without the controller that recorded the log its gain is recovered; if that fails, the reason is returned.
+    InputError if a given controller did not record the log.
     """
-    models, log, controller, recovered = case.models, case.log, case.controller, None
+    models, log, recovered = case.models, case.log, None
+    controller = copy.deepcopy(case.controller)  # several logs are validated in parallel
     if controller is None:
         try:
             recovered = recover_gain(log)
@@ -208,52 +208,39 @@ def closed_loop(case: Case) -> ClosedLoop | str:
             f"{log.sample_time:g} s; closed-loop validation needs the controller that recorded the log."
         )
     longest = max(len(part) for part in case.parts) - 1
-    # a whole number of runs to the longest stretch, so that none of it is lost for want of a sample
+    # a whole number of runs in the longest interval, so that none of it is lost by a missing sample
     samples = longest // max(1, round(longest * log.sample_time / _RESTART))
     starts = window_starts(case.parts, samples=samples, every=samples)
-    restarted = _run_models(models, log, starts, samples, controller, delay)
+    first, second = (
+        [_run(model, log, int(start), samples, controller, delay) for start in starts]
+        for model in models.both
+    )
     measured = log.states[rows_after(starts, samples)]
-    # the loop of the thesis's equations takes a minute to compile, for this alone
+    # the loop of the thesis's equations would take a minute to compile, for this comparison only
     exact = all(model.formulation == "exact" for model in models.both)
     whole = ()
     if exact and isinstance(controller, Controller):
         whole = (compare_whole_log(case, controller, delay=delay),)
     return ClosedLoop(
         models=models,
-        restarted=ErrorPair.of_runs(list(measured), *map(list, restarted)),
+        restarted=ErrorPair.of_runs(list(measured), first, second),
         restart_every=samples * log.sample_time,
         recovered=recovered,
         whole=whole,
     )
 
 
-def _run_models(
-    models: ModelPair, log: Log, starts: NDArray[np.int64], samples: int, controller: Feedback, delay: int
-) -> Floats:
-    """Return the states (2, starts, samples, 10) of both models, every start of both stepped side by side."""
-    measured, torques, references, t = log.states, log.torques, log.reference, log.t
-    sample_time = log.sample_time
-    begins, lanes_of = np.tile(starts, 2), [one for one in models.both for _ in starts]
-    steps = [one.steps_in(sample_time) for one in lanes_of]
-    controllers = [copy.deepcopy(controller) for _ in begins]
-    for one in controllers:
-        one.reset()
-    states = measured[begins]
-    out = np.empty((len(begins), samples, states.shape[1]))
-    asked = np.empty((samples, len(begins), torques.shape[1]))
-    for k in range(samples):
-        for lane, (one, row) in enumerate(zip(controllers, begins + k, strict=True)):
-            asked[k, lane] = one.update(float(t[row]), states[lane], references[row])
-        # until the first late torque arrives, those measured act
-        held = asked[k - delay] if k >= delay else torques[begins + k]
-        for lane, model in enumerate(lanes_of):  # simulate_lanes would check its inputs anew at each sample
-            out[lane, k] = simulate_one(
-                model.selected,
-                model.packed,
-                states[lane],
-                held[lane],
-                sample_time=sample_time,
-                steps=steps[lane],
-            )
-        states = out[:, k]
-    return out.reshape(2, len(starts), samples, -1)
+def _run(model: Model, log: Log, start: int, samples: int, controller: Feedback, delay: int) -> Floats:
+    """Return the states (samples, 10) of a model from the measured state in row `start` on."""
+    states, asked = np.empty((samples, len(STATE_NAMES))), np.empty((samples, log.torques.shape[1]))
+    measured, torques, references = log.states, log.torques, log.reference
+    state, steps = measured[start], model.steps_in(log.sample_time)
+    controller.reset()
+    for k, row in enumerate(range(start, start + samples)):
+        asked[k] = controller.update(float(log.t[row]), state, references[row])
+        # the measured torques act until the first delayed torque arrives
+        held = asked[k - delay] if k >= delay else torques[row]
+        states[k] = state = simulate_one(
+            model.selected, model.packed, state, held, sample_time=log.sample_time, steps=steps
+        )
+    return states

@@ -1,8 +1,7 @@
-"""Prediction over horizons from one sample to half a second, beside the error that noise alone would cause.
+"""Prediction errors against the horizon, from one sample to half a second, beside the error by noise alone.
 
-One step alone is bound by the noise of the sensors and says little about the model (`ballbot.validation.residuals`);
-half a second is governed by the model. The error against the horizon between the two shows which of them an error comes
-from.
+The error after one step is dominated by the sensors' noise and says little about the model
+(`ballbot.validation.residuals`); the error after half a second is dominated by the model.
 """
 
 from __future__ import annotations
@@ -27,21 +26,21 @@ from ballbot.validation.models import (
     window_starts,
 )
 
-#: how far ahead [s]
+#: horizons [s]
 HORIZONS = (0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
 
-#: starts are this far apart [s]: enough of them, and not so near that they repeat each other
+#: interval between starts [s]: many starts, but with little overlap of their forecasts
 _SPACING = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Horizons(Comparison):
-    """Errors of both models at each horizon, and the scales to compare them with."""
+    """Errors of both models at each horizon, with the scales for comparison."""
 
-    errors: HorizonErrors  #: of the first model and the second, state by state
+    errors: HorizonErrors  #: of the first and the second model by state
     #: (h, 10), RMSE that the noise of start and measurement alone would cause
     noise_floor: Floats
-    spread: Floats  #: (10,), standard deviation of what was measured
+    spread: Floats  #: (10,), standard deviation of the measured states
 
     def verdict(self) -> str:
         errors, first = self.errors, self.models.first.name
@@ -62,7 +61,7 @@ class Horizons(Comparison):
 
     def results(self) -> dict[str, object]:
         intervals = self.errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
-        # a state that did not move has no scale
+        # a constant state has no scale
         spread = np.where(self.spread > FINEST, self.spread, np.nan)
         return {
             "seconds": self.errors.horizons,
@@ -76,7 +75,7 @@ class Horizons(Comparison):
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Return the errors over the starts of all `parts` of the first one's horizons; the spread is that one's."""
+        """Return the errors over the starts of all parts with the first part's horizons, and that part's spread."""
         first = parts[0].errors
         alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
         weights = [part.errors.starts for part in alike]
@@ -91,7 +90,7 @@ class Horizons(Comparison):
 
 
 def compare_horizons(case: Case) -> Horizons:
-    """Forecast from starts 0.1 s apart and compare at each horizon that fits the stretches of rows that count."""
+    """Forecast from starts 0.1 s apart and compare at each horizon that fits the intervals without a gap."""
     models, log, parts = case.models, case.log, case.parts
     step = log.sample_time
     fitting = max(len(part) for part in parts) - 1

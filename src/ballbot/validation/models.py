@@ -9,9 +9,9 @@ divides the norm of the differences by their number n, not by its root:
     e = |x - x_hat| / n,      RMSE = |x - x_hat| / sqrt(n) = e sqrt(n)
 
 so that e shrinks with the length of what is compared. Both are given; ratios of equally long runs are the same. The
-normalised RMSE is over the standard deviation of what was measured: 1 is no better than a constant.
+normalised RMSE is divided by the standard deviation of the measurement: 1 is no better than a constant.
 
-No error counts as less than `FINEST` before a ratio is formed. The interval is that of `ballbot.fitting.comparison`.
+Errors below `FINEST` count as `FINEST` in a ratio. The interval is that of `ballbot.fitting.comparison`.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class NamedModel:
-    """A model and its name, which reads on from "the model": "with friction", or "of soft.toml"."""
+    """A model and its name, which follows "the model" in sentences: "with friction", or "of soft.toml"."""
 
     name: str
     model: Model
@@ -53,9 +53,9 @@ class NamedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelPair:
-    """Two models of robots with as many wheels: the first is validated, the second is the reference.
+    """Two models of robots with the same number of wheels: the first is validated, the second is the reference.
 
-    InputError if they have the same name, are the same model, or have not as many wheels.
+    InputError if they have the same name, are the same model, or differ in the number of wheels.
     """
 
     first: NamedModel
@@ -65,7 +65,7 @@ class ModelPair:
         first, second = self.first, self.second
         if first.name == second.name:
             raise InputError(f"Both models are called {first.name!r}; give them different names.")
-        counts = [one.model.robot.wheel_count for one in (first, second)]
+        counts = [named.model.robot.wheel_count for named in (first, second)]
         if counts[0] != counts[1]:
             raise InputError(
                 f"The model {first.name} has {counts[0]} wheels and the model {second.name} "
@@ -79,7 +79,7 @@ class ModelPair:
 
     @staticmethod
     def by_friction(model: Model) -> ModelPair:
-        """Return a model as it is, beside itself without any friction; InputError if it has none."""
+        """Return a model paired with itself without friction; InputError if it has no friction."""
         robot = model.robot
         none = Friction.none(robot.wheel_count)
         if robot.friction == none:
@@ -98,8 +98,8 @@ class ModelPair:
     def load(robot: str, *, against: str | None = None) -> ModelPair:
         """Return the model of a preset or robot file and the one that it is compared with.
 
-        That is another preset or robot file; "thesis", the same robot with the thesis's equations; or, if not given,
-        the same robot without friction. InputError if a file is not valid or both models are the same.
+        The second is another preset or robot file, "thesis" for the same robot with the thesis's equations, or by
+        default the same robot without friction. InputError if a file is not valid or both models are the same.
         """
         model = Model(Robot.load(robot))
         if against is None:
@@ -120,7 +120,7 @@ class ModelPair:
 
     @property
     def names(self) -> tuple[str, str]:
-        """Of the first and the second."""
+        """The names of the first and the second model."""
         return (self.first.name, self.second.name)
 
     @property
@@ -129,8 +129,8 @@ class ModelPair:
         return (self.first.model, self.second.model)
 
 
-#: an RMS error counts as no less than this, in m, rad and their rates: a thousandth of what the finest sensors of a
-#: robot resolve, and a million times the rounding of a double
+#: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
+#: million times the rounding of a double
 FINEST = 1e-9
 
 Interval = tuple[float, float]
@@ -142,9 +142,9 @@ _GAP = 1.5
 
 
 def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range]:
-    """Return the runs of rows that follow each other without a gap, of times start <= t < end [s] if given.
+    """Return the intervals of rows without a gap, within the times start <= t < end [s] of a holdout.
 
-    InputError if nothing of the log lies in them.
+    InputError if no row of the log lies in the holdout.
     """
     counts = np.ones(len(log), dtype=bool)
     if holdout is not None:
@@ -154,18 +154,14 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
                 "No row of the log lies in the holdout intervals; "
                 f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
-    breaks = np.flatnonzero(np.diff(log.t) > _GAP * log.sample_time) + 1
-    found = []
-    for part in np.split(np.arange(len(log)), breaks):
-        inside = part[counts[part]]
-        for rows in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
-            if len(rows) > 1:
-                found.append(range(int(rows[0]), int(rows[-1]) + 1))
-    return found
+    compared = np.flatnonzero(counts)
+    gaps = (np.diff(compared) > 1) | (np.diff(log.t[compared]) > _GAP * log.sample_time)
+    parts = np.split(compared, np.flatnonzero(gaps) + 1)
+    return [range(int(rows[0]), int(rows[-1]) + 1) for rows in parts if len(rows) > 1]
 
 
 def window_starts(parts: Sequence[range], *, samples: int, every: int) -> NDArray[np.int64]:
-    """Return the rows from which `samples` steps stay within one of `parts`, `every` rows apart (starts,)."""
+    """Return rows (starts,), `every` rows apart, from which `samples` steps stay within one of `parts`."""
     starts = [np.arange(part.start, part.stop - samples, every) for part in parts]
     return np.concatenate([*starts, np.empty(0)]).astype(np.int64)
 
@@ -185,12 +181,12 @@ def forecast(
 ) -> Floats:
     """Simulate each model from each start with the torques measured from there on.
 
-    Row k of a log holds the state at t_k and the torques held from then on, so that the forecast from row k with the
-    torques of rows k .. k + samples - 1 is of the states in rows k + 1 .. k + samples. Returned are the states (models,
-    starts, samples, 10); a forecast that passes the largest lean stays where it did. `initial` (starts, 10) are states
-    to start from, in place of the measured ones.
+    Row k of a log has the state at t_k and the torques that act from then on, so that the forecast from row k with the
+    torques of rows k .. k + samples - 1 predicts the states of rows k + 1 .. k + samples. Returns the states (models,
+    starts, samples, 10); a forecast stops at the largest lean. `initial` (starts, 10) replaces the measured initial
+    states.
     """
-    found = []
+    states = []
     for model in models:
         check_wheels(model, log)
         lanes = Lanes(
@@ -199,12 +195,12 @@ def forecast(
             torques=log.torques[starts[:, None] + np.arange(samples)],
         )
         steps = model.steps_in(log.sample_time)
-        found.append(simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states)
-    return np.stack(found)
+        states.append(simulate_lanes(model.selected, lanes, sample_time=log.sample_time, steps=steps).states)
+    return np.stack(states)
 
 
 def in_heading_frame(states: Floats, psi: Floats) -> Floats:
-    """Return states or their differences (N, 10), the pairs of x and y and of the leans turned by -psi (N,)."""
+    """Return states or their differences (N, 10) in the heading frame, with pairs of x and y turned by -psi (N,)."""
     turned, c, s = states.copy(), np.cos(psi)[:, None], np.sin(psi)[:, None]
     x, y = [0, 2, 5, 7], [1, 3, 6, 8]
     turned[:, x] = c * states[:, x] + s * states[:, y]
@@ -213,24 +209,24 @@ def in_heading_frame(states: Floats, psi: Floats) -> Floats:
 
 
 def recoverable_lean(model: Model) -> float:
-    """Return the lean [rad] from which, at rest, the wheels' largest torques no longer bring the body back up.
+    """Return the largest lean [rad] from which, at rest, the largest torques can still raise the body.
 
-    It is the smaller one of the leans about x and about y.
+    The smaller of the leans about x and about y.
     """
     largest = np.full(model.robot.wheel_count, model.robot.drive.torque_limit)
     return float(recoverable_leans(model, np.array([0.0, 0.5 * np.pi]), largest=largest).min())
 
 
 def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> Floats:
-    """Return the lean [rad] in each direction (d,) from which, at rest, torques up to `largest` (n,) bring it back.
+    """Return the largest lean [rad] in each direction (d,) from which, at rest, torques up to `largest` (n,) recover.
 
-    The acceleration of the leans (theta, phi) = lean (cos d, sin d) outward is affine in the torques: the body's own
-    fall, less at most |row of its torques| times the largest torques. The answer is where both are equal, at most the
-    lean at which a simulation ends.
+    The outward acceleration of the lean (theta, phi) = lean (cos d, sin d) is affine in the torques: that of the
+    falling body, less at most |row of the torques| times the largest torques. The recoverable lean is where both are
+    equal, at most the lean at which a simulation ends.
     """
     leans, n = np.linspace(0.0, LARGEST_LEAN, 201), model.robot.wheel_count
-    found = np.empty(len(directions))
-    for place, direction in enumerate(directions.tolist()):
+    limits = np.empty(len(directions))
+    for index, direction in enumerate(directions.tolist()):
         towards = np.array([0.0, 0.0, np.cos(direction), np.sin(direction), 0.0])
         q = leans[:, None] * towards
         fall, *pushed = (
@@ -239,10 +235,10 @@ def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> F
         )
         outward = fall - np.abs(np.array(pushed) - fall).T @ largest
         lost = int(np.argmax(outward > 0.0)) if outward[-1] > 0.0 else 0
-        found[place] = (
+        limits[index] = (
             np.interp(0.0, outward[lost - 1 : lost + 1], leans[lost - 1 : lost + 1]) if lost else LARGEST_LEAN
         )
-    return found
+    return limits
 
 
 def check_wheels(model: Model, log: Log) -> None:
@@ -256,13 +252,13 @@ def check_wheels(model: Model, log: Log) -> None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """What a way of validating is given: two models, a log, and which of its rows count."""
+    """The input of a validation: two models, a log, and the rows that are compared."""
 
     models: ModelPair
     log: Log
     parts: Sequence[range]  #: rows without a gap
-    controller: Feedback | None = None  #: the one that recorded the log, if it is known
-    seed: int = 0  #: of the noise that is drawn
+    controller: Feedback | None = None  #: the controller that recorded the log, if it is known
+    seed: int = 0  #: random seed of the noise
 
     @cached_property
     def steps(self) -> tuple[NDArray[np.int64], Floats]:
@@ -288,7 +284,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectories:
-    """States over time, from the start that all three have in common; in the order and units of a log's states."""
+    """Measured and predicted states over time from a common start, in the order and units of a log's states."""
 
     t: Floats  #: (k,) [s], of the log
     measured: Floats  #: (k, 10)
@@ -317,7 +313,7 @@ class ErrorPair:
     samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
     means: Floats  #: (runs, 10) of what was measured
     squares: Floats  #: (runs, 10) its mean squares
-    overlap: int = 1  #: how many neighbouring runs share some of the log
+    overlap: int = 1  #: number of neighbouring runs that share rows of the log
 
     @staticmethod
     def of_runs(
@@ -357,14 +353,14 @@ class ErrorPair:
     def ratio(self) -> Floats:
         """Error (4.1) of the second model over that of the first (10,), neither below `FINEST`.
 
-        Above one, the first is nearer; one if both are below.
+        Above one, the first model is better; one if both errors are below `FINEST`.
         """
         first, second = self._resolved().mean(axis=0)
         return second / first
 
     @property
     def unresolved(self) -> Bools:
-        """States (10,) whose errors are below `FINEST` in both models: they show nothing."""
+        """States (10,) whose errors are below `FINEST` in both models, which cannot be compared."""
         return self.rmse.max(axis=0) <= FINEST
 
     def _resolved(self) -> Floats:
@@ -387,7 +383,7 @@ class ErrorPair:
     def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
-        Whole runs are drawn, in blocks of neighbours, and both models' errors of a run go together.
+        The bootstrap draws whole runs in blocks of neighbours, with both models' errors of a run together.
         """
         if self.runs < LEAST_RUNS:
             return np.full((2, len(STATE_NAMES)), np.nan)
@@ -399,7 +395,7 @@ class ErrorPair:
         return verdicts(self.ratio_interval())
 
     def claim(self, models: ModelPair) -> str:
-        """Return in how many states the first model is better, by the whole interval, and by which factors."""
+        """Return a clause: in how many states the first model is significantly better, and by which factors."""
         (first, second), verdicts_of = models.names, self.verdicts()
         if self.runs < LEAST_RUNS:
             few = f"{counted(self.runs, 'run')} {'is' if self.runs == 1 else 'are'} too few"
@@ -420,7 +416,7 @@ class ErrorPair:
         return better + (f", and worse in {', '.join(worse)}" if worse else "")
 
     def results(self, models: ModelPair) -> dict[str, object]:
-        """Return what results.json holds: each model's errors under its name, ratio, interval and verdict."""
+        """Return each model's errors by its name, ratio, interval and verdict for results.json."""
         return {
             **by_model("", models, self.error),
             **by_model("rmse_", models, self.rmse),
@@ -450,48 +446,48 @@ def by_model(prefix: str, models: ModelPair, both: Iterable[Floats]) -> dict[str
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Comparison:
-    """What a way of validating finds; each way has a class of its own, and `ballbot.validation.ways` lists them."""
+    """The result of a validation of one kind; `ballbot.validation.ways` lists the kinds."""
 
     models: ModelPair
 
     def verdict(self) -> str:
-        """Return in a sentence which model is better; empty if the way shows only why."""
+        """Return in a sentence which model is better; empty for an analysis of reasons only."""
         return ""
 
     def remarks(self) -> tuple[Finding, ...]:
-        """Return what else was found, after the verdict."""
+        """Return further findings, after the verdict."""
         return ()
 
     def shown(self) -> Iterator[tuple[str, ErrorPair | Trajectories | None]]:
-        """Yield what a page shows: a table of errors or states over time, each after its caption, or a sentence."""
+        """Yield the contents of a page: a table of errors or a figure of states with its caption, or a sentence."""
         yield from ()
 
     def results(self) -> dict[str, object]:
-        """Return what results.json holds."""
+        """Return the contents of results.json."""
         raise NotImplementedError
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
-        """Return what was found on several logs as one."""
+        """Return the results of several logs as one."""
         return joined(parts)
 
 
 def joined(parts: Sequence[Record]) -> Record:
-    """Return results of one kind as one: the rows of all arrays, all of tuples, the largest number, else the first's.
+    """Return results of one kind as one: arrays and tuples concatenated, the largest number, otherwise the first value.
 
     An array that one of them lacks is None.
     """
-    found: dict[str, object] = {}
-    for name in (one.name for one in fields(parts[0])):
+    merged: dict[str, object] = {}
+    for name in (field.name for field in fields(parts[0])):
         values = [getattr(part, name) for part in parts]
         if any(value is None for value in values):
-            found[name] = None
+            merged[name] = None
         elif isinstance(values[0], np.ndarray):
-            found[name] = np.concatenate(values)
+            merged[name] = np.concatenate(values)
         elif isinstance(values[0], tuple):
-            found[name] = tuple(chain.from_iterable(values))
+            merged[name] = tuple(chain.from_iterable(values))
         elif isinstance(values[0], int | float):
-            found[name] = max(values)
+            merged[name] = max(values)
         elif isinstance(values[0], ErrorPair):
-            found[name] = joined(values)
-    return replace(parts[0], **found)
+            merged[name] = joined(values)
+    return replace(parts[0], **merged)

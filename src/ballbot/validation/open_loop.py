@@ -1,9 +1,9 @@
 """Open-loop validation: both models under the measured torques, from many starts, until the lean is past recovery.
 
-The robot is unstable, so that every forecast ends in a fall; what counts is how long it stays near what was
-measured. The run of each start is cut where the first of the two models leans further than any torque could
-recover, so that both are compared over the same samples (thesis 4.2). Beside the errors stands what the noise of the
-measured start alone would cause in a perfect model: no model's error can be expected below that.
+The robot is unstable, so that every forecast ends in a fall; the question is how long it stays near the measurement.
+Each run is cut where the first of the two models leans further than any torque could recover, so that both are compared
+over the same samples (thesis 4.2). The noise floor is the error that noise of the measured initial state causes in a
+perfect model: no model's error can be expected below it.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ from ballbot.validation.models import (
     window_starts,
 )
 
-#: longest run [s]; where no stretch is that long, the longest that fits
+#: longest run [s]; shorter if no interval without a gap is that long
 _LONGEST = 2.0
-#: between starts [s]: the lean ends most runs within a second, so that they seldom overlap
+#: interval between starts [s]: the lean ends most runs within a second, so that they seldom overlap
 _SPACING = 1.0
 
 
-#: a state's error is put down to the noise of its start from this share on
+#: share of the error from which the noise of the initial state is named as its cause
 _NOISE_SHARE = 0.7
-#: a model that falls at less than this times another's rate falls more slowly
+#: ratio of the unstable poles below which a model falls more slowly than the other
 _SLOWER = 0.95
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OpenLoop(Comparison):
-    """Errors of open-loop runs from many starts, and one of the runs to look at."""
+    """Errors of open-loop runs from many starts, and an example run."""
 
     errors: ErrorPair
     noise_squares: (
         Floats  #: (runs, 10) sums of the squared errors that the noise of the start alone would cause
     )
-    ended: Bools  #: (runs,) by the lean
+    ended: Bools  #: (runs,) whether the lean ended the run
     recoverable_lean: float  #: [rad]
     sample_time: float  #: [s]
     example: Trajectories  #: the run whose errors are the median ones
 
     @property
     def noise_floor(self) -> Floats:
-        """RMSE (10,) that the noise of the measured start alone would cause."""
+        """RMSE (10,) by the noise of the measured initial state alone."""
         return np.sqrt(self.noise_squares.sum(axis=0) / self.errors.samples.sum())
 
     @property
@@ -74,10 +74,10 @@ class OpenLoop(Comparison):
         )
 
     def remarks(self) -> tuple[Finding, ...]:
-        """Return a finding for each state that the first model does not surely predict better, and why.
+        """Return a finding with the reason for each state that the first model does not predict significantly better.
 
-        "Surely" is the 95 % bootstrap interval of the ratio of errors lying wholly above one. With too few runs for an
-        interval, single states get no verdict.
+        That is a state for which the 95 % bootstrap interval of the ratio of errors does not lie wholly above one. With
+        too few runs for an interval there are no findings.
         """
         lower, upper = self.errors.ratio_interval()
         first, second = self.models.names
@@ -94,7 +94,7 @@ class OpenLoop(Comparison):
         )
 
     def _reason(self, index: int) -> str:
-        """Return the reason that the data show for a state that the first model does not predict better."""
+        """Return the reason, as far as the data show it, why the first model does not predict a state better."""
         if self.errors.unresolved[index]:
             return "Reason: the errors of both models are below what any sensor of a robot resolves."
         share = self.noise_floor[index] / self.errors.rmse[0, index]
@@ -174,13 +174,13 @@ def _largest_lean(states: Floats) -> Floats:
 
 
 def _samples_upright(runs: Floats, limit: float) -> int:
-    """Return for how many samples, one at least, every one of `runs` (models, samples, 10) leans less than `limit`."""
+    """Return the samples, at least one, until one of `runs` (models, samples, 10) reaches the lean `limit`."""
     fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
     return max(1, int(fallen[0])) if fallen.size else runs.shape[1]
 
 
 def _median_run(errors: ErrorPair) -> int:
-    """Return the run whose errors of the first model, each over its mean, sum to the median of the runs."""
+    """Return the index of the run with the median error of the first model, summed over normalised states."""
     by_run = errors.by_run[:, 0]
     scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
     return int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])

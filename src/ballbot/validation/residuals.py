@@ -1,18 +1,18 @@
-"""Prediction one step ahead (thesis 4.1, 4.2), and what the residuals show: only what is significant is stated.
+"""Prediction one step ahead (thesis 4.1, 4.2) and the analysis of its residuals; only significant results are stated.
 
     y_hat(k+1) = g(y(k), u(k))     (4.2)          eps(k) = y(k) - y_hat(k)     (4.3)
 
-A step's row holds eps(k+1) and what was known at k.
+A row of a step has eps(k+1) and the measurements at k.
 
-Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also taken as wheel
-torques: what the wheels would have had to push more for the model to be right. In the heading frame and upright, a
-torque more of du makes the rates h M^-1 W^T du higher after a sample of h. With S the covariance of the rates'
-residuals e, least squares weighted by what each rate is known to gives
+Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also converted to wheel
+torques: the additional torque for which the model would be right. In the heading frame and upright, an additional
+torque du changes the rates by h M^-1 W^T du after a sample of h. With S the covariance of the rates' residuals e,
+weighted least squares gives
 
     du = (J^T S^-1 J)^-1 J^T S^-1 e,      J = h M^-1 W^T
 
-What of it depends on a wheel's speed is friction that the model's law lacks or has too much of. A measured sample is in
-its residual with its noise, so the speed is that of some rows earlier.
+If du depends on a wheel's speed, the model's friction law is wrong at that speed. The noise of a measured sample is in
+its residual, so the speed of some rows earlier is used.
 """
 
 from __future__ import annotations
@@ -43,25 +43,25 @@ from ballbot.validation.statistics import (
     whiteness,
 )
 
-#: errors are clustered over this [s]
+#: length of the clusters for standard errors [s]
 _BLOCK = 0.25
-#: fewer blocks give no result for the wheels
+#: fewer clusters give no result for the wheels
 LEAST_BLOCKS = 80
-#: a speed so many rows earlier shares no noise with the residual
+#: rows after which the noise of a speed is independent of the residual
 _EARLIER = 3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction(Comparison):
-    """One-step residuals of both models, and the states that the steps started from."""
+    """One-step residuals of both models, with the states and inputs of the steps."""
 
     residuals: Floats  #: (steps, 10) of the first model
     residuals_second: Floats  #: (steps, 10) of the second
-    measured: Floats  #: (steps, 10) the states that were predicted
+    measured: Floats  #: (steps, 10) measured states after the steps
     torques: Floats  #: (steps, n)
-    heading: Floats  #: (steps,) psi [rad] that each step started from
+    heading: Floats  #: (steps,) psi [rad] at the start of each step
     wheel_speeds: Floats | None  #: (steps, n) [rad/s] by the encoders; None if a log lacks them
-    segments: tuple[int, ...]  #: lengths of the runs of steps that follow each other without a gap
+    segments: tuple[int, ...]  #: numbers of consecutive steps without a gap
     sample_time: float  #: [s]
 
     @property
@@ -77,39 +77,59 @@ class Prediction(Comparison):
         return ErrorPair.of_runs([measured], [measured - self.residuals], [measured - self.residuals_second])
 
     @cached_property
-    def analysis(self) -> ResidualAnalysis:
-        """What the first model's residuals show, as far as the log allows."""
-        residuals, segments = self.residuals, self.segments
-        no_wheels, by_speed = _no_wheels(self), None
-        if no_wheels is None:
-            assert self.wheel_speeds is not None
-            torques = wheel_torque_residuals(self)
-            blocks = blocks_of(segments, length=max(1, round(_BLOCK / self.sample_time)))
-            earlier = lagged(self.wheel_speeds, segments, lag=_EARLIER)
-            by_speed = tuple(
-                speed_effect(torque, speed, blocks)
-                for torque, speed in zip(torques.T, earlier.T, strict=True)
-            )
-        return ResidualAnalysis(
-            correlations=correlations(np.hstack([residuals, self.torques]), self.labels, segments),
-            whiteness=whiteness(residuals, segments),
-            spectrum=spectrum(residuals, segments, sample_time=self.sample_time),
-            by_speed=by_speed,
-            no_wheels=no_wheels,
-        )
+    def correlations(self) -> Correlations:
+        """The tested correlations of residuals and torques."""
+        return correlations(np.hstack([self.residuals, self.torques]), self.labels, self.segments)
+
+    @cached_property
+    def whiteness(self) -> Whiteness | None:
+        """The test of the residuals' whiteness; None if the log is too short."""
+        return whiteness(self.residuals, self.segments)
+
+    @cached_property
+    def spectrum(self) -> Spectrum | None:
+        """The peaks of the residuals' spectrum; None if the log is too short."""
+        return spectrum(self.residuals, self.segments, sample_time=self.sample_time)
+
+    @property
+    def no_wheels(self) -> str | None:
+        """Why the dependence on the wheels' speed is not analysed; None if it is."""
+        if self.wheel_speeds is None:
+            return "the log lacks the encoder speeds"
+        # a log of N rows has N - 1 steps, and a duration of N sample times
+        seconds = (len(self.residuals) + len(self.segments)) * self.sample_time
+        least = LEAST_BLOCKS * _BLOCK
+        if seconds < least - 0.5 * self.sample_time:
+            return f"{seconds:.4g} s are too short; at least {least:.0f} s are needed"
+        return None
+
+    @cached_property
+    def by_speed(self) -> tuple[SpeedEffect, ...]:
+        """The residual torque of each wheel against its speed; empty if it is not analysed."""
+        if self.no_wheels or self.wheel_speeds is None:
+            return ()
+        blocks = blocks_of(self.segments, length=max(1, round(_BLOCK / self.sample_time)))
+        earlier = lagged(self.wheel_speeds, self.segments, lag=_EARLIER)
+        wheels = zip(wheel_torque_residuals(self).T, earlier.T, strict=True)
+        return tuple(speed_effect(torque, speed, blocks) for torque, speed in wheels)
 
     def remarks(self) -> tuple[Finding, ...]:
-        """Return what the residuals show."""
-        return self.analysis.findings
+        """Return the findings on correlations, whiteness, spectrum and friction, in this order."""
+        sentences = (
+            *_pair_findings(self.correlations),
+            _whiteness_finding(self.whiteness),
+            _peak_finding(self.spectrum),
+            _speed_finding(self),
+        )
+        return tuple(note("residuals", sentence) for sentence in sentences)
 
     def results(self) -> dict[str, object]:
-        found = self.analysis
-        white, spectrum = found.whiteness, found.spectrum
+        white, spectrum = self.whiteness, self.spectrum
         return {
             "labels": self.labels,
-            "correlation": found.correlations.matrix,
-            "significant": found.correlations.significant,
-            "effective_samples": found.correlations.counts,
+            "correlation": self.correlations.matrix,
+            "significant": self.correlations.significant,
+            "effective_samples": self.correlations.counts,
             **self.errors.results(self.models),
             "whiteness": white
             and {
@@ -123,12 +143,12 @@ class Prediction(Comparison):
                 "resolution": spectrum.resolution,
                 "peaks": [to_results(peak) | {"state": STATE_NAMES[peak.state]} for peak in spectrum.peaks],
             },
-            "wheels": {"refused": found.no_wheels, "by_speed": found.by_speed or ()},
+            "wheels": {"refused": self.no_wheels, "by_speed": self.by_speed},
         }
 
 
 def predict(case: Case) -> Prediction:
-    """Predict every row that counts from the row before it."""
+    """Predict every row that is compared from the row before it."""
     log, (starts, predicted) = case.log, case.steps
     measured, speeds = log.states[starts + 1], wheel_speed_names(log.torques.shape[1])
     known = all(name in log and np.isfinite(log[name]).all() for name in speeds)
@@ -145,40 +165,7 @@ def predict(case: Case) -> Prediction:
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ResidualAnalysis:
-    """Analyses of a model's residuals; None if the log is too short or lacks a column."""
-
-    correlations: Correlations
-    whiteness: Whiteness | None
-    spectrum: Spectrum | None
-    by_speed: tuple[SpeedEffect, ...] | None  #: by wheel
-    no_wheels: str | None  #: why the wheels' speed is not analysed
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """A sentence or two on each question."""
-        sentences = (
-            *_pair_findings(self.correlations),
-            _whiteness_finding(self.whiteness),
-            _peak_finding(self.spectrum),
-            _speed_finding(self),
-        )
-        return tuple(note("residuals", sentence) for sentence in sentences)
-
-
-def _no_wheels(prediction: Prediction) -> str | None:
-    if prediction.wheel_speeds is None:
-        return "the log lacks the encoder speeds"
-    # a log of N rows has N - 1 steps, and lasts as long as it has rows
-    seconds = (len(prediction.residuals) + len(prediction.segments)) * prediction.sample_time
-    least = LEAST_BLOCKS * _BLOCK
-    if seconds < least - 0.5 * prediction.sample_time:
-        return f"{seconds:.4g} s are too short; at least {least:.0f} s are needed"
-    return None
-
-
-#: a covariance's smallest directions are lifted to this share of its largest, so that it has an inverse
+#: share added to the diagonal of a normalised covariance, so that it has an inverse
 _LIFT = 1e-10
 
 
@@ -200,43 +187,43 @@ _BINS = 8
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpeedEffect:
-    """Mean residual torque of one wheel at speeds that are equally frequent."""
+    """Mean residual torque of one wheel in bins of its speed with equal counts."""
 
     speeds: Floats  #: (b,) [rad/s] mean of each bin
     torques: Floats  #: (b,) [N m]
     half_widths: Floats  #: (b,) of the 95 % intervals
-    p_value: float  #: of no torque at any speed; NaN if a speed was seldom had
+    p_value: float  #: of zero torque at all speeds; NaN if a speed is too rare
 
     @property
     def largest(self) -> int:
-        """The bin whose torque is the furthest from zero, in errors."""
+        """The bin whose torque differs from zero most, relative to its interval."""
         return int(np.argmax(np.abs(self.torques) / self.half_widths))
 
 
 def speed_effect(torque: Floats, speed: Floats, blocks: NDArray[np.int64]) -> SpeedEffect:
-    """Return one wheel's mean residual torque (n,) against its earlier speed (n,); NaN is passed over."""
+    """Return one wheel's mean residual torque (n,) against its earlier speed (n,), without rows of NaN."""
     known = np.isfinite(speed)
     torque, speed, blocks = torque[known], speed[known], blocks[known]
     edges = np.unique(np.quantile(speed, np.linspace(0.0, 1.0, _BINS + 1)))
-    if len(edges) < 2:  # a wheel that stood still
+    if len(edges) < 2:  # the wheel stood still
         edges = np.array([-np.inf, np.inf])
-    place = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
-    columns = indicators(place, len(edges) - 1)
-    found = fit_linear(columns, torque, blocks)
+    bins = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
+    columns = indicators(bins, len(edges) - 1)
+    fit = fit_linear(columns, torque, blocks)
     return SpeedEffect(
         speeds=columns.T @ speed / columns.sum(axis=0),
-        torques=found.values,
-        half_widths=found.half_widths,
-        p_value=found.p_value(range(columns.shape[1])),
+        torques=fit.values,
+        half_widths=fit.half_widths,
+        p_value=fit.p_value(range(columns.shape[1])),
     )
 
 
-#: chance of a false finding of one test on the wheels
+#: significance level of the tests of all wheels together
 WHEEL_LEVEL = 0.01
-#: significant pairs are named where they correlate this strongly
+#: correlations from which significant pairs are named: expected and unexpected ones
 _STRONG, _WEAK = 0.5, 0.15
 
-#: pairs of residuals that are to be expected, and why
+#: pairs of residuals that are expected to correlate, with the reason
 _ROLLING = (
     "the wheels carry the ball along with the leaning body, "
     "and its speed is computed from their speeds and the gyro's"
@@ -259,17 +246,17 @@ _COLOURS: dict[Colour, str] = {
 }
 
 
-def _pair_findings(found: Correlations) -> list[str]:
-    """Return a sentence on each reason for strong pairs, and one on those without."""
-    labels, matrix = found.labels, found.matrix
+def _pair_findings(correlation: Correlations) -> list[str]:
+    """Return a sentence for each reason of strong correlations, and one on those without a reason."""
+    labels, matrix = correlation.labels, correlation.matrix
     expected: dict[str, list[str]] = {}
     unexpected, marked = [], 0
     for i in range(len(STATE_NAMES)):
         for j in range(i + 1, len(labels)):
-            marked += int(found.significant[i, j])
+            marked += int(correlation.significant[i, j])
             reason = _EXPECTED.get(frozenset({labels[i], labels[j]}))
             pair = f"{labels[i]} with {labels[j]} ({matrix[i, j]:+.2f})"
-            if not found.significant[i, j]:
+            if not correlation.significant[i, j]:
                 continue
             if reason and abs(matrix[i, j]) >= _STRONG:
                 expected.setdefault(reason, []).append(pair)
@@ -289,62 +276,62 @@ def _pair_findings(found: Correlations) -> list[str]:
     ]
 
 
-def _whiteness_finding(found: Whiteness | None) -> str:
-    if found is None:
+def _whiteness_finding(result: Whiteness | None) -> str:
+    if result is None:
         return (
             f"There are fewer than {LEAST_STEPS} steps: the log is "
             "too short to test whether the residuals are white."
         )
     parts = []
     for colour, words in _COLOURS.items():
-        places = [place for place, one in enumerate(found.colours) if one == colour]
-        if not places:
+        states = [state for state, own in enumerate(result.colours) if own == colour]
+        if not states:
             continue
-        names = ", ".join(f"e_{STATE_NAMES[place]}" for place in places)
+        names = ", ".join(f"e_{STATE_NAMES[state]}" for state in states)
         share = ""
         if colour == "coloured":
-            shares = found.predicted_share[places]
+            shares = result.predicted_share[states]
             ends = dict.fromkeys(f"{100 * end:.0f}" for end in (shares.min(), shares.max()))
             share = f" ({' to '.join(ends)} % of the variance)"
         parts.append(f"{names}: {words}{share}")
     return f"Whiteness. {'; '.join(parts)}."
 
 
-def _peak_finding(found: Spectrum | None) -> str:
-    if found is None:
+def _peak_finding(result: Spectrum | None) -> str:
+    if result is None:
         return "The log is too short for a spectrum of the residuals."
-    if not found.peaks:
+    if not result.peaks:
         return "The spectrum of the residuals has no distinct peak."
     at: dict[float, list[str]] = {}
-    for peak in sorted(found.peaks, key=lambda one: -one.ratio):
-        near = [one for one in at if abs(one - peak.frequency) <= found.resolution]
+    for peak in sorted(result.peaks, key=lambda other: -other.ratio):
+        near = [other for other in at if abs(other - peak.frequency) <= result.resolution]
         at.setdefault(near[0] if near else peak.frequency, []).append(f"e_{STATE_NAMES[peak.state]}")
     peaks = "; ".join(f"{frequency:.1f} Hz in {', '.join(at[frequency])}" for frequency in sorted(at))
     return (
-        f"Peaks of the residuals' spectrum, with a resolution of {found.resolution:.2g} Hz: {peaks}. The model lacks a "
-        "resonance or the rollers' passing there, or a column of the log is renewed less often than its rows."
+        f"Peaks of the residuals' spectrum, with a resolution of {result.resolution:.2g} Hz: {peaks}. The model lacks "
+        "a resonance or the rollers' passing there, or a column of the log is renewed less often than its rows."
     )
 
 
-def _speed_finding(analysis: ResidualAnalysis) -> str:
-    if analysis.by_speed is None:
-        return f"The residuals are not compared with the motion of the wheels: {analysis.no_wheels}."
-    found = []
-    for wheel, effect in enumerate(analysis.by_speed, start=1):
-        if effect.p_value < WHEEL_LEVEL / len(analysis.by_speed):
-            place = effect.largest
-            found.append(
-                f"wheel {wheel} ({effect.torques[place]:+.3f} ± {effect.half_widths[place]:.3f} N m at "
-                f"{effect.speeds[place]:+.2f} rad/s)"
+def _speed_finding(prediction: Prediction) -> str:
+    if prediction.no_wheels:
+        return f"The residuals are not compared with the motion of the wheels: {prediction.no_wheels}."
+    wheels = []
+    for wheel, effect in enumerate(prediction.by_speed, start=1):
+        if effect.p_value < WHEEL_LEVEL / len(prediction.by_speed):
+            worst = effect.largest
+            wheels.append(
+                f"wheel {wheel} ({effect.torques[worst]:+.3f} ± {effect.half_widths[worst]:.3f} N m at "
+                f"{effect.speeds[worst]:+.2f} rad/s)"
             )
-    if any(np.isnan(effect.p_value) for effect in analysis.by_speed):
+    if any(np.isnan(effect.p_value) for effect in prediction.by_speed):
         return (
             "The wheels returned to the same speeds too seldom "
             "to show how the residual torque depends on them."
         )
-    if not found:
+    if not wheels:
         return "The residual torque does not depend on the wheel speeds: the friction law fits at all speeds."
     return (
-        f"The residual torque depends on the speed of {', '.join(found)}: the friction law is wrong "
+        f"The residual torque depends on the speed of {', '.join(wheels)}: the friction law is wrong "
         "there by as much. Torque along the motion means that there is less friction than in the model."
     )

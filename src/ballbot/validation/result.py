@@ -1,4 +1,4 @@
-"""The result of a validation: what each way found, its findings, and what results.json holds of it."""
+"""The result of a validation: the comparisons, the findings, and the contents of results.json."""
 
 from __future__ import annotations
 
@@ -28,16 +28,18 @@ class Validation:
     """How well two models predict a log; by default a robot's model with its friction and without any."""
 
     models: ModelPair
-    comparisons: Mapping[str, Comparison]  #: by the keys of `WAYS`, of those that the log allows
-    refused: Mapping[str, str]  #: why it does not allow the others
+    comparisons: Mapping[str, Comparison]  #: by the keys of `WAYS`; only those that the log allows
+    refused: Mapping[str, str]  #: by the keys of the others, why the log does not allow them
     duration: float  #: of the stretches compared [s]
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
     no_evidence: str | None = None  #: why the logs cannot show which model is better, if they cannot
-    left_out: tuple[str, ...] = ()  #: why logs that cannot are not among those compared
+    left_out: tuple[str, ...] = ()  #: the reasons why logs were left out of the comparison
 
     def get(self, kind: type[C]) -> C | None:
-        """Return what a way found, by the class of its results; None if the log does not allow it."""
-        return next((one for one in self.comparisons.values() if isinstance(one, kind)), None)
+        """Return the comparison of a class; None if the log does not allow it."""
+        return next(
+            (comparison for comparison in self.comparisons.values() if isinstance(comparison, kind)), None
+        )
 
     @property
     def open_loop(self) -> OpenLoop | None:
@@ -51,22 +53,22 @@ class Validation:
 
     @property
     def horizon(self) -> Horizons:
-        """Errors by how far a prediction looks ahead."""
-        found = self.get(Horizons)
-        assert found is not None  # every log allows it
-        return found
+        """Errors against the horizon of a prediction."""
+        comparison = self.get(Horizons)
+        assert comparison is not None  # every log allows it
+        return comparison
 
     @property
     def prediction(self) -> Prediction:
         """Residuals of the next sample."""
-        found = self.get(Prediction)
-        assert found is not None  # every log allows it
-        return found
+        comparison = self.get(Prediction)
+        assert comparison is not None  # every log allows it
+        return comparison
 
     def verdicts(self) -> dict[str, str]:
-        """Return by its key each way's verdict, or the reason why the log does not allow that way."""
+        """Return each validation's verdict by its key, or the reason why the log does not allow it."""
         words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in WAYS}
-        return words | {key: one.verdict() for key, one in self.comparisons.items()}
+        return words | {key: comparison.verdict() for key, comparison in self.comparisons.items()}
 
     def summary(self) -> Summary:
         """Return the verdict on each kind of prediction, and each state's ratio of errors in open loop."""
@@ -94,13 +96,12 @@ class Validation:
         return plotted(self)
 
     def results(self) -> dict[str, object]:
-        """Return what results.json holds of the models and of each way, the models' numbers under their names."""
-        named = (self.models.first, self.models.second)
+        """Return the models and the results of each validation for results.json, numbers by the models' names."""
         closed = self.closed_loop
         return {
             "models": [
-                {"name": one.name, "robot": one.model.robot.name, "formulation": one.model.formulation}
-                for one in named
+                {"name": named.name, "robot": named.model.robot.name, "formulation": named.model.formulation}
+                for named in (self.models.first, self.models.second)
             ],
             "findings": finding_results(findings(self)),
             "duration": self.duration,
@@ -113,7 +114,7 @@ class Validation:
         }
 
     def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds of it."""
+        """Return the contents of results.json."""
         return {"validation": self.results(), "findings": finding_results(self.log_findings)}
 
 
@@ -121,9 +122,13 @@ def findings(validation: Validation) -> tuple[Finding, ...]:
     """Return the findings, the verdict first, those on the residuals last."""
     if validation.no_evidence is not None:
         return (warning("no-evidence", validation.no_evidence),)
-    found, verdicts = [], validation.verdicts()
+    in_order, verdicts = [], validation.verdicts()
     for way in WAYS:
-        found += [note(way.code, verdicts[way.key])] if verdicts[way.key] else []
+        in_order += [note(way.code, verdicts[way.key])] if verdicts[way.key] else []
         if way.key in validation.comparisons:
-            found += validation.comparisons[way.key].remarks()
-    return (*found[:1], *(warning("no-evidence", sentence) for sentence in validation.left_out), *found[1:])
+            in_order += validation.comparisons[way.key].remarks()
+    return (
+        *in_order[:1],
+        *(warning("no-evidence", sentence) for sentence in validation.left_out),
+        *in_order[1:],
+    )

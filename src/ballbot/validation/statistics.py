@@ -1,33 +1,33 @@
-"""Statistics of residuals over time, which depend on each other: correlation, whiteness and spectrum.
+"""Statistics of correlated residuals: correlation, whiteness and spectrum.
 
-A series is made of segments, none of which may be joined to the next.
+A series consists of segments, which must not be joined across their gaps.
 
-Correlation (the matrix of Figure 4.3). Two series that remember their past have larger accidental correlations than
-white ones. For independent ones (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
+Correlation (the matrix of Figure 4.3). Two autocorrelated series have larger accidental correlations than white ones.
+For independent series (M. Bartlett, Journal of the Royal Statistical Society 98 (1935) 536-543),
 
     var r = (1 + 2 sum_k rho_1(k) rho_2(k)) / n
 
-so a cell counts as many samples as n over that sum, at most n, and is tested by Student's t. Over all cells, Holm's
-correction keeps the chance of any false mark at 5 %.
+so the effective sample size of a cell is n over that sum, at most n, and r is tested by Student's t. Holm's correction
+over all cells keeps the probability of any false mark at 5 %.
 
 Whiteness. The test is Ljung and Box's (Biometrika 65 (1978) 297-303) on autocorrelations studentised as by I. Lobato,
-J. Nankervis and N. Savin (Journal of Econometrics 100 (2001) 23-38), so that residuals which grow and shrink with the
-motion do not look coloured:
+J. Nankervis and N. Savin (Journal of Econometrics 100 (2001) 23-38), so that residuals whose size varies
+with the motion (heteroscedastic ones) do not appear coloured:
 
     Q = n (n + 2) sum_(j=1..m) r_j^2 / (n - j),      r_j^2 = c_j^2 / mean(e_k^2 e_(k-j)^2)     chi^2 with m if white
 
-A long log rejects whiteness for a memory that does not matter. So the share of a residual's variance that the m
-residuals before it predict (Yule and Walker's equations) stands beside the test. One cause lies outside the model:
-the noise of a measured state enters two residuals, with opposite signs, which alone makes a correlation of down to
--1/2 from one sample to the next and none beyond.
+In a long log the test rejects whiteness for a negligible autocorrelation. Therefore the share of a residual's variance
+that the m residuals before it predict (Yule-Walker equations) is given beside the test. One cause is not the model's:
+the noise of a measured state enters two residuals with opposite signs, which alone causes an autocorrelation of down to
+-1/2 at lag one and none beyond.
 
 Spectrum. Hann windows that overlap by half, as P. Welch's (IEEE Transactions on Audio and Electroacoustics 15 (1967)
-70-73); of their periodograms the logarithms are averaged, so that a window with more motion has no more weight in the
-search for peaks. Of noise, a periodogram's logarithm is the density's less 0.5772, with a variance of pi^2/6 whatever
-the density (M. Bartlett and D. Kendall, Supplement to the Journal of the Royal Statistical Society 8 (1946) 128-138); K
-windows that overlap count as K / 1.056. So a bin is a peak where it stands above its surroundings by more than chance
-does once in a hundred logs, over all bins and states. Its surroundings are the larger of the medians on either side: on
-a slope, one of them is above any bin between.
+70-73); the logarithms of their periodograms are averaged, so that windows with more motion have no more weight in the
+search for peaks. The logarithm of noise's periodogram is that of the density less 0.5772, with a variance of pi^2/6
+whatever the density (M. Bartlett and D. Kendall, Supplement to the Journal of the Royal Statistical Society 8 (1946)
+128-138); K overlapping windows count as K / 1.056. A bin is a peak if it exceeds its surroundings by more than chance
+does in one of a hundred logs, over all bins and states. The surroundings are the larger of the medians on either side:
+on a slope one of them exceeds the bins between.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from ballbot.log.columns import Bools, Floats
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
-    """Return where each segment lies, given their lengths."""
+    """Yield the slice of each segment, given their lengths."""
     end = 0
     for length in lengths:
         yield slice(end, end + length)
@@ -68,7 +68,7 @@ def autocovariance(values: Floats, segments: Sequence[int], *, lags: int) -> Flo
 
 
 def lagged(values: Floats, segments: Sequence[int], *, lag: int) -> Floats:
-    """Return each row's value `lag` rows before (n, k), NaN if that lies before its segment."""
+    """Return values (n, k) delayed by `lag` rows, NaN if that row is before the segment."""
     before = np.full_like(values, np.nan)
     for where in slices(segments):
         part = values[where]
@@ -78,7 +78,7 @@ def lagged(values: Floats, segments: Sequence[int], *, lag: int) -> Floats:
 
 
 def blocks_of(segments: Sequence[int], *, length: int) -> NDArray[np.int64]:
-    """Return which block (n,) of about `length` neighbouring rows each row is in; none is of two segments."""
+    """Return the number (n,) of each row's block of about `length` neighbouring rows within its segment."""
     numbers, first = [], 0
     for count in segments:
         blocks = max(1, round(count / length))
@@ -88,7 +88,7 @@ def blocks_of(segments: Sequence[int], *, length: int) -> NDArray[np.int64]:
 
 
 def holm(p_values: Floats, *, level: float) -> Bools:
-    """Return which of many tests are significant where the chance of any false one is to be `level`; NaN never is.
+    """Return which of many tests are significant at a familywise error rate of `level`; NaN is never significant.
 
     S. Holm, Scandinavian Journal of Statistics 6 (1979) 65-70.
     """
@@ -102,16 +102,16 @@ def holm(p_values: Floats, *, level: float) -> Bools:
     return significant.reshape(np.shape(p_values))
 
 
-def indicators(places: NDArray[np.int64], count: int) -> Floats:
-    """Return columns (n, count) of ones where a row's place (n,) is the column's, else zeros."""
-    return (places[:, None] == np.arange(count)).astype(np.float64)
+def indicators(bins: NDArray[np.int64], count: int) -> Floats:
+    """Return columns (n, count) of ones where a row's bin (n,) is the column's, else zeros."""
+    return (bins[:, None] == np.arange(count)).astype(np.float64)
 
 
-#: chance of any false mark in a matrix without correlation
+#: probability of any false mark in a matrix without correlation
 CORRELATION_LEVEL = 0.05
-#: memory is summed up to this share of the series
+#: autocorrelations are summed up to lags of this share of the series
 _REACH = 0.2
-#: fewer samples that count than this do not make a cell
+#: a cell with a smaller effective sample size is not tested
 _LEAST_COUNT = 10.0
 
 
@@ -121,7 +121,7 @@ class Correlations:
 
     labels: tuple[str, ...]
     matrix: Floats
-    counts: Floats  #: samples that each cell counts, for its memory
+    counts: Floats  #: effective sample size of each cell
     significant: Bools  #: off the diagonal
 
     def between(self, first: str, second: str) -> tuple[float, bool]:
@@ -131,7 +131,7 @@ class Correlations:
 
 
 def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[int]) -> Correlations:
-    """Return the correlations of columns (n, m) made of `segments`, each pair of them tested."""
+    """Return the tested correlations of columns (n, m) made of `segments`."""
     matrix, counts = correlation_of(columns), effective_counts(columns, segments)
     pairs = np.triu_indices(len(matrix), 1)
     r, count = matrix[pairs], counts[pairs]
@@ -144,7 +144,7 @@ def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[in
 
 
 def correlation_of(columns: Floats) -> Floats:
-    """Return the correlation matrix of the columns; a constant column has none with others, and one with itself."""
+    """Return the correlation matrix of the columns; zero for a constant column with others, one on the diagonal."""
     deviation = columns - columns.mean(axis=0)
     size = np.linalg.norm(deviation, axis=0)
     scaled = deviation / np.where(size > 0.0, size, 1.0)
@@ -154,7 +154,7 @@ def correlation_of(columns: Floats) -> Floats:
 
 
 def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
-    """Return how many independent samples each pair of columns counts (m, m), if the two are independent."""
+    """Return the effective sample size (m, m) of each pair of columns under the hypothesis of independence."""
     count = len(columns)
     lags = int(min(max(segments) - 1, _REACH * count))
     covariances = autocovariance(columns, segments, lags=lags)
@@ -162,15 +162,15 @@ def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
     return count / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
 
 
-#: how many lags are looked at
+#: number of lags that are tested
 LAGS = 20
-#: chance that any of a white log's states is called coloured
+#: probability that any state of a white log is called coloured
 WHITENESS_LEVEL = 0.05
 #: fewer steps are too few for the test
 LEAST_STEPS = 25 * LAGS
-#: a predicted share of the variance below this does not matter
+#: predicted share of the variance below which autocorrelation is negligible
 _NEGLIGIBLE = 0.02
-#: noise of the start: so much at one sample, so little beyond
+#: noise of the start: autocorrelation below this at lag one, and of at most this size beyond
 _OF_NOISE, _BEYOND = -0.2, 0.1
 
 Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
@@ -178,23 +178,23 @@ Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Whiteness:
-    """Of each column of residuals (k,)."""
+    """The test of whiteness of each column of residuals (k,)."""
 
     autocorrelation: Floats  #: (LAGS + 1, k)
-    p_value: Floats  #: of the column alone
+    p_value: Floats  #: of each column by itself
     rejected: Bools  #: with Holm's correction over the columns
-    predicted_share: Floats  #: share of the variance that the residuals before predict
+    predicted_share: Floats  #: share of the variance that the previous residuals predict
 
     @property
     def colours(self) -> tuple[Colour, ...]:
-        """What each column is."""
-        return tuple(self._colour(place) for place in range(len(self.rejected)))
+        """The classification of each column."""
+        return tuple(self._colour(column) for column in range(len(self.rejected)))
 
-    def _colour(self, place: int) -> Colour:
-        memory = self.autocorrelation[1:, place]
-        if not self.rejected[place]:
+    def _colour(self, column: int) -> Colour:
+        memory = self.autocorrelation[1:, column]
+        if not self.rejected[column]:
             return "white"
-        if self.predicted_share[place] < _NEGLIGIBLE:
+        if self.predicted_share[column] < _NEGLIGIBLE:
             return "nearly white"
         if memory[0] < _OF_NOISE and np.abs(memory[1:]).max() < _BEYOND:
             return "noise of the start"
@@ -224,25 +224,25 @@ def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
 
 
 def _predicted_share(memory: Floats) -> float:
-    """Return the share of a series' variance that as many past values as there are lags predict."""
+    """Return the share of a series' variance that the past values at all lags predict, from its autocorrelation."""
     if memory[0] <= 0.0:
         return 0.0
     past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])
     return float(np.clip(past @ memory[1:], 0.0, 1.0))
 
 
-#: length of a window [s] if the log allows it; its resolution is 1.5 over its length
+#: length of a window [s] if the log is long enough; its resolution is 1.5 over its length
 _WINDOW = 2.56
 _LEAST_WINDOWS = 8
-#: a window of fewer rows resolves no frequencies
+#: fewest rows of a window
 _LEAST_ROWS = 64
-#: chance of any false peak in a log
+#: probability of any false peak in a log
 PEAK_LEVEL = 0.01
-#: bins of a side's surroundings, and the bins next to the peak that are left out for its own width
+#: bins of the surroundings on each side, and bins next to the peak that are excluded for its width
 _SIDE, _GUARD = 14, 4
-#: bins below this are the motion itself
+#: lower bins contain the motion itself
 _LOWEST = _GUARD + 2
-#: a peak is at least so many times its surroundings
+#: smallest ratio of a peak to its surroundings
 _LEAST_RATIO = 1.5
 
 
@@ -257,9 +257,9 @@ class Peak:
 
 @dataclass(frozen=True, kw_only=True)
 class Spectrum:
-    """What stands out of the power spectral densities of residuals."""
+    """Peaks of the power spectral densities of residuals."""
 
-    resolution: float  #: [Hz] peaks nearer than this are one
+    resolution: float  #: [Hz] closer peaks are one
     peaks: tuple[Peak, ...]  #: by state and frequency
 
 
@@ -276,7 +276,7 @@ def spectrum(residuals: Floats, segments: Sequence[int], *, sample_time: float) 
         spectrogram(residuals[where], rate, "hann", rows, rows // 2, detrend="linear", axis=0)[2]
         for where in fitting
     ]
-    # the mean of a logarithm over noise is that of the density's but for a constant
+    # the mean logarithm over windows is the logarithm of the density, but for a constant
     logs = np.log(np.concatenate(powers, axis=2) + np.finfo(float).tiny).mean(axis=2)
     frequencies = np.fft.rfftfreq(rows, sample_time).astype(np.float64)
     return Spectrum(resolution=1.5 * rate / rows, peaks=_peaks(frequencies, logs, windows))
@@ -286,18 +286,18 @@ def _peaks(frequencies: Floats, logs: Floats, windows: int) -> tuple[Peak, ...]:
     above = logs - _surroundings(logs)
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
     limit = max(np.log(_LEAST_RATIO), -special.ndtri(PEAK_LEVEL / logs.size) * error)
-    found = []
-    for state, place in np.argwhere(limit < above.T):
-        near = logs[max(0, place - _GUARD) : place + _GUARD + 1, state]
-        if logs[place, state] == near.max():
-            ratio = float(np.exp(above[place, state]))
-            found.append(Peak(state=int(state), frequency=float(frequencies[place]), ratio=ratio))
-    return tuple(found)
+    peaks = []
+    for state, index in np.argwhere(limit < above.T):
+        near = logs[max(0, index - _GUARD) : index + _GUARD + 1, state]
+        if logs[index, state] == near.max():
+            ratio = float(np.exp(above[index, state]))
+            peaks.append(Peak(state=int(state), frequency=float(frequencies[index]), ratio=ratio))
+    return tuple(peaks)
 
 
 def _surroundings(logs: Floats) -> Floats:
     """Return each bin's surroundings (f, k); NaN at the lowest frequencies, where the motion itself is."""
-    # a spectrum is symmetric about zero and about half the sampling rate, which makes both sides whole
+    # a spectrum is symmetric about zero and about half the sampling rate: reflection completes both sides
     far = _GUARD + _SIDE
     near = sliding_window_view(np.pad(logs, ((far, far), (0, 0)), mode="reflect"), 2 * far + 1, axis=0)
     around = np.maximum(np.median(near[..., :_SIDE], axis=-1), np.median(near[..., -_SIDE:], axis=-1))

@@ -1,7 +1,7 @@
-"""The validations of the thesis's chapter 4 on a log, in the ways of `ballbot.validation.ways`.
+"""Validate two models against logs: the validations of the thesis's chapter 4, listed in `ballbot.validation.ways`.
 
-A model that predicts all ten states of the next row to `FINEST` simulated the log itself, because no robot follows its
-model so far. Such a log shows nothing about the other model either, and neither does a log that does not move.
+If a model predicts all ten states of the next row to `FINEST`, it simulated the log itself: no robot follows its model
+so exactly. Such a log says nothing about either model, and neither does a log that does not move.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ def validate(
     """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
 
     The logs are checked first, and the validations of several are joined (`join_validations`). `accept` has codes of
-    errors found in the logs to go on in spite of (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
+    errors in the logs that are accepted (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
     or a file. InputError if the robot has no friction, the checks find an error whose code is not accepted, and as
-    `validate_pair` does.
+    `validate_pair` does. The package `ballbot.validation` has an example.
     """
     robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot))
     driver = None if controller is None else as_controller(controller, robot)
     checked = checked_logs(robot, logs, accept=accept)
     parts = validate_logs(models, checked.logs, controller=driver, run=run)
-    found = (*fitted_findings(models, checked.logs), *checked.findings)
-    return replace(join_validations(list(parts.values())), log_findings=found)
+    log_findings = (*fitted_findings(models, checked.logs), *checked.findings)
+    return replace(join_validations(list(parts.values())), log_findings=log_findings)
 
 
 def fitted_findings(models: ModelPair, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return a warning of each log that one of the models was identified from."""
-    rows = {row for one in (models.first, models.second) for row in one.model.robot.identified_from}
+    """Return a warning for each log that one of the models was identified from."""
+    rows = {row for named in (models.first, models.second) for row in named.model.robot.identified_from}
     return tuple(
         warning(
             "fitted-log",
@@ -86,30 +86,30 @@ def validate_pair(
     log : Log
         With torques and states; ref_x, ref_y, ref_psi for the closed loop.
     controller : Feedback, optional
-        The one that recorded the log. Without it, the gain of u = K S(psi) (r - x) is recovered from the log, and
-        where that fails there is no closed-loop validation.
+        The controller that recorded the log. Without it, the gain of u = K S(psi) (r - x) is recovered from the log; if
+        that fails, there is no closed-loop validation.
     holdout : sequence of (start, end), optional
-        Times [s] of the log that the models were not fitted to; only these count. Without it, the whole log does.
+        Intervals [s] of the log that the models were not fitted to; only these are compared. By default the whole log.
     run : Run, optional
-        Its seed is that of the noise drawn for the noise floors and for the runs over whole logs; its progress is
-        reported before each stage.
+        Its seed determines the noise of the noise floors and of the runs over whole logs; progress is reported before
+        each stage.
 
     Raises
     ------
     InputError
-        If the log lacks a column, is not of this robot, or was recorded by another controller than the one given.
+        If the log lacks a column, is of another robot, or was recorded by another controller than the given one.
     """
     references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
     log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
     check_wheels(models.first.model, log)
     case = Case(models=models, log=log, parts=stretches(log, holdout), controller=controller, seed=run.seed)
     nothing_shown = no_evidence(case)
-    disturbed = next((found.text for found in check_disturbance(log, models.first.model.robot)), None)
+    disturbed = next((finding.text for finding in check_disturbance(log, models.first.model.robot)), None)
     comparisons, refused = {}, {}
     for done, way in enumerate(WAYS):
         run.progress(Progress(stage=way.heading.lower(), done=done, total=len(WAYS)))
-        found = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(case)
-        (refused if isinstance(found, str) else comparisons)[way.key] = found
+        comparison = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(case)
+        (refused if isinstance(comparison, str) else comparisons)[way.key] = comparison
     return Validation(
         models=models,
         comparisons=comparisons,
@@ -127,9 +127,9 @@ def validate_logs(
     holdouts: Mapping[str, Sequence[Interval]] | None = None,
     run: Run = DEFAULT_RUN,
 ) -> dict[str, Validation]:
-    """Return the validation on each log, side by side, by the logs' names; as `validate_pair`, an error naming its log.
+    """Return the validation on each log by its name, computed in parallel; as `validate_pair`, with the log in errors.
 
-    `holdouts` says what counts of each log.
+    `holdouts` has the intervals of each log that are compared.
     """
     stages = count(1)
 
@@ -155,10 +155,10 @@ def validate_logs(
 
 
 def join_validations(parts: Sequence[Validation]) -> Validation:
-    """Return the validations of several logs as one, over the runs of all that can show which model is better.
+    """Return the validations of several logs as one, over the runs of all logs that can show which model is better.
 
-    Examples and the recovered gain are those of the first log that has them. The logs that cannot are left out, and
-    `Validation.left_out` says why; if there are no others, none is.
+    Example runs and the recovered gain are those of the first log that has them. Logs that show nothing are left out,
+    and `Validation.left_out` has the reasons, unless all of them show nothing.
     """
     if len(parts) == 1:
         return parts[0]
@@ -170,8 +170,8 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
         return replace(join_validations(shown), left_out=reasons)
     comparisons = {}
     for way in WAYS:
-        if found := [part.comparisons[way.key] for part in parts if way.key in part.comparisons]:
-            comparisons[way.key] = type(found[0]).join(found)
+        if results := [part.comparisons[way.key] for part in parts if way.key in part.comparisons]:
+            comparisons[way.key] = type(results[0]).join(results)
     return replace(
         parts[0],
         comparisons=comparisons,

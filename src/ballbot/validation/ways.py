@@ -1,4 +1,4 @@
-"""The ways of validating, in the order of a page: another is one file with its `Comparison`, and one row here."""
+"""The validations in the order of a page. To add one, write a file with its `Comparison` and add a row here."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ballbot.validation.residuals import predict
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """A way of validating."""
+    """A kind of validation."""
 
     key: str  #: in results.json
     heading: str  #: of its section
-    compare: Callable[[Case], Comparison | str]  #: what it finds, or why the log does not allow it
-    code: str  #: of its verdict, in `ballbot.findings.CODES`
-    undisturbed: bool = False  #: whether only a log that nothing else moves shows anything
+    compare: Callable[[Case], Comparison | str]  #: its result, or why the log does not allow it
+    code: str  #: code of its verdict, in `ballbot.findings.CODES`
+    undisturbed: bool = False  #: whether it needs a log without external disturbances
 
 
 WAYS = (

@@ -1,12 +1,12 @@
-"""Both models in closed loop over a whole log, many runs of each: whether the log could be one of them.
+"""Closed-loop runs of both models over a whole log: could the log be one of the runs?
 
-Over a whole log the model and the robot lose each other's phase, because friction makes both wander in a limit cycle
-whose period the smallest difference shifts. One run beside the log therefore says little. Here the compiled loop makes
-`RUNS` runs of each model with the log's reference and controller, and compares three numbers of each state that do not
-depend on the phase: the RMS of its deviation from the reference, and the amplitude and the period of its swings.
+Over a whole log the phases of model and robot drift apart, because friction makes both wander in a limit cycle whose
+period depends on the smallest differences. A single run therefore says little. Here the compiled loop makes `RUNS` runs
+of each model with the log's reference and controller, and compares three numbers of each state that do not depend on
+the phase: the RMS of its deviation from the reference, and the amplitude and the period of its swings.
 
-What is random in a run is the noise of a measured state, of covariance S: it moves the start, is added to the states,
-and as the controller feeds it back it acts as torques of covariance K S K^T.
+The runs differ by the noise of a measured state, of covariance S: it shifts the initial state, is added to the states,
+and, fed back by the controller, acts as torques of covariance K S K^T.
 
 If the log is one more run of the model, each of its numbers falls into each of the 200 gaps between and beyond those of
 199 runs with the same probability: between the 5th and the 195th with 190 / 200, 95 %, whatever the distribution.
@@ -28,14 +28,14 @@ from ballbot.validation.models import Case, Comparison, Trajectories, by_model, 
 RUNS = 199  #: of each model
 _RANKS = (5, 100, 195)  #: of the ends of the range that contains 95 % of runs, and of the median
 QUANTITIES = ("rms", "amplitude", "period")
-#: no more of a log is compared [s]: the work grows with its length
+#: longest part of a log that is compared [s]: the work grows with its length
 _LONGEST = 100.0
-#: between rows that are compared [s]; a limit cycle lasts seconds
+#: interval between the rows that are compared [s]; the period of a limit cycle is seconds
 _ROW_TIME = 0.02
-#: inner step of the models, if theirs is shorter [s]: the medians of the three numbers are those of 1 ms within 1.5 %
-#: (3 % for the periods), in 0.75 of the time
+#: inner step of the models, if theirs is shorter [s]: the medians of the three numbers agree with those of 1 ms within
+#: 1.5 % (3 % for the periods), in 0.75 of the time
 _STEP = 2.5e-3
-#: a state has swung to a side once it is so many standard deviations from its mean
+#: a swing to a side reaches at least so many standard deviations from the mean
 _SIDE = 0.5
 _EXAMPLE_TIME = 20.0  #: [s]
 
@@ -44,11 +44,11 @@ _EXAMPLE_TIME = 20.0  #: [s]
 class WholeLog(Comparison):
     """One log's and both models' numbers, in the order of `QUANTITIES` and of the states.
 
-    A state that never swings has the amplitude zero and an infinite period; all numbers of a run that ends early, by a
-    fall for one, are infinite.
+    A state that never swings has the amplitude zero and an infinite period. All numbers of a run that ends early, for
+    example by a fall, are infinite.
     """
 
-    duration: float  #: of the log's longest stretch without a gap, of which at most 100 s are compared [s]
+    duration: float  #: of the log's longest interval without a gap, at most 100 s [s]
     measured: Floats  #: (3, 10) of the log
     runs: Floats  #: (2, runs, 3, 10) of the first model's runs and the second's
     fell: tuple[int, int]  #: runs of each model that ended early
@@ -60,21 +60,21 @@ class WholeLog(Comparison):
         return np.sort(self.runs, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
     @property
-    def places(self) -> NDArray[np.int64]:
+    def sides(self) -> NDArray[np.int64]:
         """Where the log's numbers lie (2, 3, 10): -1 below a model's range, 0 inside, 1 above."""
         lower, _, upper = self.ranges
         return np.where(self.measured < lower, -1, np.where(self.measured > upper, 1, 0))
 
     @property
     def nearer(self) -> tuple[int, int]:
-        """In how many of the 30 numbers the first model's median is nearer to the log's, by ratio, and the second's."""
+        """In how many of the 30 numbers the median of the first and of the second model has the ratio nearer to one."""
         with np.errstate(divide="ignore", invalid="ignore"):
             away = np.nan_to_num(np.abs(np.log(self.ranges[1] / self.measured)), nan=0.0)
         return int((away[0] < away[1]).sum()), int((away[1] < away[0]).sum())
 
     def verdict(self) -> str:
-        """Return in how many states the log's numbers lie within those of each model's runs, and how many runs fell."""
-        inside = (self.places == 0).sum(axis=-1)
+        """Return in how many states the log lies within the range of each model's runs, and how many runs fell."""
+        inside = (self.sides == 0).sum(axis=-1)
         counts = [f"{rms}, {amplitude} and {period}" for rms, amplitude, period in inside.tolist()]
         fell = [
             f" {count} of the {RUNS} runs of the model {name} end early."
@@ -107,9 +107,9 @@ class WholeLog(Comparison):
 
 
 def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> WholeLog:
-    """Run both models over a log's longest stretch without a gap, with the controller as it ran on the robot.
+    """Run both models over a log's longest interval without a gap, with the controller that recorded it.
 
-    Its torques come `delay` samples late.
+    Its torques are delayed by `delay` samples.
     """
     models, log = case.models, case.log
     part = max(stretches(log), key=len)
@@ -142,7 +142,7 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
         runs.append(batch.next_states + noise[:, 1:])
         fell.append(~batch.survived)
     deviations = np.concatenate([measured[None], *runs]) - references[every::every]
-    numbers = np.array([_numbers(one, every * log.sample_time) for one in deviations])
+    numbers = np.array([_numbers(deviation, every * log.sample_time) for deviation in deviations])
     numbers[1:][np.concatenate(fell)] = np.inf
     shown = min(records, round(_EXAMPLE_TIME / (every * log.sample_time)))
     return WholeLog(
@@ -165,7 +165,7 @@ def _swings(values: Floats) -> tuple[float, float]:
     """Return the mean amplitude and the mean period in rows of the swings of values about zero.
 
     A swing goes from one side to the other, each at least `_SIDE` standard deviations away, so that noise about zero
-    begins none; its amplitude is that of its farthest point.
+    is no swing; its amplitude is that of its farthest point.
     """
     away = np.flatnonzero(np.abs(values) > _SIDE * values.std())
     begins = away[1:][np.diff(np.sign(values[away])) != 0.0]

@@ -1,1 +1,1 @@
-"""Motion measured from video: the ball's angular velocity from its seam. OpenCV is an extra: nothing is imported."""
+"""The ball's angular velocity from a video of its seam. Nothing is imported here, because OpenCV is an extra."""

@@ -1,17 +1,17 @@
-"""The view refined by the seam itself: place, size and distance under which all frames fit their curve best.
+"""Calibrate the view by the seam: position, size and distance of the ball under which all frames fit the curve best.
 
     minimise over the view g and each frame's turn d_k    sum_k sum_j w (r - d_k . (q x n) + n . R_k^T (dp/dg) g)^2
                                                           + h^T P h s^2
 
-h = g - g_outline(closeness): place and size are compared with the outline's under the same closeness, because the
+h = g - g_outline(closeness): position and size are compared with the outline's for the same closeness, because the
 estimate from the outline depends on it if the ball is not in the middle of the picture. r, q x n and the rest are
-means over each short piece j of the seam, in which the seam's width cancels: point by point, a view that makes the
-seam narrower would seem to fit better.
+means over short pieces j of the seam, in which the seam's width cancels: by single points, a view that narrows the seam
+would seem to fit better.
 
-The d_k are eliminated frame by frame (Schur's complement). How far a frame's pull on g scatters gives s^2, the
-weight of the outline against the seam, and how sure g is.
+The d_k are eliminated frame by frame (Schur complement). The scatter of the frames' gradients gives s^2, and with it
+the weight of the outline against the seam and the covariance of g.
 
-A video's view is calibrated on its first seconds, before the whole of it is followed.
+A view is calibrated on a video's first seconds, before the ball is tracked through the whole video.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
-from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched
+from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched, piece_of
 from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, moved
 from ballbot.vision.tracking import follow
 from ballbot.vision.video import Video
@@ -34,14 +34,14 @@ from ballbot.vision.view import CLOSENESS, View, view_of_outline
 
 #: accuracy of the view from an outline: x, y as fractions of the radius, ln radius, and closeness
 _OUTLINE = np.array([0.003, 0.003, 0.005, 0.08])
-#: and how well a circle that was given
+#: accuracy of a circle that the user gives
 _GIVEN_CIRCLE = np.array([0.012, 0.012, 0.012, 0.08])
-#: what no scatter between frames shows, for it is the same in all: pixels move a seam's edges [pixels], as standard
-#: errors of x, y and the radius, and of the closeness as a fraction of the radius. On rendered videos of balls of 20 to
-#: 135 pixels radius these are what was missing (`tests/vision/test_spin.py`)
+#: systematic error that is the same in all frames, so that their scatter does not show it: pixels move a seam's edges
+#: [pixels]; standard errors of x, y and the radius, and of the closeness relative to the radius, calibrated on rendered
+#: videos of balls of 20 to 135 pixels radius (`tests/vision/test_spin.py`)
 _EDGES, _EDGES_CLOSENESS = 0.1, 0.2
 _ROUNDS = 6
-#: cells along a diameter of the ball, that cut its seam into short pieces
+#: cells along a diameter of the ball, which divide its seam into short pieces
 _CELLS = 16
 _REACHES = (0.14, 0.12, 0.12)
 _REACH = 0.12
@@ -49,7 +49,7 @@ _REACH = 0.12
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Calibration:
-    """A view and how sure it is."""
+    """A view and its standard errors."""
 
     view: View
     errors: Floats  #: (4,) standard errors of x, y [pixels], ln radius and closeness
@@ -57,11 +57,11 @@ class Calibration:
 
 def _calibrate(
     view: View, points: Floats, frames: Sequence[NDArray[np.uint8]],
-    rotations: list[Floats], table: SeamTable, colour: SeamColour, found: bool,
+    rotations: list[Floats], table: SeamTable, colour: SeamColour, outline_found: bool,
 ) -> Calibration:  # fmt: skip
     """Return the view under which frames, with their orientations (3, 3), fit the seam best."""
     size = (frames[0].shape[1], frames[0].shape[0])
-    spread = (_OUTLINE if found else _GIVEN_CIRCLE) * np.array([view.radius, view.radius, 1.0, 1.0])
+    spread = (_OUTLINE if outline_found else _GIVEN_CIRCLE) * np.array([view.radius, view.radius, 1.0, 1.0])
     assumed = view.closeness
     covariance = np.diag(spread**2)
     for _ in range(_ROUNDS):
@@ -72,6 +72,7 @@ def _calibrate(
         scale = _scatter(S, pulls - pulls.mean(axis=0))
         off, slopes = _off_outline(view, points, size, assumed)
         prior = slopes.T / spread**2
+        # Gauss-Newton with the outline as a prior of variance `spread`^2; s^2 scales the seam's normal equations
         covariance = np.linalg.inv(S / scale + prior @ slopes)
         step = -covariance @ (pulls.sum(axis=0) / scale + prior @ off)
         step[3] = np.clip(step[3], *(np.array(CLOSENESS) - view.closeness))
@@ -83,7 +84,7 @@ def _calibrate(
 
 
 def _off_outline(view: View, points: Floats, size: tuple[int, int], assumed: float) -> tuple[Floats, Floats]:
-    """Return h (4,), how far the view is from the outline's and from the closeness assumed, and its slopes (4, 4)."""
+    """Return h (4,), the view less that of the outline and the assumed closeness, and its derivatives (4, 4)."""
 
     def by_outline(closeness: float) -> Floats:
         outline = view_of_outline(points, size=size, closeness=closeness)
@@ -99,50 +100,47 @@ def _off_outline(view: View, points: Floats, size: tuple[int, int], assumed: flo
 def _pull(
     finder: SeamFinder, table: SeamTable, frame: NDArray[np.uint8], R: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return a frame's information (4, 4) and gradient (4,) on the view, its turn eliminated, and its orientation."""
+    """Return a frame's information (4, 4) and gradient (4,) for the view, rotation eliminated, and its orientation."""
     seen, _ = finder.find(frame)
     fit = fit_rotation(table, seen, R, reaches=_REACHES)
     r, n, q, w = matched(table, seen, fit.R, _REACH)
-    by_view = np.einsum("kgi,ki->kg", finder.pixels.by_view[seen.places], n @ fit.R.T.astype(np.float32))
+    by_view = np.einsum("kgi,ki->kg", finder.pixels.by_view[seen.indices], n @ fit.R.T.astype(np.float32))
     table_of = np.column_stack([-crossed(q, n), by_view, r]).astype(np.float64)
-    piece = _pieces((q - r[:, None] * n).astype(np.float32))
+    # means over pieces of the seam, weighted by area: within a piece the seam's width cancels
+    piece = piece_of(q - r[:, None] * n, _CELLS)
     weight = np.bincount(piece, weights=w)
     means = np.column_stack([np.bincount(piece, weights=w * column) for column in table_of.T])
     means /= np.maximum(weight, 1e-12)[:, None]
     J, r_mean = means[:, :7], means[:, 7]
     weighted = J * weight[:, None]
     normal, right = weighted.T @ J, weighted.T @ r_mean
+    # Schur complement: the normal equations of the view with the frame's rotation d_k solved for; the small diagonal
+    # term keeps them solvable if the visible seam does not determine d_k
     turn = normal[:3, :3] + 1e-6 * np.trace(normal[:3, :3]) * np.eye(3)
     across = np.linalg.solve(turn, np.column_stack([normal[:3, 3:], right[:3]]))
     S = normal[3:, 3:] - normal[3:, :3] @ across[:, :4]
     return S, right[3:] - normal[3:, :3] @ across[:, 4], fit.R
 
 
-def _pieces(feet: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Return the number of the piece of the seam that each foot (k, 3) is on."""
-    cell = ((feet + np.float32(1.0)) * np.float32(0.5 * _CELLS)).astype(np.int64)
-    return np.unique((cell[:, 0] * 2 * _CELLS + cell[:, 1]) * 2 * _CELLS + cell[:, 2], return_inverse=True)[1]
-
-
 def _scatter(S: Floats, pulls: Floats) -> float:
-    """Return s^2 with which the frames' pulls (k, 4) scatter as s^2 S / k."""
+    """Return s^2 for which the frames' gradients (k, 4) have the covariance s^2 S / k."""
     size = np.sqrt(np.maximum(np.diag(S), 1e-12))
     white = np.linalg.pinv(S / np.outer(size, size), rcond=1e-6)
     scaled = pulls / size
     return max(float(np.einsum("ki,ij,kj->", scaled, white, scaled)) / 4.0, 1e-12)
 
 
-#: so much of the video [s], by so many frames of it, and not with fewer than the least
+#: part of the video that is used [s], number of frames from it, and fewest of them
 _TIME, _FRAMES, _LEAST_FRAMES = 5.0, 24, 6
 
 
 def calibrated_view(
-    video: Video, view: View, points: Floats, *, colour: SeamColour, table: SeamTable, found: bool,
+    video: Video, view: View, points: Floats, *, colour: SeamColour, table: SeamTable, outline_found: bool,
     progress: ProgressCallback,
 ) -> Calibration:  # fmt: skip
     """Return the view by tracked frames of a video's first seconds, from that of the outline's points (k, 2) [pixels].
 
-    An outline that was not `found` but given by hand is less sure. InputError if too few frames are tracked.
+    An outline given by hand (not `outline_found`) is less certain. InputError if too few frames are tracked.
     """
     wanted = max(2, round(_TIME * video.frame_rate))
     if video.stated_frames:
@@ -166,4 +164,4 @@ def calibrated_view(
             "turns in view."
         )
     R = [track.R[row * every] for row in rows]
-    return _calibrate(view, points, [kept[row] for row in rows], R, table, colour, found)
+    return _calibrate(view, points, [kept[row] for row in rows], R, table, colour, outline_found)

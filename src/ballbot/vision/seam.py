@@ -4,10 +4,10 @@ Curves, closed on the unit sphere in the ball's own frame:
 
     (V.4)   x = a cos t + b cos 3t,   y = a sin t - b sin 3t,   z = c sin 2t,   b = 1 - a,   c = 2 sqrt(ab)
 
-The thesis prints cos 3t in the second component and c = sqrt(ab); with either the curve leaves the sphere.
+The thesis prints cos 3t in the second component and c = sqrt(ab); either error takes the curve off the sphere.
 
-Table: where the seam is nearest to any direction. The sphere is laid out on a square by the octahedral map (E. Praun
-and H. Hoppe, ACM Trans. Graphics 22 (2003) 340-349):
+Table: the point of the seam that is nearest to any direction. The octahedral map lays the sphere out on a square (E.
+Praun and H. Hoppe, ACM Trans. Graphics 22 (2003) 340-349):
 
     s = |x| + |y| + |z|;   (u, v) = (x, y) / s above the equator,   ((1 - |y|/s) sgn x, (1 - |x|/s) sgn y) below
 
@@ -20,12 +20,12 @@ Fit, by Gauss-Newton on the distances from the curve:
     q = R^T p,   r = n(q) . q,   R <- R exp(d),   r(d) = r - d . (q x n)
 
 p are points of the ball in the camera's frame, q the same in the ball's, n from `SeamTable`: r is the distance from
-the curve, and the point may slide along it (Y. Chen and G. Medioni, Image and Vision Computing 10 (1992) 145-155).
-Points far off count less (Tukey's biweight), and from `reach` on not at all.
+the curve, along which the point may slide (Y. Chen and G. Medioni, Image and Vision Computing 10 (1992) 145-155).
+Distant points have less weight (Tukey's biweight), and none from `reach` on.
 
-A seam is a band, and the middle of a band is the curve only if weights do not change across it. So a point weighs
-as its piece of the ball's surface, times a factor that falls toward the rim and is taken at the foot, p - r n, on
-the curve.
+A seam is a band, and its weighted middle is the curve only if the weight is constant across the band. So a point's
+weight is its area on the ball's surface, times a factor that falls toward the rim and is evaluated at the point's foot
+on the curve, p - r n.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ class Seam:
 
 @cache
 def thesis_seam(a: float = 0.65) -> Seam:
-    """Return (V.4) with its two misprints mended; InputError unless 0.5 < a < 1.
+    """Return the curve (V.4) with its two misprints corrected; InputError unless 0.5 < a < 1.
 
-    a is in ball radii; the nearer to 1, the nearer is the curve to a great circle.
+    a is in ball radii; as it approaches 1, the curve approaches a great circle.
     """
     if not 0.5 < a < 1.0:
         raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
@@ -85,8 +85,8 @@ def thesis_seam(a: float = 0.65) -> Seam:
 def basketball_seam() -> Seam:
     """Return a basketball's seam of eight panels: two great circles, and an oval about each end of the x axis.
 
-    The ovals are 45 degrees from the x axis where the great circle z = 0 cuts them and 62 degrees at their far
-    ends; makers differ in this, and none publishes a curve.
+    The ovals are 45 degrees from the x axis where the great circle z = 0 intersects them and 62 degrees at their far
+    ends; manufacturers differ, and none publishes a curve.
     """
     t = _parameter()
     zero = np.zeros_like(t)
@@ -150,7 +150,7 @@ def seam_table(seam: Seam) -> SeamTable:
 
 
 def octahedral(q: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the place (u, v), each (k,) within -1..1, of directions (k, 3) on the square."""
+    """Return the coordinates u, v (k,) within -1..1 of directions (k, 3) on the square."""
     x, y, z = q[:, 0], q[:, 1], q[:, 2]
     size = np.float32(1.0) / (np.abs(x) + np.abs(y) + np.abs(z))
     u, v = x * size, y * size
@@ -171,12 +171,12 @@ def cell_directions(side: int) -> Floats:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-#: of the start, as a fraction of the points' mean information: directions that they do not determine keep the
-#: prediction
+#: weight of the start, as a fraction of the points' mean information: rotations that they do not determine keep the
+#: predicted value
 TRUST = 5e-4
-#: cells along a diameter of the ball, that cut its seam into pieces
+#: cells along a diameter of the ball, which divide its seam into pieces
 _PIECES = 5
-#: a step below this is none [rad]
+#: step below which the iteration has converged [rad]
 _SMALL = 2e-5
 
 
@@ -186,9 +186,9 @@ class SeamPoints:
 
     p: NDArray[np.float32]  #: (k, 3) unit vectors, camera frame
     area: NDArray[np.float32]  #: (k,) of the ball's surface, relative
-    places: NDArray[np.intp]  #: (k,) which pixels of the ball these are
+    indices: NDArray[np.intp]  #: (k,) of the points among the pixels of the ball
     toward: NDArray[np.float32]  #: (3,) direction from the ball's centre to the lens, camera frame
-    rim: float  #: feet lower than this along `toward` count nothing [ball radii]
+    rim: float  #: feet lower than this along `toward` have no weight [ball radii]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -198,15 +198,15 @@ class SeamFit:
     R: Floats  #: (3, 3) ball frame to camera frame
     #: (3, 3) sum of w (q x n)(q x n)^T, camera frame, as if each point erred by 1 rad
     information: Floats
-    bias: Floats  #: (3, 3) covariance by how pieces of the seam disagree, camera frame [rad^2]
+    bias: Floats  #: (3, 3) covariance from the disagreement of pieces of the seam, camera frame [rad^2]
     inliers: float  #: fraction of the weight that is within reach of the curve
 
 
 def fit_rotation(table: SeamTable, seen: SeamPoints, start: Floats, *, reaches: tuple[float, ...]) -> SeamFit:
     """Return the rotation near a start (3, 3), ball to camera frame, that brings three points or more onto the curve.
 
-    `reaches` are, for each iteration, the distance from which on a point counts nothing [rad]. Points on one circle,
-    sometimes all that is visible of a seam, do not determine a turn about its axis; the start does then.
+    `reaches` are, for each iteration, the distance from which a point has no weight [rad]. Points on one circle,
+    sometimes all that is visible of a seam, do not determine the rotation about its axis, which then stays the start's.
     """
     R = start
     for reach in reaches:
@@ -258,15 +258,19 @@ def _scored(table: SeamTable, seen: SeamPoints, R: Floats, reach: float) -> Seam
     )
 
 
-def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
-    """Return the rotation's covariance (3, 3) by the pulls (k, 3) of points, in whatever way those of one piece of
-    the seam go together; the pieces are identified by the points' feet (k, 3).
+def piece_of(feet: Floats | NDArray[np.float32], cells: int) -> NDArray[np.intp]:
+    """Return the piece (k,) of the seam that each foot (k, 3) is on: a cell of the cube about the ball."""
+    cell = np.minimum(((feet + 1.0) * (0.5 * cells)).astype(np.intp), cells - 1)
+    return (cell[:, 0] * cells + cell[:, 1]) * cells + cell[:, 2]
 
-    The sandwich of K.-Y. Liang and S. Zeger, Biometrika 73 (1986) 13-22: what blur, shadows, a wrong view or a
-    wrong curve do to one piece they do otherwise to the next.
+
+def _disagreement(H: Floats, pulls: Floats, feet: Floats) -> Floats:
+    """Return the rotation's covariance (3, 3) by the gradients (k, 3) of points, clustered by piece of the seam.
+
+    The pieces are cells of the points' feet (k, 3). The sandwich estimator of K.-Y. Liang and S. Zeger, Biometrika 73
+    (1986) 13-22: blur, shadows, a wrong view or a wrong curve act alike within a piece and differently on the next.
     """
-    cell = np.minimum(((feet + 1.0) * (0.5 * _PIECES)).astype(np.intp), _PIECES - 1)
-    piece = (cell[:, 0] * _PIECES + cell[:, 1]) * _PIECES + cell[:, 2]
+    piece = piece_of(feet, _PIECES)
     sums = np.stack([np.bincount(piece, weights=pulls[:, axis]) for axis in range(3)])
     inverse = np.linalg.inv(H + TRUST / 3.0 * max(float(np.trace(H)), 1e-9) * np.eye(3))
     return inverse @ (sums @ sums.T) @ inverse

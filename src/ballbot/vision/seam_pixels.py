@@ -1,12 +1,12 @@
 """The pixels of the ball in a picture, the points of the sphere seen there, and which of them are seam.
 
-The seam's colour against the ball's is one number a pixel, 0 on the ball and 1 on the seam, whatever the light.
+A pixel's score, 0 on the ball and 1 on the seam whatever the light, is computed from its colour.
 
-    score = w . (l - mean of l around, but for the seam),      l = log of blue, green, red
+    score = w . (l - mean of l around without the seam),      l = log of blue, green, red
 
-In logarithms light multiplies nothing but adds the same to all three, so that Fisher's discriminant w (R. A.
-Fisher, Annals of Eugenics 7 (1936) 179-188), learned from the video itself, turns away from light and shadow by
-itself where the seam has a colour, and uses brightness where it has none.
+In logarithms light adds the same to all three channels. Fisher's discriminant w (R. A. Fisher, Annals of Eugenics 7
+(1936) 179-188), learned from the video itself, is therefore insensitive to light and shadow if the seam has a colour,
+and uses brightness if it has none.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from ballbot.vision.view import View
 
 #: grey levels added before the logarithm, so that the noise of dark pixels does not grow without bound
 _FLOOR = 12.0
-#: before anything else, standard deviation [pixels]
+#: standard deviation of the blur that is applied first [pixels]
 _BLUR = 0.8
-#: what a video may have where its first seconds show less, as standard deviations: noise in each channel [grey
-#: levels], shadow, as a fraction of the light, and reflected white [grey levels]
+#: standard deviations assumed even if the first seconds show less: noise in each channel [grey levels], shadow as a
+#: fraction of the light, and reflected white [grey levels]
 _COLOUR_NOISE, _SHADOW, _REFLECTION = 3.0, 0.3, 15.0
 #: side of the surroundings that a pixel is compared with, in radii of the ball
 _AROUND = 0.5
-#: the seam and the ball differ by so many standard deviations of the ball's pixels, or there is no seam to be seen
+#: smallest separation of seam and ball, in standard deviations, at which a seam is visible
 _LEAST_SEPARATION = 1.7
-#: a pixel with less than this score is surely not seam
+#: score below which a pixel is certainly not seam
 _NOT_SEAM = 0.3
-#: keeps a quotient finite where no ball is around
+#: keeps a quotient finite without ball around
 _LEAST_SHARE = np.float32(1e-3)
-#: most of a ball that a seam covers
+#: largest fraction of a ball that a seam covers
 _MOST_SEAM = 0.35
-#: times that the discriminant is learned, each with surroundings freer of the seam
+#: passes of learning the discriminant, each with surroundings that contain less of the seam
 _PASSES = 3
 #: most pixels that it is learned from
 _MOST_PIXELS = 40_000
@@ -68,7 +68,7 @@ class SeamColour:
         value = np.asarray(cv2.GaussianBlur(cv2.transform(logs, np.ones((1, 3), np.float32)), (0, 0), _BLUR))
         inside = (share > 0.0).astype(np.float32)
         mean = _mean(value * inside, self.around) / np.maximum(share, _LEAST_SHARE)
-        # a second time without the seam, which would pull the mean toward itself
+        # again without the seam, which biases the mean
         ball = inside * (value - mean < np.float32(_NOT_SEAM))
         mean = _mean(value * ball, self.around) / np.maximum(_mean(ball, self.around), _LEAST_SHARE)
         return np.asarray((value - mean) * inside, np.float32)
@@ -77,8 +77,8 @@ class SeamColour:
 def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius: float) -> SeamColour:
     """Learn what discriminates seam from ball in pictures (rows, columns, 3) of a ball of that radius [pixels].
 
-    The seam is what stands out of its surroundings most. `inside` (rows, columns) are the pixels of the ball.
-    InputError if no colour stands out enough.
+    The seam is the most distinct minority of pixels against its surroundings. `inside` (rows, columns) marks the ball.
+    InputError if no colour is distinct enough.
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
     sample = _Sample.of(pictures, inside, around)
@@ -109,7 +109,7 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
     return SeamColour(
         table=(_LOGS[:, None] * (w / contrast)).astype(np.float32),
         around=around,
-        # the median, for the seam's blurred edges are no noise
+        # by the median, because the seam's blurred edges are not noise
         noise=1.4826 * float(np.median(np.abs(ball - np.median(ball)))) / contrast,
         separation=separation,
     )
@@ -117,7 +117,7 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sample:
-    """What the discriminant is learned from."""
+    """The sample that the discriminant is learned from."""
 
     logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
     inside: NDArray[np.float32]  #: (rows, columns)
@@ -159,8 +159,8 @@ class _Sample:
 
 
 def _start(detail: Floats) -> Floats:
-    """Return the direction (3,) to start from: where pixels stand out most."""
-    # what stands out is rare and far: the fourth power of the length lets it speak
+    """Return the initial direction (3,), along which pixels are most distinct."""
+    # seam pixels are few but distant: weights by the square of the length emphasise them
     size = np.linalg.norm(detail, axis=1)
     size = np.minimum(size, np.quantile(size, 0.999))
     direction = np.linalg.eigh((detail * size[:, None] ** 2).T @ detail)[1][:, -1]
@@ -170,7 +170,7 @@ def _start(detail: Floats) -> Floats:
 
 
 def _split(along: Floats) -> Bools | None:
-    """Return which of the values (n,) are of the rare high kind, by two means; None where it is not rare."""
+    """Return which values (n,) belong to the rare high cluster, by 2-means; None if it is not rare."""
     is_seam = along > 0.5 * (float(np.median(along)) + float(np.quantile(along, 0.99)))
     for _ in range(12):
         if not 20 < is_seam.sum() < _MOST_SEAM * len(along):
@@ -183,20 +183,19 @@ def _mean(values: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     return np.asarray(cv2.blur(values, (side, side), borderType=cv2.BORDER_CONSTANT), np.float32)
 
 
-#: pixels are joined until the ball's radius is below this: more points cost time and add little information [pixels]
+#: pixels are binned until the ball's radius is below this: more points cost time and add little information [pixels]
 _LARGEST_RADIUS = 160.0
-#: least cosine between surface and picture of a pixel that is used: nearer the rim a pixel is a wide piece of the
-#: ball
+#: smallest cosine between surface and picture of a used pixel: nearer the rim a pixel covers a wide piece of the ball
 LEAST_FACING = 0.25
-#: of one whose colour counts as the ball's
+#: smallest cosine of a pixel that has the ball's colour
 _LEAST_BALL = 0.15
-#: and of a piece of the curve that counts: across it, the seam is whole within the pixels used
+#: smallest cosine of a piece of the curve with weight: the whole width of the seam is then within the used pixels
 _LEAST_CURVE = 0.35
 #: scores at which a pixel begins to be seam, and is
 _BEGINS, _WHOLLY = 0.3, 0.7
-#: and begins no sooner than at so many standard deviations of the ball's
+#: and begins at least so many standard deviations of the ball's score above zero
 _LEAST_CONTRAST = 3.5
-#: changes by which derivatives by the view are taken: x, y [pixels], logarithm of the radius, closeness
+#: steps of the differences for derivatives by the view: x, y [pixels], logarithm of the radius, closeness
 _CHANGES = np.array([0.5, 0.5, 2e-3, 2e-3])
 
 
@@ -208,14 +207,14 @@ class BallPixels:
     rows: slice
     columns: slice
     shape: tuple[int, int]  #: of the box once its pixels are joined
-    places: NDArray[np.intp]  #: (m,) of the pixels used, in that box
+    indices: NDArray[np.intp]  #: (m,) of the pixels used, in that box
     p: NDArray[np.float32]  #: (m, 3) camera frame
     area: NDArray[np.float32]  #: (m,) of the ball's surface in each, relative
     toward: NDArray[np.float32]  #: (3,) direction from the ball's centre to the lens, camera frame
-    rim: float  #: what of the ball is lower than this along `toward` is too near the rim [ball radii]
+    rim: float  #: points lower than this along `toward` are too near the rim [ball radii]
     by_view: NDArray[np.float32]  #: (m, 4, 3) derivatives of p by x, y, ln radius and closeness
     index: NDArray[np.intp]  #: (rows * columns,) row in `p` of each pixel of the box, -1 where not used
-    inside: Bools  #: (rows, columns) where the ball's colour is seen
+    inside: Bools  #: (rows, columns) whether the ball's colour is visible
 
     def box(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the ball's box of a frame, its pixels joined."""
@@ -248,20 +247,20 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
     pixels = middles.reshape(-1, 2)
     p, facing = view.points(pixels)
     facing = np.nan_to_num(facing)
-    places = np.flatnonzero(facing > LEAST_FACING)
+    indices = np.flatnonzero(facing > LEAST_FACING)
     index = np.full(len(pixels), -1, np.intp)
-    index[places] = np.arange(len(places))
+    index[indices] = np.arange(len(indices))
     return BallPixels(
         view=view,
         rows=slice(int(low[1]), int(high[1])),
         columns=slice(int(low[0]), int(high[0])),
         shape=shape,
-        places=places,
-        p=p[places].astype(np.float32),
-        area=(1.0 / facing[places]).astype(np.float32),
+        indices=indices,
+        p=p[indices].astype(np.float32),
+        area=(1.0 / facing[indices]).astype(np.float32),
         toward=-view.axis.astype(np.float32),
         rim=_height(_LEAST_CURVE, view.distance),
-        by_view=_by_view(view, pixels[places]),
+        by_view=_by_view(view, pixels[indices]),
         index=index,
         inside=(facing > _LEAST_BALL).reshape(shape),
     )
@@ -293,16 +292,16 @@ class SeamFinder:
 
     def find(self, frame: NDArray[np.uint8]) -> tuple[SeamPoints, NDArray[np.float32]]:
         """Return the seam's points, and how much each pixel used (m,) is seam, 0 to 1."""
-        score = self.colour.score(self.pixels.box(frame), self.share).ravel()[self.pixels.places]
+        score = self.colour.score(self.pixels.box(frame), self.share).ravel()[self.pixels.indices]
         begins = np.float32(max(_BEGINS, _LEAST_CONTRAST * self.colour.noise))
         width = np.float32(max(_WHOLLY - begins, 0.2))
         seam = np.clip((score - begins) / width, np.float32(0.0), np.float32(1.0))
-        places = np.flatnonzero(seam)
+        indices = np.flatnonzero(seam)
         pixels = self.pixels
         seen = SeamPoints(
-            p=pixels.p[places],
-            area=seam[places] * pixels.area[places],
-            places=places,
+            p=pixels.p[indices],
+            area=seam[indices] * pixels.area[indices],
+            indices=indices,
             toward=pixels.toward,
             rim=pixels.rim,
         )
@@ -317,8 +316,8 @@ def _height(facing: float, distance: float) -> float:
 
 
 def _by_view(view: View, pixels: Floats) -> NDArray[np.float32]:
-    found = np.empty((len(pixels), 4, 3), np.float32)
+    derivatives = np.empty((len(pixels), 4, 3), np.float32)
     for k, change in enumerate(np.diag(_CHANGES)):
         after, before = moved(view, change).points(pixels)[0], moved(view, -change).points(pixels)[0]
-        found[:, k] = (after - before) / (2.0 * _CHANGES[k])
-    return found
+        derivatives[:, k] = (after - before) / (2.0 * _CHANGES[k])
+    return derivatives

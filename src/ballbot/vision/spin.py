@@ -1,8 +1,8 @@
 """The ball's angular velocity from a video of its seam (the thesis's Appendix V), and its comparison with the wheels.
 
-Camera frame: x to the right of the picture, y down, z away from the camera. The camera looks down on the robot that
-lies upside down, so that its z is the robot's own z, which points from the ball to the body. Robot and camera
-differ by a turn about z: `forward` is the angle of the robot's x in the picture, from its right, clockwise (and by
+Camera frame: x to the right of the picture, y down, z away from the camera. The camera looks down on the robot, which
+lies upside down, so that its z is the robot's z, which points from the ball to the body. Robot and camera differ by a
+rotation about z: `forward` is the angle of the robot's x in the picture, from its right, clockwise (and by
 the camera's tilt).
 
 The picture shows the ball's outline and the fitted seam drawn over frames.
@@ -10,7 +10,7 @@ The picture shows the ball's outline and the fitted seam drawn over frames.
 Video and log are on clocks of their own, and the camera's orientation relative to the robot is unknown. Both are
 estimated as for motion capture (`ballbot.identification.turning`), from the ball's rotation over half a second by
 either.
-The findings say how well the ball was followed, and whether the wheels agree with the video.
+The findings say how well the ball was tracked and whether the wheels agree with the video.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Spin:
 
     @property
     def known(self) -> Bools:
-        """At which frames (n,) there is a velocity."""
+        """Whether the velocity is known at each frame (n,)."""
         return np.isfinite(self.velocity.omega[:, 0])
 
     @property
@@ -81,12 +81,12 @@ class Spin:
 
     def log(self) -> Log:
         """Return t, tracked (0 or 1), ball_omega_x .. z and their standard errors ball_omega_x_error .. z."""
-        columns = {"t": self.t, "tracked": self.track.tracked.astype(np.float64)}
-        for axis, name in enumerate("xyz"):
-            columns[f"ball_omega_{name}"] = self.omega[:, axis]
-        for axis, name in enumerate("xyz"):
-            columns[f"ball_omega_{name}_error"] = self.errors[:, axis]
-        return Log(columns)
+        names = [f"ball_omega_{axis}" for axis in "xyz"]
+        return Log(
+            {"t": self.t, "tracked": self.track.tracked.astype(np.float64)}
+            | dict(zip(names, self.omega.T, strict=True))
+            | dict(zip((f"{name}_error" for name in names), self.errors.T, strict=True))
+        )
 
 
 def facing(forward: float) -> Rotation:
@@ -104,8 +104,8 @@ def measure_spin(
 ) -> Spin:
     """Return the angular velocity of the ball in a video, camera frame.
 
-    InputError if no ball or no seam is found, the circle is not possible, the seam is not of that kind, or it is not
-    followed long enough.
+    InputError if no ball or no seam is found, the circle is impossible, the seam is not of that kind, or it is not
+    tracked long enough.
     """
     seam = seam or thesis_seam()
     progress(Progress(stage="looking"))
@@ -113,10 +113,10 @@ def measure_spin(
     points = find_outline(samples) if circle is None else circle_points(circle, video.size)
     view = view_of_outline(points, size=video.size, closeness=ASSUMED_CLOSENESS)
     pixels = ball_pixels(view, video.size)
-    colour = learn_colour([pixels.box(one) for one in samples], pixels.inside, radius=view.radius)
+    colour = learn_colour([pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius)
     table = seam_table(seam)
     calibration = calibrated_view(
-        video, view, points, colour=colour, table=table, found=circle is None,
+        video, view, points, colour=colour, table=table, outline_found=circle is None,
         progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
     stated: list[float] = []
@@ -150,7 +150,7 @@ _SEAM, _OUTLINE, _LOST = (255, 0, 255), (0, 255, 0), (0, 0, 255)
 
 
 def overlay(spin: Spin) -> bytes:
-    """Return a PNG of six frames, spread evenly, outline and seam drawn over the ball; red about one that was lost."""
+    """Return a PNG of six frames, spread evenly, with outline and seam drawn; lost frames have a red border."""
     wanted = set(np.linspace(0, len(spin.t) - 1, _SHOWN).astype(int).tolist())
     drawn = []
     for row, (_, frame) in enumerate(spin.video.frames()):
@@ -165,7 +165,7 @@ def overlay(spin: Spin) -> bytes:
 
 
 def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the ball's surroundings in a frame, enlarged to a common width, with what was found drawn over."""
+    """Return the ball's surroundings in a frame, enlarged to a common width, with outline and seam drawn over."""
     view = spin.view
     reach = 1.15 * view.radius
     corner = np.array([view.x - reach, view.y - reach])
@@ -177,25 +177,25 @@ def _drawn(spin: Spin, row: int, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     _line(picture, (view.outline() - corner + 0.5) * factor - 0.5, _OUTLINE, closed=True)
     if spin.track.tracked[row]:
         for curve in spin.seam.curves:
-            places, facing = view.project(curve[::8] @ spin.track.R[row].T)
-            for part in np.split(np.arange(len(places)), np.flatnonzero(np.diff(facing > 0.0)) + 1):
+            points, facing = view.project(curve[::8] @ spin.track.R[row].T)
+            for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(facing > 0.0)) + 1):
                 if facing[part[0]] > 0.0:
-                    _line(picture, (places[part] - corner + 0.5) * factor - 0.5, _SEAM, closed=False)
+                    _line(picture, (points[part] - corner + 0.5) * factor - 0.5, _SEAM, closed=False)
     else:
         cv2.rectangle(picture, (0, 0), (_WIDTH - 1, _WIDTH - 1), _LOST, 4)
     # black with a white rim reads on any frame
     for colour, thickness in (((255, 255, 255), 6), ((0, 0, 0), 2)):
-        place, font = (8, _WIDTH - 12), cv2.FONT_HERSHEY_SIMPLEX
-        cv2.putText(picture, f"{spin.t[row]:.2f} s", place, font, 1.1, colour, thickness, cv2.LINE_AA)
+        origin, font = (8, _WIDTH - 12), cv2.FONT_HERSHEY_SIMPLEX
+        cv2.putText(picture, f"{spin.t[row]:.2f} s", origin, font, 1.1, colour, thickness, cv2.LINE_AA)
     return picture
 
 
-def _line(picture: NDArray[np.uint8], places: Floats, colour: tuple[int, int, int], *, closed: bool) -> None:
-    fine = np.round(places * 16.0).astype(np.int32)[:, None]  # sixteenths of a pixel
+def _line(picture: NDArray[np.uint8], points: Floats, colour: tuple[int, int, int], *, closed: bool) -> None:
+    fine = np.round(points * 16.0).astype(np.int32)[:, None]  # sixteenths of a pixel
     cv2.polylines(picture, [fine], closed, colour, 1, cv2.LINE_AA, 4)
 
 
-#: fraction of the rotation that video and log must have in common to be of the same run
+#: fraction of the rotation that video and log must share to be of the same run
 _LEAST_SHARE = 0.8
 
 
@@ -224,17 +224,17 @@ class WheelComparison:
 
     @property
     def tilt(self) -> float:
-        """How far the camera's axis is from the robot's z [rad]."""
+        """The angle between the camera's axis and the robot's z [rad]."""
         return float(np.arccos(np.clip(self.motion.body_marker.as_matrix()[2, 2], -1.0, 1.0)))
 
 
 def compare_with_wheels(
     spin: Spin, log: Log, robot: Robot, *, known: Rotation | None = None
 ) -> WheelComparison:
-    """Return how the ball's velocity by video, camera frame, and by a log's wheel speeds agree.
+    """Compare the ball's velocity by video, camera frame, with that by a log's wheel speeds.
 
-    The log is of the clamped robot in the same run. `known` is the rotation from camera frame to robot frame; without
-    it, the one found is used. InputError if log and video overlap too little, or do not turn alike.
+    The log is of the clamped robot in the same run. `known` is the rotation from camera frame to robot frame; by
+    default it is estimated. InputError if log and video overlap too little, or show different motions.
     """
     speeds = log.wheel_speeds
     if speeds.shape[1] != robot.wheel_count:
@@ -281,14 +281,14 @@ def log_with_spin(log: Log, spin: Spin, clock: Clock) -> Log:
     return log.with_columns(columns)
 
 
-#: a seam of the right kind fits better than this in the median frame
+#: median quality up to which the seam may be of another kind
 _POOR = 0.85
-#: most spans of lost frames that are named
+#: largest number of intervals of lost frames that are named
 _NAMED = 3
 
 
 def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
-    """Return what a video shows of the ball's turning."""
+    """Return the findings on velocity, tracking, the seam and the agreement with the wheels."""
     words = [_velocity_finding(spin), _tracking_finding(spin)]
     quality = float(np.median(spin.track.quality[spin.track.tracked]))
     if quality <= _POOR:

@@ -1,25 +1,25 @@
-"""The ball's orientation, followed through a video frame by frame, and its angular velocity.
+"""Track the ball's orientation through a video, and estimate its angular velocity.
 
-To find it, many rotations are tried, the best are refined, and the best of those is kept. Seams have symmetries:
-several orientations look alike, and any of them will do, for the angular velocity is the same.
+Initial search: many rotations are tried, the best are refined, and the best of those is kept. Seams have symmetries, so
+that several orientations look the same; any of them is right, because the angular velocity is the same.
 
-To follow it, each frame's fit starts where the last angular velocity leads. A frame is lost where too little of the
-seam's pixels is explained, or too little of the curve is seen. If the ball cannot be followed, its orientation is
-searched again, at once and then in every fourth frame. Frames belong to one stretch as long as each follows from
-the one before; from one stretch to the next the ball may be another of its symmetric selves.
+Tracking: each frame's fit starts at the orientation predicted by the last angular velocity. A frame is lost if too few
+of the seam's pixels are explained, or too little of the curve is visible. Then the orientation is searched again, at
+once and in every fourth frame. A stretch consists of frames that were tracked from one to the next; between stretches
+the orientation may change by a symmetry of the seam.
 
 The angular velocity comes from a smoother of the orientations' errors, velocity and acceleration.
 
     e_(k+1) = exp([f_k]) e_k + (1 + [f_k]/2) (omega dt + a dt^2 / 2 - f_k),     f_k = log(R_(k+1) R_k^T)
     omega' = a,  a' = white noise of density q;      0 = e_k + noise of covariance s^2 H_k^-1
 
-R_k is what the frame's fit found and exp(e_k) R_k what is true; H_k is the fit's information less what is too small
-to be trusted, so that a frame that does not determine a turn about some axis adds nothing about it. q/s^2 is the
-likeliest by the filter's innovations, which give s too. Filter and smoother: H. E. Rauch, F. Tung and C. T.
+R_k is the frame's fit and exp(e_k) R_k the true orientation; H_k is the fit's information less a threshold, so that a
+frame adds no information about an axis about which it does not determine the rotation. q/s^2 is the maximum-likelihood
+estimate by the filter's innovations, which also give s. Filter and smoother: H. E. Rauch, F. Tung and C. T.
 Striebel, AIAA Journal 3 (1965) 1445-1450.
 
-Added to the smoother's covariance is that of errors which do not change from frame to frame but as the ball turns:
-the fits' bias, times the square of the angle turned a second over the angle at which they are others.
+To the smoother's covariance is added that of errors which do not change from frame to frame but as the ball turns: the
+fits' bias, times the square of the angular velocity over the angle at which these errors change.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ from ballbot.vision.seam import SeamFit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import SeamFinder
 from ballbot.vision.video import LEAST_FRAMES
 
-#: rotations tried: evenly, 15 degrees to the next
+#: number of rotations tried: evenly spaced by 15 degrees
 _TRIED = 2304
-#: points of the frame that they are tried with, and how many of them are refined
+#: points of the frame used for trying, and number of rotations that are refined
 _POINTS, _REFINED = 160, 24
-#: a point farther from the curve than this is as bad as any [rad]
+#: distance from the curve from which on the cost is constant [rad]
 _FAR = 0.3
 _SEARCH_REACHES = (0.5, 0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.13)
-#: points of the curve by which it is scored how much of the seam is seen where it should be
+#: points of the curve at which the score checks whether the seam is visible
 _CURVE_POINTS = 400
-#: fraction of a seam pixel that counts as seen
+#: degree of seam from which a pixel counts as visible seam
 _SEEN = 0.15
 
 
@@ -63,15 +63,15 @@ def _grid() -> Floats:
     return Rotation.from_quat(quaternions).as_matrix()
 
 
-#: distances from the curve from which on pixels count nothing, by iteration [rad]: first where the start may be off
+#: distances from the curve from which on pixels have no weight, by iteration [rad]: large at first, for a poor start
 _REACHES = (0.28, 0.2, 0.14, 0.12, 0.12)
 #: quality from which a frame is tracked, and from which the result of a new search is accepted
 _TRACKED, _FOUND = 0.55, 0.7
-#: fewer seam pixels are no seam
+#: fewest pixels of a seam
 _LEAST_PIXELS = 60
-#: while lost, the orientation is searched for in one frame of so many
+#: while lost, the orientation is searched in one frame of so many
 _SEARCHED_EVERY = 4
-#: what a ball turns at most beyond what was predicted [rad]
+#: largest difference to the predicted orientation [rad]
 _LARGEST_JUMP = 0.35
 
 
@@ -83,7 +83,7 @@ class Track:
     information: Floats  #: (n, 3, 3) from `SeamFit`, camera frame
     bias: Floats  #: (n, 3, 3) from `SeamFit`, camera frame [rad^2]
     quality: Floats  #: (n,) 0 to 1
-    stretch: NDArray[np.int64]  #: (n,) number of the stretch; -1 where lost
+    stretch: NDArray[np.int64]  #: (n,) number of the stretch; -1 if lost
 
     @property
     def tracked(self) -> Bools:
@@ -103,17 +103,17 @@ class _Follower:
         self._stretch = -1
 
     def next(self, frame: NDArray[np.uint8]) -> tuple[SeamFit, float, int] | None:
-        """Return the orientation, its quality and its stretch; None where it is lost."""
+        """Return the orientation, its quality and its stretch; None if the ball is lost."""
         seen, seam = self._finder.find(frame)
-        found = None
+        result = None
         if len(seen.p) >= _LEAST_PIXELS:
-            found = self._followed(seen, seam) or self._searched(seen, seam)
-        if found is None:
+            result = self._followed(seen, seam) or self._searched(seen, seam)
+        if result is None:
             self._lost += 1
             self._settled = False
             return None
         self._lost = 0
-        return *found, self._stretch
+        return *result, self._stretch
 
     def _followed(self, seen: SeamPoints, seam: NDArray[np.float32]) -> tuple[SeamFit, float] | None:
         if self._last is None or self._lost > 1:
@@ -126,12 +126,12 @@ class _Follower:
         if quality < _TRACKED or jump > _LARGEST_JUMP:
             if self._settled:
                 return None
-            # the second frame of a stretch: how fast the ball turns is not known yet
+            # the second frame of a stretch: the angular velocity is not known yet
             fit, quality = self._localise(seen, seam, near=self._last)
             if quality < _FOUND:
                 return None
         whole = Rotation.from_matrix(fit.R @ self._last.T).as_rotvec() / (1.0 + self._lost)
-        if np.linalg.norm(whole) > 1.0:  # another of the symmetric selves
+        if np.linalg.norm(whole) > 1.0:  # a symmetric orientation
             return None
         self._turn, self._last, self._settled = whole, fit.R, True
         return fit, quality
@@ -176,9 +176,13 @@ class _Follower:
         for k in np.argsort(cost, kind="stable")[:_REFINED]:
             fit = fit_rotation(self._table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES)
             best.append((fit, self._score(fit, seam)))
-        top = max(best, key=lambda one: one[1])
-        alike = [one for one in best if one[1] > 0.97 * top[1]]
-        return top if near is None else max(alike, key=lambda one: float(np.trace(one[0].R.T @ near)))
+        top = max(best, key=lambda candidate: candidate[1])
+        alike = [candidate for candidate in best if candidate[1] > 0.97 * top[1]]
+        return (
+            top
+            if near is None
+            else max(alike, key=lambda candidate: float(np.trace(candidate[0].R.T @ near)))
+        )
 
 
 def follow(
@@ -191,53 +195,53 @@ def follow(
 ) -> Track:
     """Return the orientation in every frame (height, width, 3) uint8.
 
-    `frame_count` is how many there are at most, for the progress; 0 if that is not known.
+    `frame_count` is the largest number of frames, for the progress; 0 if it is not known.
     """
-    follower, found = _Follower(finder, table), list[tuple[SeamFit, float, int] | None]()
+    follower, results = _Follower(finder, table), list[tuple[SeamFit, float, int] | None]()
     for count, frame in enumerate(frames, start=1):
-        found.append(follower.next(frame))
+        results.append(follower.next(frame))
         total = frame_count or 1
         progress(Progress(stage="tracking", done=min(count, total), total=total))
 
     def matrices(of: Callable[[SeamFit], Floats]) -> Floats:
         nothing = np.full((3, 3), np.nan)
-        return np.array([of(one[0]) if one else nothing for one in found]).reshape(-1, 3, 3)
+        return np.array([of(result[0]) if result else nothing for result in results]).reshape(-1, 3, 3)
 
     return Track(
         R=matrices(lambda fit: fit.R),
         information=matrices(lambda fit: fit.information),
         bias=matrices(lambda fit: fit.bias),
-        quality=np.array([one[1] if one else 0.0 for one in found]),
-        stretch=np.array([one[2] if one else -1 for one in found], dtype=np.int64),
+        quality=np.array([result[1] if result else 0.0 for result in results]),
+        stretch=np.array([result[2] if result else -1 for result in results], dtype=np.int64),
     )
 
 
-#: before the first frame, standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]
+#: initial standard deviations of the error [rad], velocity [rad/s] and acceleration [rad/s^2]
 _BEFORE = (0.1, 20.0, 200.0)
 #: q/s^2 is estimated between these [1/s^5], on so many frames
 _DENSITIES = (1.0, 1e12)
 _SEARCHED = 480
 #: s^2 of a seam's pixels, roughly [rad^2]: only for the state before the first frame
 _ROUGHLY = 1e-3
-#: innovations and biases are averaged over this to either side, for noise and light may change [s]
+#: innovations and biases are averaged over this time to either side, because noise and light may change [s]
 _SPAN = 0.5
-#: information about an axis below this fraction of the whole comes as well from small errors of the view and the curve
+#: information about an axis below this fraction of the total may come from small errors of the view and the curve
 _NEGLIGIBLE = 1e-3
-#: turned by this, the ball shows its seam to other patches of the picture [rad]
+#: rotation by which the seam moves to other pixels, with other errors [rad]
 _OTHER_SIDE = 0.13
 _EYE = np.eye(3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Velocity:
-    """The ball's angular velocity at each frame, camera frame; NaN where it is not known."""
+    """The ball's angular velocity at each frame, camera frame; NaN if it is not known."""
 
     omega: Floats  #: (n, 3) [rad/s]
     covariance: Floats  #: (n, 3, 3) [rad^2/s^2]
 
 
 class _Steps(NamedTuple):
-    """A stretch of frames, made ready."""
+    """The smoother's model of a stretch of frames."""
 
     F: Floats  #: (n - 1, 9, 9)
     shift: Floats  #: (n - 1, 9)
@@ -252,7 +256,7 @@ _States = list[tuple[Floats, Floats]]
 def angular_velocity(t: Floats, track: Track) -> Velocity:
     """Return the angular velocity at each frame of a track, at times t (n,) [s]."""
     omega, covariance = np.full((len(t), 3), np.nan), np.full((len(t), 3, 3), np.nan)
-    # a lost frame between two of the same stretch is simply not there
+    # lost frames within a stretch are left out
     numbered = [np.flatnonzero(track.stretch == k) for k in range(int(track.stretch.max(initial=-1)) + 1)]
     stretches = [rows for rows in numbered if len(rows) >= LEAST_FRAMES]
     if not stretches:
@@ -286,7 +290,7 @@ def _made_ready(t: Floats, track: Track, rows: NDArray[np.intp]) -> _Steps:
 
 
 def _density(ready: _Steps) -> float:
-    """Return q / s^2 of the largest likelihood, s^2 being the likeliest for each."""
+    """Return the maximum-likelihood q / s^2, with s^2 concentrated out."""
 
     def cost(logarithm_of_density: float) -> float:
         _, _, misfit, surprise = _filter(ready, float(np.exp(logarithm_of_density)))
@@ -329,12 +333,12 @@ def _filter(ready: _Steps, density: float) -> tuple[_States, _States, Floats, fl
 def _smooth(ready: _Steps, before: _States, after: _States) -> _States:
     """Return mean and covariance of each frame by all frames."""
     mean, P = after[-1]
-    found = [(mean, P)]
+    states = [(mean, P)]
     for F, (here, P_here), (then, P_then) in zip(ready.F[::-1], after[-2::-1], before[:0:-1], strict=True):
         G = np.linalg.solve(P_then, F @ P_here).T
         mean, P = here + G @ (mean - then), P_here + G @ (P - P_then) @ G.T
-        found.append((mean, P))
-    return found[::-1]
+        states.append((mean, P))
+    return states[::-1]
 
 
 def _jerk(dt: float) -> Floats:

@@ -17,9 +17,9 @@ from ballbot.errors import InputError
 from ballbot.files import check_regular
 from ballbot.log.columns import Floats
 
-#: containers round times to a millisecond [s]; times so near to even steps are even
+#: containers round times to a millisecond; times within this of even steps are taken as even [s]
 _ROUNDING = 1.1e-3
-#: frames looked at before tracking, and the time that they are taken from [s]
+#: number of frames examined before tracking, and the time span that they are from [s]
 _SAMPLES, _SAMPLED_TIME = 24, 4.0
 #: fewer frames give no velocity
 LEAST_FRAMES = 5
@@ -32,7 +32,7 @@ class Video:
     path: Path
     size: tuple[int, int]  #: width and height [pixels]
     frame_rate: float  #: [Hz]
-    rate_given: bool  #: that this rate is the camera's, whatever times the file states
+    rate_given: bool  #: whether the user gave this rate, so that times in the file are ignored
     stated_frames: int  #: stated in the file's header, for progress; 0 if it is not
 
     def frames(self) -> Iterator[tuple[float, NDArray[np.uint8]]]:
@@ -48,7 +48,7 @@ class Video:
             capture.release()
 
     def samples(self) -> list[NDArray[np.uint8]]:
-        """Return some frames of the first seconds, spread evenly; InputError if they are too few for a velocity."""
+        """Return frames spread evenly over the first seconds; InputError if they are too few for a velocity."""
         wanted = max(LEAST_FRAMES, round(_SAMPLED_TIME * self.frame_rate))
         if self.stated_frames:
             wanted = min(wanted, max(LEAST_FRAMES, self.stated_frames))
@@ -62,12 +62,12 @@ class Video:
 
 
 def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
-    """Return a video after a look into it; `frame_rate` [Hz] if the file states another, as for slow motion.
+    """Open a video and read its header; `frame_rate` [Hz] replaces the file's, for example for slow motion.
 
     InputError if there is no such file, it is not a video, or the rate is not positive.
     """
     check_regular(path)
-    # unreadable files are reported in one sentence, not by messages of OpenCV and FFmpeg, which is silent below 0
+    # silence the messages of OpenCV and FFmpeg (silent at -8): the error below says it in one sentence
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -97,8 +97,8 @@ def open_video(path: str | Path, *, frame_rate: float | None = None) -> Video:
 def frame_times(stated: Floats, video: Video) -> Floats:
     """Return the times (n,) of the frames [s] from those that the file states (n,) [s].
 
-    Even steps at the frame rate, where the file's times are no times, or where the rate is given; even steps as well
-    where the file's differ from such by a container's rounding only; the file's own times otherwise.
+    Even steps at the frame rate if the rate is given or the file's times do not increase; even steps fitted to the
+    file's times if these differ by a container's rounding only; otherwise the file's times.
     """
     k = np.arange(len(stated), dtype=np.float64)
     if video.rate_given or len(stated) < 2 or not np.all(np.diff(stated) > 0.0):

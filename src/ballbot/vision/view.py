@@ -1,19 +1,19 @@
-"""A ball before a pinhole camera at a finite distance: what of it is seen, and where; and its outline found in a video.
+"""A ball in front of a pinhole camera at a finite distance: its visible points, and finding its outline in a video.
 
 Camera frame: x to the right of the picture, y down, z away from the camera, into the scene. Pixel (0, 0) is the
 middle of the first pixel. Lengths are in ball radii.
 
 The rays that touch the ball make a cone with the half angle alpha, sin alpha = 1/D, about the ray to its centre; its
-section with the picture is the outline, a circle only where the ball is in the middle of the picture. The points that
-they touch are nearer to the camera than the centre is, by 1/D: the outline is not the equator, and less than half
-of the ball is seen.
+section with the picture is the outline, a circle only if the ball is in the middle of the picture. The points of
+contact are nearer to the camera than the centre is, by 1/D: the outline is not the equator, and less than half of the
+ball is visible.
 
     p = s d - D c,    s = D d.c - sqrt(1 - D^2 (1 - (d.c)^2)),    f = r / tan alpha = r sqrt(D^2 - 1)
 
-The outline is found by voting for circles, each of which is scored by its own edge all around. Of some frames the
-median is taken, pixel by pixel: what turns with the ball is gone and what stands still stays. Along rays from a
-circle's centre the edge is where colour changes most; a ball's outline has an edge on most of its rays, and pictures
-change within it and not beyond, which they do not at the rim of a plate on which the ball lies.
+The outline is found by a Hough transform for circles, each of which is scored by its edge. The median over frames,
+pixel by pixel, removes the turning seam and keeps what stands still. Along rays from a circle's centre the edge is
+where colour changes most. A ball's outline has an edge on most of its rays, and pixels change within it but not
+outside, which distinguishes it from the rim of a plate on which the ball lies.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log.columns import Bools, Floats
 
-#: closeness stays within these: from a telephoto lens afar to one that all but touches
+#: range of the closeness: from a distant telephoto lens to one that almost touches the ball
 CLOSENESS = (0.004, 0.6)
 
 
@@ -38,7 +38,7 @@ class View:
 
     x: float  #: of the ball's centre in the picture [pixels]
     y: float
-    radius: float  #: f tan alpha: the outline's radius, were the ball in the middle of the picture [pixels]
+    radius: float  #: f tan alpha: the outline's radius if the ball were in the middle of the picture [pixels]
     closeness: float  #: 1/D: the ball's radius over the distance from the lens to its centre
     middle: tuple[float, float]  #: of the picture, where the optical axis is [pixels]
 
@@ -99,8 +99,8 @@ class View:
 def view_of_outline(points: Floats, *, size: tuple[int, int], closeness: float) -> View:
     """Return the view whose outline passes best through three points (k, 2) or more [pixels] of a picture.
 
-    A ray d that touches the ball has d . c = cos alpha; least squares on d . g = 1 gives g = c / cos alpha. The focal
-    length, which the rays need, comes from the closeness 1/D and the radius, so that this is done a few times.
+    A ray d that touches the ball has d . c = cos alpha; least squares on d . g = 1 gives g = c / cos alpha. The rays
+    depend on the focal length, which follows from closeness 1/D and radius; hence the fixed-point iteration.
     """
     middle = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     x, y = points.mean(axis=0)
@@ -108,7 +108,7 @@ def view_of_outline(points: Floats, *, size: tuple[int, int], closeness: float) 
     view = View(x=float(x), y=float(y), radius=radius, closeness=closeness, middle=middle)
     for _ in range(12):
         g = np.linalg.lstsq(view.rays(points), np.ones(len(points)), rcond=None)[0]
-        # |g| = 1 / cos alpha; the outline's angle under this focal length shows how to change it
+        # |g| = 1 / cos alpha gives tan alpha, and with the focal length the radius of the next iteration
         tangent = np.sqrt(max(g @ g - 1.0, 1e-12))
         x, y = g[:2] / g[2] * view.focal + np.asarray(middle)
         view = View(
@@ -119,22 +119,22 @@ def view_of_outline(points: Floats, *, size: tuple[int, int], closeness: float) 
 
 #: closeness assumed until the seam determines it
 ASSUMED_CLOSENESS = 0.12
-#: circles are voted for on a picture no larger than this [pixels], with this many votes at the least
+#: largest picture for the Hough transform [pixels], and its smallest number of votes
 _VOTED_SIZE = 360
 _VOTES = 25.0
 #: smallest and largest radius, as fractions of the picture's shorter side
 _SMALLEST, _LARGEST = 0.08, 0.75
-#: circles taken from each vote
+#: circles taken from each channel
 _VOTED = 3
-#: rays from a circle's centre, and how far to both sides of it an edge is looked for, round by round, as fractions of
-#: the radius
+#: number of rays from a circle's centre, and the range on both sides of it in which edges are searched, by iteration,
+#: as fractions of the radius
 _RAYS = 240
 _SEARCHES = (0.12, 0.06, 0.03)
-#: an edge is where colour changes by so much within two pixels [grey levels]
+#: change of colour within two pixels that is an edge [grey levels]
 _EDGE = 8.0
-#: a ray agrees with the outline where its edge is within this fraction of the radius
+#: largest distance of a ray's edge from the outline, as a fraction of the radius
 _EDGE_TOLERANCE = 0.012
-#: fraction of the rays that must
+#: smallest fraction of rays within it
 _LEAST_SHARE = 0.5
 
 
@@ -148,7 +148,9 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
     picture = np.asarray(cv2.GaussianBlur(still, (0, 0), 1.0), np.float32)
     size = (picture.shape[1], picture.shape[0])
     refined = [
-        one for one in (_refined(picture, circle, size) for circle in _voted(still)) if one[2] >= _LEAST_SHARE
+        candidate
+        for candidate in (_refined(picture, circle, size) for circle in _voted(still))
+        if candidate[2] >= _LEAST_SHARE
     ]
     if not refined:
         raise InputError(
@@ -156,7 +158,7 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
             "half of its circumference. Give the circle with --circle x,y,r."
         )
     changing = _changing(few)
-    return max(refined, key=lambda one: one[2] + _moves(changing, one[0]))[1]
+    return max(refined, key=lambda candidate: candidate[2] + _moves(changing, candidate[0]))[1]
 
 
 def _changing(frames: NDArray[np.uint8]) -> Bools:
@@ -175,10 +177,10 @@ def _moves(changing: Bools, view: View) -> float:
 
 
 def circle_points(circle: tuple[float, float, float], size: tuple[int, int]) -> Floats:
-    """Return points (k, 2) of a circle that is given as the ball's outline [pixels]; InputError if it cannot be."""
+    """Return points (k, 2) of a circle given as the ball's outline [pixels]; InputError if it is impossible."""
     (x, y, radius), (width, height) = circle, size
     room = (x + 0.5, y + 0.5, width - 0.5 - x, height - 0.5 - y)
-    if not (radius >= 8.0 and all(radius <= one for one in room)):
+    if not (radius >= 8.0 and all(radius <= distance for distance in room)):
         raise InputError(
             f"The circle is {x:g},{y:g},{radius:g}; it must lie in the picture, which is {width} x {height} pixels, "
             "and have a radius of at least 8 pixels."
@@ -193,7 +195,7 @@ def _on_circle(circle: tuple[float, float, float]) -> Floats:
 
 
 def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
-    """Return circles (x, y, radius) that edges vote for, and about the same centres those of the strongest edges."""
+    """Return circles (x, y, radius) by Hough transforms, and circles of the strongest edges about the same centres."""
     factor = min(1.0, _VOTED_SIZE / max(still.shape[:2]))
     small = np.asarray(cv2.resize(still, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA), np.uint8)
     shorter = min(small.shape[:2])
@@ -203,23 +205,23 @@ def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
         cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
         *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
     ):
-        found = cv2.HoughCircles(
+        votes = cv2.HoughCircles(
             cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=_VOTES,
             minRadius=smallest, maxRadius=largest,
         )  # fmt: skip
-        if found is not None:
-            circles += list(np.reshape(found, (-1, 3))[:_VOTED].astype(np.float64))
+        if votes is not None:
+            circles += list(np.reshape(votes, (-1, 3))[:_VOTED].astype(np.float64))
     distinct: list[Floats] = []
     for circle in circles:
         for radius in (circle[2], *_strongest(small, circle[0], circle[1], smallest, largest)):
-            one = np.array([circle[0], circle[1], radius])
-            if all(np.abs(one - other).max() > 0.03 * shorter for other in distinct):
-                distinct.append(one)
+            candidate = np.array([circle[0], circle[1], radius])
+            if all(np.abs(candidate - other).max() > 0.03 * shorter for other in distinct):
+                distinct.append(candidate)
     return [((x + 0.5) / factor - 0.5, (y + 0.5) / factor - 0.5, r / factor) for x, y, r in distinct]
 
 
 def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, largest: int) -> list[float]:
-    """Return the radii of the circles about a place on which colour changes most, all around, up to three."""
+    """Return up to three radii of circles about a centre across which colour changes most."""
     shares = np.arange(smallest, largest)
     angle = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
     columns = (x + np.outer(np.cos(angle), shares)).astype(np.float32)
@@ -249,13 +251,13 @@ def _refined(
         if np.isfinite(off).sum() < 0.3 * _RAYS:
             return view, points, 0.0
         good = np.abs(off - np.nanmedian(off)) < max(0.3 * search, _EDGE_TOLERANCE)
-        places = outline + off[:, None] * outward
+        positions = outline + off[:, None] * outward
         if good.sum() < 20:
             return view, points, 0.0
-        points = places[good]
+        points = positions[good]
         view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
         after = view.outline(_RAYS)
-        miss = np.linalg.norm(places - np.array([view.x, view.y]), axis=1) / np.linalg.norm(
+        miss = np.linalg.norm(positions - np.array([view.x, view.y]), axis=1) / np.linalg.norm(
             after - np.array([view.x, view.y]), axis=1
         )
         share = float(np.mean(np.abs(miss - 1.0) < _EDGE_TOLERANCE))
@@ -265,13 +267,13 @@ def _refined(
 def _edges(
     picture: NDArray[np.float32], outline: Floats, outward: Floats, search: float
 ) -> tuple[Floats, Floats]:
-    """Return where on each ray colour changes most, as a fraction of its length from the outline, and by how much."""
+    """Return the position of the largest change of colour on each ray, as a fraction of its length, and that change."""
     length = float(np.mean(np.linalg.norm(outward, axis=1)))
     count = 2 * max(4, round(2.0 * search * length)) + 1  # half pixels
     shares = np.linspace(-search, search, count)
-    places = (outline[:, None] + shares[None, :, None] * outward[:, None]).astype(np.float32)
+    positions = (outline[:, None] + shares[None, :, None] * outward[:, None]).astype(np.float32)
     colours = cv2.remap(
-        picture, places[..., 0], places[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        picture, positions[..., 0], positions[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     step = 2  # to both sides: two pixels between
     change = np.linalg.norm(colours[:, 2 * step :] - colours[:, : -2 * step], axis=2)
@@ -281,5 +283,5 @@ def _edges(
     left, mid, right = change[rays, peak - 1], change[rays, peak], change[rays, peak + 1]
     curve = left - 2.0 * mid + right
     shift = np.where(curve < -1e-6, 0.5 * (left - right) / np.where(curve < -1e-6, curve, 1.0), 0.0)
-    place = peak + step + np.clip(shift, -1.0, 1.0)
-    return np.interp(place, np.arange(count), shares), change[rays, best].astype(np.float64)
+    position = peak + step + np.clip(shift, -1.0, 1.0)
+    return np.interp(position, np.arange(count), shares), change[rays, best].astype(np.float64)

@@ -194,7 +194,7 @@ def read_prediction(path: str | Path) -> ControllerPrediction:
         )
         found.course.reference_spec.reference()
     except InputError as error:
-        raise InputError(f"{path}: prediction: {error}") from None
+        raise InputError(f"{path}: prediction: {error} Run `ballbot study` again.") from None
     tables = (found.chosen, found.none or found.chosen)
     if found.controller not in CANDIDATES or any(set(one) != set(QUANTITIES) for one in tables):
         raise InputError(f"{path}: the prediction is not one of this version; run `ballbot study` again.")

@@ -6,6 +6,7 @@ The built-in courses are in courses.toml beside this file, in sets; a user's own
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
@@ -21,11 +22,12 @@ from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
+from ballbot.simulation.imperfections import Push
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import scenario_of
 from ballbot.workflows.grid import LoopRobot, TwinRobot
-from ballbot.workflows.metrics import SETTLE
+from ballbot.workflows.metrics import BAND, METRIC_BY_KEY, SETTLE, Rules
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +68,39 @@ class ModelMismatch:
 
 
 PlantName = Literal["model", "twin"]
+#: directions of rising pushes, which are those of the scenario turned from seed to seed
+DIRECTIONS = 8
+
+
+class RisingPushes(BaseModel):
+    """Pushes in a row, each larger than the last by a factor; turned by 45 degrees from seed to seed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    first: PositiveFloat  #: impulse [N s]
+    factor: float = Field(gt=1.0)
+    count: int = Field(gt=0, le=1000)
+    every: PositiveFloat  #: from one to the next, and before the first [s]
+    duration: PositiveFloat  #: of each [s]
+    height: NonNegativeFloat  #: above the ball's centre [m]
+
+    @property
+    def impulses(self) -> tuple[float, ...]:
+        """The impulses [N s]."""
+        return tuple(self.first * self.factor**k for k in range(self.count))
+
+    def pushes(self, direction: float) -> tuple[Push, ...]:
+        """Return them in a direction on the floor, from x towards y [rad]."""
+        toward = (math.cos(direction), math.sin(direction))
+        return tuple(
+            Push(
+                time=(k + 1) * self.every,
+                duration=self.duration,
+                force=(impulse / self.duration * toward[0], impulse / self.duration * toward[1], 0.0),
+                height=self.height,
+            )
+            for k, impulse in enumerate(self.impulses)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,27 +111,32 @@ class Course:
     about: str  #: in a sentence, for those who read the table
     reference_spec: ReferenceSpec
     duration: float  #: [s]
-    settle: float  #: errors count from so long after the start and each jump of the reference on [s]
+    rules: Rules
+    metrics: tuple[str, ...] = ()  #: those that its table shows; the league's if there are none
+    published: tuple[str, ...] = ()  #: what others have published of it, each with its source
+    until_fall: bool = False  #: whether it gets harder until the robot falls, so that a fall says nothing
     mismatch: ModelMismatch = ModelMismatch()
+    rising: RisingPushes | None = None
     scenario: Scenario
     on: PlantName
 
-    @property
-    def disturbed(self) -> tuple[float, ...]:
-        """When something pushes the robot [s]."""
-        return tuple(push.time for push in self.scenario.pushes)
+    def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
+        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's.
 
-    def plant(self, robot: Robot) -> LoopRobot | TwinRobot:
-        """Return the robot to run; of the model the friction is the robot's, of the twin the scenario's."""
-        other = self.mismatch
+        Rising pushes have the direction of the seed.
+        """
+        other, scenario = self.mismatch, self.scenario
+        if self.rising is not None:
+            direction = 2.0 * math.pi * (seed % DIRECTIONS) / DIRECTIONS
+            scenario = replace(scenario, pushes=self.rising.pushes(direction))
         true = robot
         if other != ModelMismatch():
             body = scaled_body(robot.body, mass=other.mass, height=other.height)
             true = robot.replace(body=body, friction=scaled_friction(robot.friction, other.friction))
         if self.on == "model":
-            return LoopRobot.of(true, with_identified(self.scenario, true.friction), known=robot)
-        friction = scaled_friction(self.scenario.friction, other.friction)
-        return TwinRobot(robot=true, scenario=replace(self.scenario, friction=friction), known=robot)
+            return LoopRobot.of(true, with_identified(scenario, true.friction), known=robot)
+        friction = scaled_friction(scenario.friction, other.friction)
+        return TwinRobot(robot=true, scenario=replace(scenario, friction=friction), known=robot)
 
 
 #: the set that is these sets together
@@ -117,6 +157,12 @@ class CourseTable(BaseModel):
     reference: str | dict[str, FiniteFloat | str]
     duration: float = Field(gt=0.0, le=_MAX_DURATION)
     settle: NonNegativeFloat = SETTLE
+    band: PositiveFloat = BAND
+    stop: PositiveFloat | None = None
+    metrics: list[str] = []
+    published: list[str] = []
+    until_fall: bool = False
+    rising_pushes: RisingPushes | None = None
     mismatch: ModelMismatch = ModelMismatch()
     scenario: dict[str, object] = {}
 
@@ -175,14 +221,30 @@ def _course(
         spec = _reference_spec(given.reference, beside)
         spec.reference()  # refused before anything is run
         scenario = scenario_of(given.scenario, robot, default_name=name)
+        for key in given.metrics:
+            if key not in METRIC_BY_KEY:
+                hint = suggest(key, METRIC_BY_KEY, otherwise="there are")
+                raise InputError(f"There is no metric {key!r}; {hint}")
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
+    rising = given.rising_pushes
+    pushes = rising.pushes(0.0) if rising else scenario.pushes
     return Course(
         name=name,
         about=given.about,
         reference_spec=spec,
         duration=given.duration,
-        settle=given.settle,
+        rules=Rules(
+            settle=given.settle,
+            band=given.band,
+            disturbed=tuple(sorted([*(push.time for push in pushes), *scenario.changes()])),
+            stop=given.stop,
+            impulses=rising.impulses if rising else (),
+        ),
+        metrics=tuple(given.metrics),
+        published=tuple(given.published),
+        until_fall=given.until_fall,
+        rising=rising,
         mismatch=given.mismatch,
         scenario=scenario,
         on=plant,

@@ -231,7 +231,7 @@ def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.flo
         reference=task.deviations**2,
         executor=Threads(count=1),
     )
-    H = experiment.linearize_widely(task.point, windows.initial).equations.normal.matrix
+    H = experiment.linearize_widely(task.point, windows.initial).equations.matrix
     H = H[np.ix_(coordinates.free, coordinates.free)]
     known = H.diagonal() > _MIN_INFORMATION
     errors = np.full(len(H), np.inf)

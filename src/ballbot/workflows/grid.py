@@ -37,10 +37,10 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin.imperfections import imperfections_of, true_model
+from ballbot.twin.imperfections import changes_of, imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.twin import Twin
-from ballbot.workflows.metrics import SETTLE, Score, score
+from ballbot.workflows.metrics import DEFAULT_RULES, Rules, Score, score
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,9 +53,10 @@ class LoopRobot:
     @staticmethod
     def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
         """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
+        true = replace(scenario, friction=robot.friction)
         return LoopRobot(
-            model=true_model(robot, replace(scenario, friction=robot.friction)),
-            imperfections=imperfections_of(scenario, known=known),
+            model=true_model(robot, true),
+            imperfections=replace(imperfections_of(scenario, known=known), later=changes_of(robot, true)),
         )
 
     def __call__(self, estimator: EstimatorName) -> Plant:
@@ -87,8 +88,7 @@ class Condition:
     duration: float  #: [s]
     seed: int  #: of the initial state and of all that is random in the plant
     course: str = ""  #: its name, if there is more than one
-    settle: float = SETTLE  #: see `ballbot.workflows.metrics.settled` [s]
-    disturbed: tuple[float, ...] = ()  #: when something pushes the robot [s]
+    rules: Rules = DEFAULT_RULES  #: what counts
     #: true state (10,) at the start; by default at rest at the origin, leaning by up to 0.02 rad
     start: NDArray[np.float64] | None = None
 
@@ -120,7 +120,7 @@ class GridRun:
         """Score the run by its log; InputError if it is too short for that."""
         condition = self.condition
         try:
-            return score(log, settle=condition.settle, disturbed=condition.disturbed)
+            return score(log, condition.rules)
         except InputError as error:
             place = f"Course {condition.course!r}: " if condition.course else ""
             raise InputError(f"{place}{error}") from None

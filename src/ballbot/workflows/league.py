@@ -18,9 +18,9 @@ from ballbot.log import Log
 from ballbot.results import to_results
 from ballbot.robot import RobotLike, as_robot
 from ballbot.summary import Reported
-from ballbot.workflows.courses import Course
+from ballbot.workflows.courses import DIRECTIONS, Course
 from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
-from ballbot.workflows.metrics import Metric, Score, falls_of, score_results, true_place, values_of
+from ballbot.workflows.metrics import OF_SOME_COURSES, Score, falls_of, score_results, true_place, values_of
 from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_ratio, mean_with_interval
 
 #: a track's points in a second, and the decimals they are kept with [m]
@@ -60,7 +60,7 @@ class League(Reported):
                 "about": course.about,
                 "plant": course.on,
                 "duration": course.duration,
-                "settle": course.settle,
+                "settle": course.rules.settle,
                 "controllers": controllers,
             }
         return {
@@ -101,16 +101,19 @@ def run_league(
         If there is nothing to run, a controller fails, or a run cannot be scored.
     """
     robot = as_robot(robot)
-    plants = {course.name: course.plant(robot) for course in courses}
+    plants = {
+        (course.name, k): course.plant(robot, seed=k)
+        for course in courses
+        for k in range(DIRECTIONS if course.rising else 1)
+    }
     conditions = [
         Condition(
-            plant=plants[course.name],
+            plant=plants[course.name, seed % DIRECTIONS if course.rising else 0],
             reference=course.reference_spec.reference,
             duration=course.duration,
             seed=seed,
             course=course.name,
-            settle=course.settle,
-            disturbed=course.disturbed,
+            rules=course.rules,
         )
         for seed in seeds
         for course in courses
@@ -133,17 +136,6 @@ def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
     return run.score(log), track_of(log) if run.condition.seed == first else None
 
 
-#: in the order of the tables; of all of them less is better
-METRICS = (
-    Metric("peak_position_error", "peak position error", "mm", 1e3, 0, "peak"),
-    Metric("rms_position_error", "RMS position error", "mm", 1e3, 0, "RMS"),
-    Metric("peak_heading_error", "peak heading error", "deg", 180.0 / np.pi, 1, "heading"),
-    Metric("settling_time", "settling time", "s", 1.0, 1, "settling"),
-    Metric("rms_torque", "RMS torque", "N m", 1.0, 3, "torque"),
-    Metric("high_frequency_torque", "torque above 10 Hz", "N m", 1.0, 3, "above 10 Hz"),
-    Metric("energy", "energy exchanged", "J", 1.0, 1, "energy"),
-)
-METRIC_BY_KEY = {metric.key: metric for metric in METRICS}
 #: that are never zero, so that their ratios are finite
 RATIOS = ("peak_position_error", "rms_position_error", "high_frequency_torque", "energy")
 
@@ -156,6 +148,7 @@ class Standing:
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
     arrived: int  #: runs that always came within the band at last
+    rested: int  #: runs that came to rest where they were to
     means: Mapping[str, Estimate]  #: by the score's names, over the runs that stood, SI units
     differences: Mapping[str, Estimate]  #: from the first controller, seed by seed; empty for itself
 
@@ -170,17 +163,34 @@ class Overall:
     ratios: Mapping[str, Estimate]  #: to the first controller, by the names in RATIOS; empty for itself
 
 
+def best_two(league: League) -> tuple[str, ...]:
+    """Return the two controllers, or the only one, with the fewest falls and of these the least RMS error."""
+
+    def rank(name: str) -> tuple[int, float]:
+        of = overall(league, name)
+        ratio = of.ratios["rms_position_error"].mean if of.ratios else 1.0
+        return of.falls, ratio if np.isfinite(ratio) else np.inf
+
+    return tuple(sorted(league.controllers, key=rank)[:2])
+
+
 def standing(league: League, course: str, controller: str) -> Standing:
     """Return how a controller did on a course."""
     scores = league.scores[course, controller]
     first = league.scores[course, league.controllers[0]]
     falls = falls_of(scores)
-    numbers = [name for name in Score.__dataclass_fields__ if name not in ("ended", "arrived")]
+    asked = next(one.metrics for one in league.courses if one.name == course)
+    numbers = [
+        name
+        for name in Score.__dataclass_fields__
+        if name not in ("ended", "arrived", "rested") and (name not in OF_SOME_COURSES or name in asked)
+    ]
     return Standing(
         runs=len(scores),
         falls=falls,
         fall_interval=fraction_with_interval(falls, len(scores)),
         arrived=sum(score.arrived for score in scores),
+        rested=sum(score.rested for score in scores),
         means={name: mean_with_interval(values_of(scores, name)) for name in numbers},
         differences={
             name: mean_with_interval(values_of(scores, name) - values_of(first, name))
@@ -191,13 +201,14 @@ def standing(league: League, course: str, controller: str) -> Standing:
 
 
 def overall(league: League, controller: str) -> Overall:
-    """Return how a controller did over all courses.
+    """Return how a controller did over all courses but those that end in a fall.
 
     A ratio is the geometric mean over the courses of its number over the first controller's on the same seed; its
     interval is over the seeds. A seed's run in which either fell does not enter it.
     """
-    mine = [league.scores[course.name, controller] for course in league.courses]
-    first = [league.scores[course.name, league.controllers[0]] for course in league.courses]
+    courses = [course.name for course in league.courses if not course.until_fall]
+    mine = [league.scores[course, controller] for course in courses]
+    first = [league.scores[course, league.controllers[0]] for course in courses]
     everything = [score for scores in mine for score in scores]
     falls = falls_of(everything)
     return Overall(

@@ -79,7 +79,12 @@ class Loop:
             return LoopRobot(model=Model(self.robot, step=self.step), imperfections=Imperfections())
         sensors = replace(self.scenario.sensors, sample_time=self.controller.sample_time)
         scenario = replace(
-            self.scenario, sensors=sensors, fix=None, backlash=0.0, pushes=(), fallen_lean=LARGEST_LEAN
+            self.scenario.at(0.0),
+            sensors=sensors,
+            fix=None,
+            backlash=0.0,
+            pushes=(),
+            fallen_lean=LARGEST_LEAN,
         )
         made = LoopRobot.of(self.robot, scenario, known=self.robot)
         return LoopRobot(

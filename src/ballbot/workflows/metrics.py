@@ -26,6 +26,8 @@ from ballbot.results import to_results
 SETTLE = 6.0
 #: distance from the reference [m] within which a robot has arrived
 BAND = 0.05
+#: speed below which a robot is at rest [m/s]
+REST = 0.1
 #: above which a torque is rough rather than balancing [Hz]: the fastest closed-loop pole of the nominal gain turns at
 #: a tenth of it, the encoders' and the IMU's noise reaches up to half the sample rate
 HIGH_FREQUENCY = 10.0
@@ -70,17 +72,17 @@ def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.
     return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
 
-def settling_time(log: Log, *, disturbed: Sequence[float] = ()) -> tuple[float, bool]:
+def settling_time(log: Log, *, disturbed: Sequence[float] = (), band: float = BAND) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
     The start, each jump of the reference and each time [s] in `disturbed` begin a stretch. Its settling time runs to
-    the last row at which the robot is farther than `BAND` from the reference. If the robot is outside at its end, the
-    second value is False, and the time a lower bound.
+    the last row at which the robot is farther than the band [m] from the reference. If the robot is outside at its end,
+    the second value is False, and the time a lower bound.
     """
     t = log.t
     begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
     starts = np.searchsorted(t, begins - _ROUNDING)
-    outside = position_error(log) > BAND
+    outside = position_error(log) > band
     longest, always = 0.0, True
     for first, end in zip(starts, [*starts[1:], len(t)], strict=True):
         rows = np.flatnonzero(outside[first:end])
@@ -149,6 +151,68 @@ def _jump_times(log: Log) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Stop:
+    """How a robot that drove came to rest."""
+
+    time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
+    rested: bool  #: whether it does
+    distance: float  #: it went from the instant at which it was to stop [m]
+    overshoot: float  #: beyond the place where it is at last, in the direction of its way [m]
+
+
+def stop_of(log: Log, at: float) -> Stop:
+    """Return how a robot that was to stop at a time [s] came to rest."""
+    place = true_place(log)
+    after = log.t >= at - _ROUNDING
+    x, y, t = place["x"][after], place["y"][after], log.t[after]
+    if not len(t):
+        return Stop(time=np.nan, rested=False, distance=np.nan, overshoot=np.nan)
+    moving = np.flatnonzero(np.hypot(place["x_dot"][after], place["y_dot"][after]) >= REST)
+    last = int(moving[-1]) if moving.size else 0
+    way = np.array([place["x_dot"][after][0], place["y_dot"][after][0]])
+    way /= max(float(np.hypot(*way)), REST)
+    return Stop(
+        time=float(t[last] - at),
+        rested=last < len(t) - 1,
+        distance=float(np.hypot(x - x[0], y - y[0]).max()),
+        overshoot=float(((x - x[-1]) * way[0] + (y - y[-1]) * way[1]).max()),
+    )
+
+
+def top_speed(log: Log) -> float:
+    """Return the largest speed over the floor, as a mean over a second [m/s]; the second of a fall does not count."""
+    if len(log) < 2:
+        return 0.0
+    place, second = true_place(log), round(1.0 / log.sample_time)
+    x, y = (place[name][: -second if log.ended else None] for name in "xy")
+    ways = np.hypot(x[second:] - x[:-second], y[second:] - y[:-second])
+    return float(ways.max(initial=0.0) / (second * log.sample_time))
+
+
+def rms_speed_error(log: Log) -> float:
+    """Return the root mean square difference of the velocity from the reference's, both axes [m/s]; NaN if it jumps."""
+    if len(log) < 2 or len(_jump_times(log)) > 1:
+        return np.nan
+    place = true_place(log)
+    errors = [place[f"{name}_dot"] - np.gradient(log[f"ref_{name}"], log.t) for name in "xy"]
+    return float(np.sqrt(np.mean(errors[0] ** 2 + errors[1] ** 2)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rules:
+    """What counts in a run, and how."""
+
+    settle: float = SETTLE  #: see `settled` [s]
+    band: float = BAND  #: within which a robot has arrived [m]
+    disturbed: tuple[float, ...] = ()  #: when something pushes the robot or changes [s]
+    stop: float | None = None  #: when a robot that drives is to stop [s]
+    impulses: tuple[float, ...] = ()  #: of the disturbances, if all are pushes [N s]
+
+
+DEFAULT_RULES = Rules()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Score:
     """How well a run went. Errors are NaN where the run ended before it had settled once."""
 
@@ -162,12 +226,30 @@ class Score:
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
     energy: float  #: integral of |u w| over all wheels [J]
+    peak_lean: float = np.nan  #: [rad]
+    rms_speed_error: float = np.nan  #: see `metrics.rms_speed_error` [m/s]
+    stopping_time: float = np.nan  #: see `Stop`; NaN, like the next two, where nothing is to stop [s]
+    #: whether it came to rest; where not, the stopping time is a lower bound
+    rested: bool = False
+    stopping_distance: float = np.nan  #: [m]
+    overshoot: float = np.nan  #: [m]
+    top_speed: float = np.nan  #: see `metrics.top_speed`; also of a run that ended early [m/s]
+    #: the last push after which the robot still stood at the next one, or at the end, 0 if there is none; also of a run
+    #: that ended early, and NaN without such pushes [N s]
+    largest_impulse: float = np.nan
     ended: str | None  #: why the run stopped early, as in a fall
 
 
+#: numbers that only some courses have: of a stop, of rising pushes, of a reference that does not jump
+OF_SOME_COURSES = ("rms_speed_error", "stopping_time", "stopping_distance", "overshoot", "largest_impulse")
+
+
 def values_of(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
-    """Return a number of runs by its name (runs,); NaN of a run that ended early."""
-    return np.array([getattr(score, name) if score.ended is None else np.nan for score in scores], np.float64)
+    """Return a number of runs by its name (runs,); NaN of a run that ended early, but for what counts up to there."""
+    counts = name in ("top_speed", "largest_impulse")
+    return np.array(
+        [getattr(score, name) if counts or score.ended is None else np.nan for score in scores], np.float64
+    )
 
 
 def falls_of(scores: Sequence[Score]) -> int:
@@ -180,24 +262,28 @@ def score_results(one: Score) -> dict[str, object]:
     results = to_results(one)
     if not one.arrived:
         results |= {"settling_time": None, "settling_time_at_least": one.settling_time}
-    return results
+    if not one.rested:
+        results |= {"stopping_time": None, "stopping_time_at_least": one.stopping_time}
+    without = {name for name in OF_SOME_COURSES if np.isnan(getattr(one, name))}
+    without |= {"rested", "stopping_time_at_least"} if "stopping_time" in without else set()
+    return {name: value for name, value in results.items() if name not in without}
 
 
-def score(
-    log: Log, *, settle: float = SETTLE, disturbed: Sequence[float] = (), unsettled: bool = False
-) -> Score:
+def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score:
     """Score a run by how far it truly was from the reference once it had settled, and by what that took.
 
     InputError if a run that did not end early has no row that counts, unless it may be `unsettled`.
     """
-    log, counted = true_place(log), settled(log, settle)
+    log, counted = true_place(log), settled(log, rules.settle)
     if not counted.any() and log.ended is None and not unsettled:
         raise InputError(
-            f"No sample of the run is {settle:g} s after the start and after every jump of the reference. "
+            f"No sample of the run is {rules.settle:g} s after the start and after every jump of the reference. "
             "Use a longer run or a shorter settling time."
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
-    arriving, arrived = settling_time(log, disturbed=disturbed)
+    arriving, arrived = settling_time(log, disturbed=rules.disturbed, band=rules.band)
+    stop = stop_of(log, np.inf if rules.stop is None else rules.stop)
+    stood = sum(log.t[-1] > t for t in rules.disturbed[1:]) + (log.ended is None)
     fast = len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
     return Score(
         peak_position_error=float(position.max()) if counted.any() else np.nan,
@@ -209,6 +295,14 @@ def score(
         rms_torque_change=rms_torque_change(log),
         high_frequency_torque=high_frequency_torque(log) if fast else np.nan,
         energy=energy(log),
+        peak_lean=float(np.nanmax(leans(log))),
+        rms_speed_error=rms_speed_error(log),
+        stopping_time=stop.time,
+        rested=stop.rested and log.ended is None,
+        stopping_distance=stop.distance,
+        overshoot=stop.overshoot,
+        top_speed=top_speed(log),
+        largest_impulse=(0.0, *rules.impulses)[stood] if rules.impulses else np.nan,
         ended=log.ended,
     )
 
@@ -228,7 +322,6 @@ def run_results(log: Log) -> dict[str, object]:
         "peak_position_error_whole_run": float(error.max()),
         "rms_position_error_whole_run": rms(error),
         "final_position_error": float(error[-1]),
-        "peak_lean": float(np.nanmax(leans(log))),
         "peak_torque": float(np.abs(log.torques).max()),
     }
 
@@ -287,3 +380,26 @@ class Metric:
     def shown(self, value: float) -> str:
         """Return a value in the unit, without it."""
         return f"{self.scale * value:.{self.decimals}f}" if np.isfinite(value) else "–"
+
+
+#: of a course that names none, in the order of the tables; of these less is better
+METRICS = (
+    Metric("peak_position_error", "peak position error", "mm", 1e3, 0, "peak"),
+    Metric("rms_position_error", "RMS position error", "mm", 1e3, 0, "RMS"),
+    Metric("peak_heading_error", "peak heading error", "deg", 180.0 / np.pi, 1, "heading"),
+    Metric("settling_time", "settling time", "s", 1.0, 1, "settling"),
+    Metric("rms_torque", "RMS torque", "N m", 1.0, 3, "torque"),
+    Metric("high_frequency_torque", "torque above 10 Hz", "N m", 1.0, 3, "above 10 Hz"),
+    Metric("energy", "energy exchanged", "J", 1.0, 1, "energy"),
+)
+#: those that a course may ask for besides
+OTHER_METRICS = (
+    Metric("peak_lean", "largest lean", "deg", 180.0 / np.pi, 1, "lean"),
+    Metric("rms_speed_error", "RMS speed error", "m/s", 1.0, 3, "speed error"),
+    Metric("stopping_time", "time to rest", "s", 1.0, 2, "time to rest"),
+    Metric("stopping_distance", "stopping distance", "m", 1.0, 2, "stopping distance"),
+    Metric("overshoot", "overshoot", "mm", 1e3, 0, "overshoot"),
+    Metric("top_speed", "largest speed", "m/s", 1.0, 2, "top speed", "above"),
+    Metric("largest_impulse", "largest impulse recovered", "N s", 1.0, 1, "largest impulse", "above"),
+)
+METRIC_BY_KEY = {metric.key: metric for metric in (*METRICS, *OTHER_METRICS)}

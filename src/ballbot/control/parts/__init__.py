@@ -28,15 +28,26 @@ class Parts:
     that of the steps within each stage of the law.
 
     InputError if a part lacks another that it needs.
+
+    Examples
+    --------
+    A controller without and with a notch at 12 Hz; a loop with smooth references:
+
+    >>> from ballbot.control.presets import nominal_controller
+    >>> controller = nominal_controller("alten")
+    >>> quiet = controller.with_parts(Parts(notch=Notch(frequency=12.0)))
+    >>> smooth = controller.with_parts(Parts(shaping=ReferenceShaping(speed_limit=0.3), feed_forward=FeedForward()))
+    >>> [name for name, part in smooth.parts.present()]
+    ['shaping', 'feed_forward']
     """
 
-    shaping: ReferenceShaping | None = None  #: makes smooth motions of references
+    shaping: ReferenceShaping | None = None  #: turns references into smooth motions
     feed_forward: FeedForward | None = None  #: lean and torques that a shaped motion needs
-    integral: IntegralAction | None = None  #: works against errors that stay
-    disturbance_observer: DisturbanceObserver | None = None  #: estimates the torque that is lost, and adds it
-    lean_limit: LeanLimit | None = None  #: keeps errors of position and speed from asking for too much
-    notch: Notch | None = None  #: takes a resonance's band out of the torques
-    prediction: DelayPrediction | None = None  #: of the state in which late torques will act
+    integral: IntegralAction | None = None  #: removes lasting errors
+    disturbance_observer: DisturbanceObserver | None = None  #: estimates the lost torque and adds it
+    lean_limit: LeanLimit | None = None  #: limits the lean that errors of position and speed command
+    notch: Notch | None = None  #: removes a resonance's band from the torques
+    prediction: DelayPrediction | None = None  #: predicts the state at which delayed torques will act
 
     def __post_init__(self) -> None:
         for _, part in self.present():

@@ -9,12 +9,12 @@ and the wheel torques that carry the rolling friction N C_rr v/|v| (partial: onl
 
 Under a registered friction law a table (`ballbot.control.friction_table`) stands for c + s exp(..).
 
-Friction that differs with direction is compensated in the direction of the speed. The load of a drive is estimated by
-the torque that is about to be commanded, the feedback's and the compensation without the load: a little less than it
-will be, and never more, if friction is compensated in full.
+Friction that depends on direction is compensated for the direction of the speed. The load of a drive is estimated by
+the torque about to be commanded, the feedback's plus the compensation without the load term: with full compensation
+slightly less than the final command, and never more.
 
-Below the speed band the sign of a speed is a ramp, so that a wheel at rest is not compensated at all: it sticks until
-the feedback alone overcomes its breakaway torque.
+Within the speed band the sign of the speed is a ramp, so that a wheel at rest is not compensated: it sticks until the
+feedback alone overcomes its breakaway torque.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from ballbot.robot import Robot
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompensationRecord:
-    """The friction that is compensated, and how."""
+    """The friction that is compensated, and the mode of compensation."""
 
     inv_rb: float = field(metadata=number("1/m"))
     inv_vs: float = field(metadata=number("s/rad"))
@@ -159,7 +159,7 @@ def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
     if own.tabulated > 0.0:
         friction += _tabulated(own, i, abs(speed)) * ramp
     if own.directed > 0.0:
-        # by which the friction forward, or less than it backward, differs from the mean of both directions
+        # the difference to the mean of both directions: added forward, subtracted backward
         friction += friction_shift(wheel, speed) * abs(ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
     works_against = torque * friction > 0.0
@@ -169,14 +169,14 @@ def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
 @inlined
 def _tabulated(own, i, speed):
     """Return a wheel's friction by the table, at a speed of zero or more."""
-    place, width = 0, SPEEDS // 2
+    index, width = 0, SPEEDS // 2
     while width > 0:
-        if place + width < SPEEDS - 1 and own.table_speeds[place + width] <= speed:
-            place += width
+        if index + width < SPEEDS - 1 and own.table_speeds[index + width] <= speed:
+            index += width
         width //= 2
-    first, second = own.table_speeds[place], own.table_speeds[place + 1]
+    first, second = own.table_speeds[index], own.table_speeds[index + 1]
     share = min((speed - first) / (second - first), 1.0)
-    return own.table_sizes[i, place] + share * (own.table_sizes[i, place + 1] - own.table_sizes[i, place])
+    return own.table_sizes[i, index] + share * (own.table_sizes[i, index + 1] - own.table_sizes[i, index])
 
 
 @inlined

@@ -1,13 +1,13 @@
-"""A disturbance observer: it estimates the torque lost to any cause and adds it. Friction need not be known.
+"""A disturbance observer: it estimates the torque lost to any cause and adds it, without a friction model.
 
     d' = w (lost - d),      u += d      d within its limit
 
-By the linearised exact model without friction, x' = A x + B u in the heading frame, the rates' change over a sample
-needed the torques B^+ (x' - A x). B^+ is the left inverse of least squares: three torques cannot match the changes of
-five rates, and these leave the least sum of squares, in which m/s^2 and rad/s^2 count alike as numbers. What the motors
-gave beyond them was lost to friction, a slope, a push. The model-free rival of friction compensation: it pays for
-friction, slope and payload alike, late by 1/w, and hands the sensors' noise on. With a compensation it gives back what
-that leaves.
+By the linearised exact model without friction, x' = A x + B u in the heading frame, the change of the rates over a
+sample needed the torques B^+ (x' - A x). B^+ is the least-squares left inverse: three torques cannot match the changes
+of five rates, and these minimise the sum of squares, in which m/s^2 and rad/s^2 have the same weight. The excess of the
+motors' torques was lost to friction, a slope or a push. Unlike friction compensation the observer needs no friction
+model and also corrects slope and payload, but with a lag of 1/w, and it passes the sensors' noise on. Beside a
+compensation it adds the remainder.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ObserverRecord:
     """The sampled observer, and the torques that a motion needs, heading frame."""
 
     on: int = field(default=1, metadata=whole())
-    #: fraction of the way that d goes in a sample
+    #: fraction of the difference that d changes by in a sample
     fraction: float = field(metadata=number("1"))
     limit: float = field(metadata=number("N m"))
     #: B^+ for the change of the rates
@@ -41,7 +41,7 @@ class ObserverRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObserverState:
-    """The rates of the last sample, whether there are any, and d, the estimate that is added."""
+    """The rates of the last sample, whether they are known, and d, the estimate that is added."""
 
     rates: NDArray[np.float64] = field(metadata=number("m/s", 5))
     started: int = field(metadata=whole())
@@ -83,7 +83,7 @@ def _accelerations(a, rates, measured, rate):
 
 @inlined
 def add_estimate(law, memory, torque, i):
-    """Add the torque lost by a wheel, and report it; zero without an observer."""
+    """Add the lost torque of a wheel and record it in the history; zero without an observer."""
     estimate = memory.disturbance_observer.estimate[i]
     memory.history.disturbance_compensation[0, i] += estimate
     return torque + estimate

@@ -4,14 +4,13 @@ Linearised about upright and without friction, with p = (x, y), l = (theta, phi,
 
     p'' = A_p l + B_p u        l'' = A_l l + B_l u
 
-the point s = p + C l with B_p + C B_l = 0 feels no torque: s'' = (A_p + C A_l) l = G (theta, phi). (It is a flat
-output: all else follows from it and its derivatives.) A motion s(t) of it therefore asks for
+the point s = p + C l with B_p + C B_l = 0 does not depend on the torques: s'' = (A_p + C A_l) l = G (theta, phi). (It
+is a flat output: state and torques follow from it and its derivatives.) A motion s(t) of it therefore needs
 
     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
 
-with B^+ the inverse of least norm. Where the robot rests, p = s. Quantities are those of the heading frame; that a
-robot which moves and turns at once needs a little more is left to the feedback, and so is a body's small coupling
-of yaw with lean.
+with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
+additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
 
 A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then s and its derivatives follow from them,
 
@@ -42,13 +41,13 @@ from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
-#: largest torque on the flat output, relative to that on the position, that counts as none
+#: largest effect of torques on the flat output, relative to that on the position, that counts as zero
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeedForwardRecord:
-    """What a motion of the flat output asks for, linear in its derivatives, heading frame."""
+    """What a motion of the flat output needs, linear in its derivatives, heading frame."""
 
     on: int = field(default=1, metadata=whole())
     #: G^-1: theta, phi for s''
@@ -125,7 +124,7 @@ def _after(delay, s):
 
 @inlined
 def lean_error(law, e, a, wanted):
-    """Return the error to the lean, and from the position, that the motion asks for; see the module's docstring."""
+    """Return the error with respect to the lean and the position that the motion needs; see the module's docstring."""
     own = law.feed_forward
     x, y, _ = wanted
     second, third = turned(a, x.second, y.second), turned(a, x.third, y.third)
@@ -167,7 +166,7 @@ class FeedForward(Part):
     needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
-        """Return what the robot's exact model asks for."""
+        """Return the needed lean, offset and torques of the robot's exact model."""
         A, B = settings.linear.A, settings.linear.B
         C = -B[5:7] @ np.linalg.pinv(B[7:])
         if np.abs(B[5:7] + C @ B[7:]).max() > _ROUNDING * np.abs(B[5:7]).max():

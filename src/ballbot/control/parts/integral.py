@@ -1,13 +1,12 @@
-"""Integral action: a position or heading that stays wrong is corrected until it is right.
+"""Integral action: it removes lasting errors of position and heading.
 
-    I' = e - I/T        e the error of x, y and psi, world frame; I within its limits, never growing while a
-                        wheel's torque is at its limit, at rest while e is within the dead band
+    I' = e - I/T        e the error of x, y and psi, world frame; I is limited, does not grow while a wheel's
+                        torque is at its limit (anti-windup), and is constant while e is in the dead band
     u += K_I S(psi) I
 
-A floor that tilts, an AHRS whose lean is off and what compensation leaves of the friction all end in such an error.
-The leak 1/T forgets what no longer holds; with it an error e under a constant push is not zero, but I = T e holds.
-The dead band keeps a robot that sticks within it from hunting: an integral that grows until a wheel breaks away
-ends in a limit cycle.
+A tilted floor, an offset of the AHRS's lean and uncompensated friction all cause such an error. The leak 1/T lets I
+decay; with it a constant push leaves the error e = I/T instead of zero. The dead band prevents hunting of a robot that
+sticks within it: an integral that grows until a wheel breaks away ends in a limit cycle.
 """
 
 from __future__ import annotations
@@ -75,7 +74,7 @@ def _stepped(value, kept, change, limit, limited):
     return value if limited and abs(after) > abs(value) else after
 
 
-#: how a file has a matrix
+#: schema of a matrix in a file
 _ROWS = GetPydanticSchema(lambda _, schema_of: schema_of(tuple[tuple[float, ...], ...]))
 
 

@@ -1,11 +1,11 @@
-"""The lean that errors command is limited, so that no error of position or speed commands more than is available.
+"""A limit of the lean that errors command, so that no error of position or speed commands more than is available.
 
-K e is a torque for each wheel, and its part for position and speed, K_p (e_x e_y e_x' e_y'), is what a lean error
-a = K_l^+ K_p (e_x e_y e_x' e_y') would give: the commanded lean. First the errors of position are reduced if
-they alone command more than the limit, in one ratio, so that a robot far away comes no faster than it can be stopped;
-then all four, where |a| is still beyond it. So while a fall or a push must be caught, the wheels' torque is left to the
-lean. (Saturations one within another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and
-its rate are limited by the turn that they command. Within the limits nothing changes; beyond them integrals stop.
+The part of K e for position and speed, K_p (e_x e_y e_x' e_y'), equals the torques of a lean error, the commanded lean
+a = K_l^+ K_p (e_x e_y e_x' e_y'). First the position errors are scaled down together if they alone command more than
+the limit, so that a distant robot approaches no faster than it can be stopped; then all four if |a| still exceeds it.
+While a fall or a push must be caught, the wheels' torque is thus available for the lean. (Saturations one within
+another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and its rate are limited by the turn
+that they command. Within the limits nothing changes; beyond them integrals do not grow.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
-#: where x, y and their rates are in the state
+#: indices of x, y and their rates in the state
 _POSITION_PLACES = (0, 1, 5, 6)
 
 

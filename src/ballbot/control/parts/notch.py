@@ -1,10 +1,10 @@
-"""A notch: each wheel's torque without a narrow band about a resonance that identification found.
+"""A notch: it removes a narrow band about a resonance from each wheel's torque.
 
     H(s) = (s^2 + depth width w s + w^2) / (s^2 + width w s + w^2)        w = 2 pi frequency
 
-sampled by the bilinear rule that keeps w where it is. Slow torques pass as they are, but late: the phase that it
-costs well below w is about (1 - depth) width times the frequency's fraction of w, in radians, so a notch far above the
-loop's crossover is cheap and one near it is not.
+sampled by the bilinear transform with w prewarped. Slow torques pass unchanged in size but with a phase lag: well below
+w it is about (1 - depth) width f / frequency [rad] at a frequency f, so a notch far above the loop's crossover is cheap
+and one near it is not.
 """
 
 from __future__ import annotations

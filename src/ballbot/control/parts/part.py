@@ -16,17 +16,17 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
 2. Begin the record with `on`. If the controller lacks the part, its record is all zeros, so that `on` is 0. Every step
    must then do nothing, or return its value unchanged: because it asks for `on`, or because it only adds products with
    numbers of the record or the state.
-3. Choose a state in which all zeros mean rest: this is the memory at the start and after `reset`. If a value does not
-   rest at zero, keep its difference from the start, or a flag `started` (`ShapingState`).
-4. Call its steps where they belong in the law: the sample that has passed, the state, the reference, the error, the
-   torques, and at the end what is learnt.
-5. Leave the torque limit to the law, which clips what the filters leave. If a torque exceeded the limit, or the error
+3. Choose a state in which zeros mean rest: this is the memory at the start and after `reset`. If a value does not rest
+   at zero, keep its difference from the start, or a flag `started` (`ShapingState`).
+4. Call its steps at their stage of the law: the past sample, the state, the reference, the error, the torques, and at
+   the end the slow states.
+5. Leave the torque limit to the law, which clips the filtered torques. If a torque exceeded the limit, or the error
    was reduced, the steps at the end receive `limited` as true: a slow state may then shrink but not grow.
 6. Read any record and any memory, but write your own state only. One exception: a torque added against an estimated
    disturbance is also added to `disturbance_compensation` of the `TorqueHistory`. Name the parts that yours cannot work
    without in `needs`.
-7. The disturbance observer takes `acting` of the history for the torque that the motors gave, which is the command,
-   filtered and limited; the prediction takes it less both compensations.
+7. The disturbance observer takes `acting` of the history, the filtered and limited command, as the motors' torque; the
+   prediction takes it less both compensations.
 8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and damaged controller files, run with `example_parts` of
@@ -54,7 +54,7 @@ from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 
-#: updates that the law remembers
+#: updates in the history
 MAX_PAST = 22
 
 
@@ -86,12 +86,12 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TorqueHistory:
-    """What the law remembers of each wheel's torques at its last updates, the newest first.
+    """Each wheel's torques at the last updates, the newest first.
 
     Without a prediction only the newest are kept.
     """
 
-    #: what acts on the wheel: the command
+    #: the command, which acts on the wheel
     acting: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
     #: the summand against the friction of the robot's model
     friction_compensation: NDArray[np.float64] = field(metadata=number("N m", MAX_PAST, MAX_WHEELS))
@@ -131,7 +131,7 @@ def row_times(row, values):
 
 @traced
 def _product(row, values):
-    return summed(row[place] * one for place, one in enumerate(values))
+    return summed(row[index] * value for index, value in enumerate(values))
 
 
 @inlined

@@ -1,16 +1,16 @@
 """Prediction over the delay: the LQR for a plant whose torques act late.
 
-A torque computed from the state measured at t_k acts from t_k + tau on, tau the time of transport, filters and
-computation together. What is computed cannot change what happens before, so the optimal law is the undelayed one at
-the state that the robot will then be in,
+A torque computed from the state measured at t_k acts from t_k + tau on, with tau the delay of transport, filters and
+computation. It cannot influence the motion before that, so the optimal law is the undelayed law applied to the state at
+t_k + tau,
 
     u_k = K (r - x(t_k + tau)),     x(t_k + tau) = exp(A tau) x(t_k) + sum over j of G_j v_(k-j)
 
-with G_j what the torque of j updates ago still does until t_k + tau, held from its own t_(k-j) + tau on for a
-sample time: exact for any tau. (For whole samples it is the gain that the Riccati equation of the state with the
-torques under way gives.) A and B are those of the exact model without friction in the heading frame, and v the
-acting torques less what friction compensation and disturbance observer added: the losses take that. The prediction is
-linear: what friction beyond that and a turn of the robot do meanwhile is not foreseen.
+with G_j the effect until t_k + tau of the torque of j updates ago, which acts for a sample time from t_(k-j) + tau on:
+exact for any tau. (For whole samples it is the gain that the Riccati equation of the state with the torques under way
+gives.) A and B are those of the exact model without friction in the heading frame, and v are the acting torques less
+what friction compensation and disturbance observer added, which the losses consume. The prediction is linear and
+ignores other friction and the robot's turning meanwhile.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.equations import attitude
 from ballbot.robot.parameters import parameter, parameter_class
 
-#: torques that may be under way; the past must have the sample before them as well, and room for one
+#: most pending torques; the history also holds the sample before them and room for the new one
 MAX_DELAY_SAMPLES = MAX_PAST - 2
-#: of a sample time, by which rounding may make a delay of whole samples longer
+#: fraction of a sample time by which rounding may lengthen a delay of whole samples
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionRecord:
-    """What is known of the state at which a torque will act, heading frame."""
+    """The numbers of the prediction, heading frame."""
 
     on: int = field(default=1, metadata=whole())
-    #: m, how many torques are under way
+    #: m, the number of pending torques
     count: int = field(metadata=whole())
     #: whole samples of the delay, and the fraction of another one
     samples: int = field(metadata=whole())
@@ -53,7 +53,7 @@ class PredictionRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionState:
-    """The state to come, and what it is made in."""
+    """The predicted state, and the buffers in which it is computed."""
 
     ahead: NDArray[np.float64] = field(metadata=number("1", 10))
     turned: NDArray[np.float64] = field(metadata=number("1", 10))
@@ -61,7 +61,7 @@ class PredictionState:
 
 
 def _updates_within(delay: float, sample_time: float) -> int:
-    """Return how many updates' torques are under way."""
+    """Return the number of pending torques."""
     count = max(1, math.ceil(min(delay / sample_time, 2.0 * MAX_DELAY_SAMPLES) - _ROUNDING))
     if count > MAX_DELAY_SAMPLES:
         raise InputError(
@@ -74,7 +74,7 @@ def _updates_within(delay: float, sample_time: float) -> int:
 def _effect(
     A: NDArray[np.float64], B: NDArray[np.float64], ago: float, sample_time: float, delay: float
 ) -> NDArray[np.float64]:
-    """Return what a torque given `ago` [s] does to the state from now on until `delay` from now (10, n)."""
+    """Return the effect (10, n) on the state from now until `delay` from now of a torque commanded `ago` [s]."""
     first, last = max(0.0, delay - ago), delay - ago + sample_time  # it acts in between
     still = held(A, B, last - first)[1]
     after = delay - last
@@ -83,7 +83,7 @@ def _effect(
 
 @inlined
 def predict(law, memory, seen, n):
-    """Return the state in which the torques will act, and make room for them in the history."""
+    """Return the state at which the torques will act, and make room for them in the history."""
     own = law.prediction
     if own.on == 0:
         return seen
@@ -95,7 +95,7 @@ def predict(law, memory, seen, n):
 
 @inlined
 def _look_ahead(own, work, past, a, state, n):
-    """Compute the state (10,) in which the torque that is computed now will act, `work.ahead`."""
+    """Compute `work.ahead` (10,), the state at which the torque that is computed now will act."""
     turned, after = work.turned, work.after
     for i in range(10):
         turned[i] = state[i]
@@ -119,9 +119,9 @@ def _look_ahead(own, work, past, a, state, n):
 def _turn(values, c, s):
     """Turn the pairs (x y), (theta phi) of a state and their rates by -psi, whose cosine and sine these are."""
     for i in (0, 2, 5, 7):
-        one, other = values[i], values[i + 1]
-        values[i] = c * one + s * other
-        values[i + 1] = c * other - s * one
+        x, y = values[i], values[i + 1]
+        values[i] = c * x + s * y
+        values[i + 1] = c * y - s * x
 
 
 @inlined
@@ -152,11 +152,10 @@ class DelayPrediction(Part):
     """Feed back the state that the robot will have when a late torque acts.
 
     Replaces the state (10,), heading frame, by the one of the exact model without friction after `delay`, from the
-    torques (n,) [N m] that are still under way. It helps from a delay of about 30 ms on; `ballbot identify --estimate
+    pending torques (n,) [N m]. It helps from a delay of about 30 ms on; `ballbot identify --estimate
     delays` finds the delay.
 
-    InputError if the delay is not positive; when the controller is made, if it is longer than the samples that are
-    kept.
+    InputError if the delay is not positive; when the controller is made, if it exceeds the torque history.
     """
 
     label = "prediction"

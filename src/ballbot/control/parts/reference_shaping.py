@@ -1,19 +1,19 @@
-"""Shaped references: a jump becomes a smooth motion that the robot can follow without saturating.
+"""Reference shaping: a jump becomes a smooth motion that the robot can follow without saturation.
 
 For x, y and psi alike, the reference r passes
 
     a limit of speed      p follows r by no more than the limit a second, x and y together in a straight line
     four equal lags       s_1' = w (p* - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
 
-so that s has four derivatives, which the feed-forward needs, and never overshoots a step. A reference that moves
-within the limit of speed is no jump, and one whose velocity changes within the limit of acceleration has no kink;
+so that s has four derivatives, which the feed-forward needs, and does not overshoot a step. If the reference moves
+slower than the limit of speed and its velocity changes by less than the limit of acceleration,
 
     p* = p + (4/w + tau) r' + (6/w^2 + 4 tau/w + tau^2/2) r''
 
-then takes away what the lags, and a delay tau that is predicted over, cost: at constant acceleration all of it. r''
-counts in full within the limit of acceleration, ever less up to twice as much, and late by `_BEND_LAG`: the digits of
-a reference that was rounded are no bends. With
-p* held over a sample of h, d_i = s_i - p* and g = w h, the lags are stepped exactly:
+removes the error by the lags and by a delay tau that is predicted over: at constant acceleration all of it. The weight
+of r'' is one up to the limit of acceleration and falls to zero at twice the limit; r'' passes a lag `_BEND_LAG`, so
+that the steps of a rounded reference do not count as acceleration. With p* held over a sample of h, d_i = s_i - p* and
+g = w h, the lags are stepped exactly:
 
     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
 """
@@ -32,7 +32,7 @@ from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
-#: lag of the bends [s]
+#: lag of r'' [s]
 _BEND_LAG = 0.05
 
 
@@ -48,25 +48,25 @@ class ShapingRecord:
     yaw_frequency: float = field(metadata=number("rad/s"))
     yaw_decay: float = field(metadata=number("1"))
     yaw_gone: float = field(metadata=number("1"))
-    #: how far p may go in a sample, and psi
+    #: largest change of p in a sample, and of psi
     speed: float = field(metadata=number("m"))
     turn: float = field(metadata=number("rad"))
-    #: how much more they may go than in the last
+    #: largest change of these changes from sample to sample
     kink: float = field(metadata=number("m"))
     turning_kink: float = field(metadata=number("rad"))
     rate: float = field(metadata=number("1/s"))
-    #: that is predicted over
+    #: that is predicted over, tau
     delay: float = field(metadata=number("s"))
-    #: fraction of the way that a bend's lag goes in a sample
+    #: fraction of the difference by which the lag of r'' changes in a sample
     late: float = field(metadata=number("1"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ShapingState:
-    """Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts.
+    """Of x, y and psi: four lags each, p, the last r, its last change, and the filtered change of that.
 
-    What single precision takes from the lags and from p is kept for the next sample by the firmware; double precision
-    does without, and leaves it zero.
+    The firmware keeps the rounding errors of the lags and of p for the next sample (compensated sums); double precision
+    does not need them and leaves them zero.
     """
 
     lags: NDArray[np.float64] = field(metadata=number("m", 3, 4))
@@ -97,9 +97,9 @@ def shape(law, memory, wanted, state):
 
 @inlined
 def _shaped(own, memory, state, wanted):
-    """Return the shaped x, y and psi as three `SmoothReference`, and step the memory on; they start at the pose."""
+    """Return the shaped x, y and psi as three `SmoothReference`, which start at the pose, and advance the memory."""
     x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
-    place = _Lags(own.frequency, own.decay, own.frequency / own.rate)
+    position = _Lags(own.frequency, own.decay, own.frequency / own.rate)
     heading = _Lags(own.yaw_frequency, own.yaw_decay, own.yaw_frequency / own.rate)
     p, last, change, bend = memory.followed, memory.last, memory.change, memory.bend
     if memory.started == 0:
@@ -114,14 +114,14 @@ def _shaped(own, memory, state, wanted):
     bend[0] += own.late * (bends * n_x - bend[0])
     bend[1] += own.late * (bends * n_y - bend[1])
     bend[2] += own.late * (veers * n_psi - bend[2])
-    lead_x = _lead(own, place, d_x, bend[0], moves)
-    lead_y = _lead(own, place, d_y, bend[1], moves)
+    lead_x = _lead(own, position, d_x, bend[0], moves)
+    lead_y = _lead(own, position, d_y, bend[1], moves)
     lead_psi = _lead(own, heading, d_psi, bend[2], turns)
     _follow(own, p, last, x, y, psi)
     change[0], change[1], change[2] = d_x, d_y, d_psi
     return (
-        _lagged(place, memory.lags[0], p[0] + lead_x),
-        _lagged(place, memory.lags[1], p[1] + lead_y),
+        _lagged(position, memory.lags[0], p[0] + lead_x),
+        _lagged(position, memory.lags[1], p[1] + lead_y),
         _lagged(heading, memory.lags[2], p[2] + lead_psi),
     )
 
@@ -149,13 +149,13 @@ def _start(memory, state, r_x, r_y, r_psi):
 
 @inlined
 def _counted(size):
-    """Return how much of a bend counts, whose size is over the limit's."""
+    """Return the weight of an acceleration, given its ratio to the limit."""
     return max(0.0, min(1.0, 2.0 - size))
 
 
 @inlined
 def _lead(own, lags, change, bend, moves):
-    """Return how far p* is ahead of p for the reference's change in a sample, and that change's own, if any counts."""
+    """Return p* - p by the reference's change in a sample and the change of that; zero for a jump."""
     w, tau, rate = lags.frequency, own.delay, own.rate
     lead = (4.0 / w + tau) * rate * change
     curve = (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau) * rate * rate * bend
@@ -164,7 +164,7 @@ def _lead(own, lags, change, bend, moves):
 
 @inlined
 def _follow(own, p, last, x, y, psi):
-    """Let p go towards r within the limits, and remember r."""
+    """Move p towards r within the limits, and keep r."""
     d_x, d_y, d_psi = x - p[0], y - p[1], psi - p[2]
     distance = (d_x * d_x + d_y * d_y) ** 0.5
     share = own.speed / distance if distance > own.speed else 1.0
@@ -176,7 +176,7 @@ def _follow(own, p, last, x, y, psi):
 
 @inlined
 def _lagged(lags, memory, target):
-    """Return an axis's `SmoothReference` at the sample and step its four lags on to the next."""
+    """Return an axis's `SmoothReference` at the sample and advance its four lags to the next."""
     w, a, g = lags.frequency, lags.decay, lags.step
     d_1, d_2 = memory[0] - target, memory[1] - target
     d_3, d_4 = memory[2] - target, memory[3] - target
@@ -195,7 +195,7 @@ def _lagged(lags, memory, target):
     )
 
 
-#: beyond which derivatives are lost in rounding or overflow
+#: range of the settings: beyond it derivatives vanish in rounding or overflow
 _LEAST, _MOST = 1e-12, 1e12
 
 

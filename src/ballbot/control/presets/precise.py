@@ -55,8 +55,8 @@ def design_integral_gain(
     robot = as_robot(robot)
     time = robot.sensors.sample_time if sample_time is None else sample_time
     weights = (*state_weights, *integral_weights)
-    found = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
-    return replace(found, gain=found.gain[:, :10].copy(), integral_gain=found.gain[:, 10:].copy())
+    design = lqr(_with_integrals(robot), weights, (torque_weight,) * robot.wheel_count, sample_time=time)
+    return replace(design, gain=design.gain[:, :10].copy(), integral_gain=design.gain[:, 10:].copy())
 
 
 def _with_integrals(robot: Robot) -> StateSpace:

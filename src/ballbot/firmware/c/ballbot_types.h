@@ -23,7 +23,7 @@
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
 
-/* The friction that is compensated, and how. */
+/* The friction that is compensated, and the mode of compensation. */
 struct ballbot_compensation_record {
     float inv_rb; /* [1/m] */
     float inv_vs; /* [s/rad] */
@@ -67,7 +67,7 @@ struct ballbot_shaping_record {
 };
 typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 14u * sizeof(float)) ? 1 : -1];
 
-/* What a motion of the flat output asks for, linear in its derivatives, heading frame. */
+/* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
     int32_t on;
     float lean[2][2]; /* [rad s^2/m] */
@@ -124,7 +124,7 @@ struct ballbot_notch_record {
 };
 typedef char ballbot_notch_record_has_no_padding[(sizeof(struct ballbot_notch_record) == 6u * sizeof(float)) ? 1 : -1];
 
-/* What is known of the state at which a torque will act, heading frame. */
+/* The numbers of the prediction, heading frame. */
 struct ballbot_prediction_record {
     int32_t on;
     int32_t count;
@@ -214,7 +214,7 @@ struct ballbot_run_state {
 };
 typedef char ballbot_run_state_has_no_padding[(sizeof(struct ballbot_run_state) == 29u * sizeof(float)) ? 1 : -1];
 
-/* The last value of a heading, and the turns that it has made where its values begin again after one. */
+/* The last value of a heading that wraps around, and the whole turns since the start. */
 struct ballbot_heading_memory {
     int32_t started;
     float last; /* [rad] */
@@ -257,7 +257,7 @@ struct ballbot_imu_check_state {
 };
 typedef char ballbot_imu_check_state_has_no_padding[(sizeof(struct ballbot_imu_check_state) == 14u * sizeof(float)) ? 1 : -1];
 
-/* What the law remembers of each wheel's torques at its last updates, the newest first. */
+/* Each wheel's torques at the last updates, the newest first. */
 struct ballbot_torque_history {
     float acting[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
     float friction_compensation[BALLBOT_MAX_PAST][BALLBOT_MAX_WHEELS]; /* [N m] */
@@ -266,7 +266,7 @@ struct ballbot_torque_history {
 };
 typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
 
-/* Of x, y and psi: four lags each, p, the last r, its last change, and of that the change that counts. */
+/* Of x, y and psi: four lags each, p, the last r, its last change, and the filtered change of that. */
 struct ballbot_shaping_state {
     float lags[3][4]; /* [m] */
     float followed[3]; /* [m] */
@@ -292,7 +292,7 @@ struct ballbot_integral_state {
 };
 typedef char ballbot_integral_state_has_no_padding[(sizeof(struct ballbot_integral_state) == 3u * sizeof(float)) ? 1 : -1];
 
-/* The rates of the last sample, whether there are any, and d, the estimate that is added. */
+/* The rates of the last sample, whether they are known, and d, the estimate that is added. */
 struct ballbot_observer_state {
     float rates[5]; /* [m/s] */
     int32_t started;
@@ -312,7 +312,7 @@ struct ballbot_notch_state {
 };
 typedef char ballbot_notch_state_has_no_padding[(sizeof(struct ballbot_notch_state) == 8u * sizeof(float)) ? 1 : -1];
 
-/* The state to come, and what it is made in. */
+/* The predicted state, and the buffers in which it is computed. */
 struct ballbot_prediction_state {
     float ahead[10]; /* [1] */
     float turned[10]; /* [1] */

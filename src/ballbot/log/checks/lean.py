@@ -13,7 +13,7 @@ columns.
 
 The law is that of the momentum about the floor's contact,
 
-    d/dt (v + C w) = -Lambda g                    (`ballbot.mechanics.contact_momentum`)
+    d/dt (v + C w) = -Lambda g                    (`mechanics.model.contact_momentum`)
 
 It contains no torque and no driveline friction: the robot accelerates towards its lean whatever the motors do. It is
 evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then

@@ -191,6 +191,11 @@ def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFo
         check_regular(path)
     if packed:
         raise InputError(f"{path} is compressed; unpack it first.")
+    if suffix == ".npz":  # logs of earlier versions
+        raise InputError(
+            f"{path} is of NumPy, whose logs are no longer read. Convert it in Python: "
+            f"ballbot.Log(dict(numpy.load({str(path)!r}))).write({str(Path(path).with_suffix('.csv'))!r})"
+        )
     if form is None:
         near = nearest(suffix, _OF_SUFFIX)
         hint = f"did you mean {near[0]}? Its name must end" if near else "give a file that ends"

@@ -1,0 +1,61 @@
+"""The benchmark on every preset: Ballbot's own controllers on the loop, the best two on the twin.
+
+.venv/bin/python -m campaigns.evidence benchmark
+
+The presets state no friction: each robot has the nominal scenario's, on the loop and on the twin. Presets that are
+finished are kept in build/benchmark.
+"""
+
+from __future__ import annotations
+
+from ballbot.fitting.run import Threads
+from ballbot.report.comparison import course_sheet
+from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.league import best_two, run_league
+from campaigns.section import Section, finished
+
+CONTROLLERS = ("none", "full", "partial", "precise")
+SEEDS, TWIN_SEEDS = 100, 1
+_PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "workflows")
+
+
+def results_of(preset: str) -> list[list[str]]:
+    """Return a row for each course: the controllers' numbers on the loop, and the best two's on the twin."""
+    robot = Robot.load(preset)
+    robot = robot.replace(friction=Scenario.nominal(robot).friction)
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(CONTROLLERS)}
+    league = run_league(
+        robot, controllers, choose_courses("benchmark", robot, "model"), seeds=range(1, 1 + SEEDS)
+    )
+    chosen = {name: controllers[name] for name in best_two(league)}
+    twin = run_league(
+        robot, chosen, choose_courses("benchmark", robot, "twin"), seeds=range(1, 1 + TWIN_SEEDS)
+    )
+    rows = zip(course_sheet(league).rows, course_sheet(twin).rows, strict=True)
+    return [
+        [
+            f"{preset}, {row[0]}",
+            *map(str, row[1:]),
+            *(f"{n}: {cell}" for n, cell in zip(chosen, other[1:], strict=True)),
+        ]
+        for row, other in rows
+    ]
+
+
+def campaign() -> Section:
+    """Run the missing presets and return the section of docs/generated/evidence.md."""
+    presets = {name: name for name in Robot.presets()}
+    done = finished("benchmark", results_of, presets, packages=_PACKAGES, workers=Threads(count=1))
+    return Section(
+        title="The benchmark",
+        before=f"The courses of `ballbot compare --courses benchmark` on every preset with the nominal scenario's "
+        f"friction: one number of each course, the mean of {SEEDS} seeds on the compiled loop with its 95 % interval, "
+        f"and of {TWIN_SEEDS} of the best two on the twin. A run that fell enters no mean but those of rising "
+        "pushes and of the largest speed, which end in a fall; ≥ where some run had not arrived, or was not at rest, "
+        "at its end.",
+        columns=["preset, course", *CONTROLLERS, "on the twin, best", "second"],
+        rows=[row for preset in presets for row in done[preset]],
+    )
