@@ -37,7 +37,8 @@ def plan(
     speed: options.Positive | None = None,
     grip: options.Positive = 1.0,
     floor_grip: options.Positive = 1.0,
-    margin: float = 10.0,
+    pivot: options.Positive = 0.02,
+    margin: float = 20.0,
     scenario: options.Scenario = "nominal",
     runs: options.Count = 20,
     change: options.Changes = None,
@@ -81,6 +82,8 @@ def plan(
         Friction coefficient of the wheels on the ball.
     floor_grip
         Friction coefficient of the ball on the floor.
+    pivot
+        Moment that holds the ball from pivoting on the floor, over the normal force [m].
     margin
         What is left of torque, motor speed, lean and grip to the controller [per cent].
     runs
@@ -98,6 +101,7 @@ def plan(
         speed=math.inf if speed is None else speed,
         grip=grip,
         floor_grip=floor_grip,
+        pivot=pivot,
         margin=0.01 * margin,
     )
     truth = load_scenario(scenario, described)

@@ -13,7 +13,7 @@ from ballbot.workflows.collocation import FAMILIES
 from ballbot.workflows.metrics import lean_of
 from ballbot.workflows.plan import Followed, Plan
 
-_UNITS = ("N m", "rad/s", "deg", "m/s", "", "")
+_UNITS = ("N m", "rad/s", "deg", "m/s", "", "", "m")
 
 
 def plan_report(plan: Plan, followed: Followed | None, *, scenario: str) -> Result:

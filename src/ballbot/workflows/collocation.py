@@ -27,7 +27,7 @@ from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.smooth import acceleration
 from ballbot.mechanics.engine.vector import add, cross, rotate, scale
-from ballbot.mechanics.equations import attitude_of, body_rates, wheel_speeds
+from ballbot.mechanics.equations import attitude_of, ball_torque, body_rates, wheel_speeds
 from ballbot.mechanics.floor import FloorFriction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import wheel_load
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import casadi
 
 #: limits, by the names of reports
-FAMILIES = ("wheel torque", "motor speed", "lean", "speed", "wheel grip", "floor grip")
+FAMILIES = ("wheel torque", "motor speed", "lean", "speed", "wheel grip", "floor grip", "pivoting")
 #: c
 _SMOOTHNESS = 1e-3
 #: below which the friction's sign becomes a ramp: wheel [rad/s], ball [m/s]
@@ -70,8 +70,15 @@ class MoveLimits:
     speed: float = parameter("largest speed of the ball", "m/s", default=math.inf, most=math.inf)
     grip: float = parameter("friction coefficient of the wheels on the ball", default=1.0, most=10.0)
     floor_grip: float = parameter("friction coefficient of the ball on the floor", default=1.0, most=10.0)
+    #: beyond it the ball pivots under a robot that turns, and the heading is lost
+    pivot: float = parameter(
+        "moment that holds the ball from pivoting on the floor, over the normal force",
+        "m",
+        default=0.02,
+        most=1.0,
+    )
     margin: float = parameter(
-        "fraction of the limits that is left to the controller", default=0.1, least=0.0, most=0.9
+        "fraction of the limits that is left to the controller", default=0.2, least=0.0, most=0.9
     )
 
 
@@ -160,6 +167,7 @@ class Planner:
         speeds = wheel_speeds(model.selected, P, a, v, w)
         motors = [net[i] + self._friction(i, speeds[i]) for i in range(n)]
         pushes, presses = forces_at_wheels(P, a, w, (v_dot, w_dot), net, pack_contacts(robot).tolist())
+        turn = rotate(a.R, ball_torque(P, pushes))[2]
         pushes = [push / robot.wheels.radius for push in pushes]
         turning = add(cross(w_dot, (0.0, 0.0, 1.0)), cross(w, cross(w, (0.0, 0.0, 1.0))))
         force = add(
@@ -181,6 +189,9 @@ class Planner:
             "lean": [lean / (left * limits.lean * more[2]) ** 2],
             "speed": [pace / (min(limits.speed, 1e3) * more[3]) ** 2],
             "wheel grip": [slip / load + 1.0 for slip in slips],
+            "pivoting": [
+                (sign * turn / (left * limits.pivot * more[6]) - force[2]) / robot.weight + 1.0 for sign in (1, -1)
+            ],
             "floor grip": [
                 (force[0] ** 2 + force[1] ** 2) / (left * limits.floor_grip * more[5] * robot.weight) ** 2
                 + 1.0 - (force[2] / robot.weight) ** 2
@@ -194,6 +205,7 @@ class Planner:
             ca.mmax(ca.vertcat(*(ca.fabs(f) / N for f, N in zip(pushes, presses, strict=True))))
             / limits.grip,
             ca.sqrt(force[0] ** 2 + force[1] ** 2) / force[2] / limits.floor_grip,
+            ca.fabs(turn) / force[2] / limits.pivot,
         ]
         return x, u, more, rate, rows, ca.vertcat(*used), ca.vertcat(*motors)
 
@@ -229,7 +241,7 @@ class Planner:
     def used(
         self, states: NDArray[np.float64], torques: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what is used of each of `FAMILIES` (k, 6), and the motors' torques (k, n) [N m], at states (k, 10)."""
+        """Return what is used of each of `FAMILIES` (k, 7), and the motors' torques (k, n) [N m], at states (k, 10)."""
         x, u, _, _, _, used, motors = self._symbols
         shares, given = self._casadi.Function("used", [x, u], [used, motors])(states.T, torques.T)
         return np.asarray(shares).T, np.asarray(given).T
@@ -253,7 +265,7 @@ class Planner:
         return self._casadi.Function("balance", [x, u], [rate[5:], jacobian])
 
     def steady_use(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what a steady motion (2,) [m/s] uses of each family, of the limit less the margin (6,)."""
+        """Return what a steady motion (2,) [m/s] uses of each family, of the limit less the margin (7,)."""
         state, torques = self.steady(velocity)
         rows = np.asarray(self._functions[1](state, torques, np.ones(len(FAMILIES)))[1])[:, 0]
         return np.array([max(rows[self._families == name]) for name in FAMILIES])

@@ -51,7 +51,7 @@ class Plan:
     torques: NDArray[np.float64] = field(
         metadata=left_out
     )  #: (k, n) of the motors, with their friction [N m]
-    used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 6) shares of the limits of `FAMILIES`
+    used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
     duration: float  #: of what is to be fast: the move, or the stop [s]
     distance: float  #: over the floor in this time [m]
     begins: float  #: when the stop begins; 0 of a move [s]
@@ -66,9 +66,17 @@ class Plan:
         return max(FAMILIES, key=lambda name: self.savings[name])
 
     def limit_values(self) -> tuple[float, ...]:
-        """Return the limits [N m, rad/s, rad, m/s, 1, 1], without the margin, in the order of `FAMILIES`."""
+        """Return the limits [N m, rad/s, rad, m/s, 1, 1, m], without the margin, in the order of `FAMILIES`."""
         own = self.limits
-        return own.torque, self.robot.drive.top_speed, own.lean, own.speed, own.grip, own.floor_grip
+        return (
+            own.torque,
+            self.robot.drive.top_speed,
+            own.lean,
+            own.speed,
+            own.grip,
+            own.floor_grip,
+            own.pivot,
+        )
 
     @property
     def reference(self) -> Reference:
