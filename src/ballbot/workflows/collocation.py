@@ -302,36 +302,20 @@ class Planner:
             "f": (factor if larger else T) + _SMOOTHNESS * jumps,
             "g": ca.vertcat(equal, ca.vec(rows), path.rows),
         }
-        solver = ca.nlpsol("fastest", "ipopt", problem, _OPTIONS)
-        band = np.full((N + 1, 10), np.inf)
-        if leg.course is None:  # turning to and fro would gain a hundredth of the time
-            band[:, 4] = 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
-        middle = np.zeros((N + 1, 10))
-        middle[:, 4] = 0.5 * (leg.end[4] + leg.start[4])
+        lower, upper = _state_bounds(leg, N)
         torques = np.full(n * (N + 1), np.inf)
         times = (_SHORTEST, np.inf) if time is None else (time, time)
         factors = (0.1, np.inf) if larger else (1.0, 1.0)
-        solved = solver(
-            x0=np.concatenate(
-                [
-                    _guess(leg, path.places).ravel(),
-                    np.zeros(len(torques)),
-                    [time or leg.time, 1.0],
-                    path.first,
-                ]
-            ),
-            lbx=np.concatenate([(middle - band).ravel(), -torques, [times[0], factors[0]], path.least]),
-            ubx=np.concatenate([(middle + band).ravel(), torques, [times[1], factors[1]], path.most]),
-            lbg=np.concatenate([np.zeros(equal.numel()), np.full(rows.numel() + path.rows.numel(), -np.inf)]),
-            ubg=np.concatenate([np.zeros(equal.numel()), np.ones(rows.numel() + path.rows.numel())]),
-        )
-        state = solver.stats()
-        if not state["success"]:
-            words = str(state["return_status"]).replace("_", " ").lower()
-            raise InputError(
-                f"The solver found no plan: {words} after {state['iter_count']} iterations. Give it wider limits or a "
-                "smoother path."
-            )
+        first = _guess(leg, path.places).ravel(), np.zeros(len(torques)), [time or leg.time, 1.0], path.first
+        zeros, most = np.zeros(equal.numel()), np.ones(rows.numel() + path.rows.numel())
+        bounds = {
+            "x0": np.concatenate(first),
+            "lbx": np.concatenate([lower, -torques, [times[0], factors[0]], path.least]),
+            "ubx": np.concatenate([upper, torques, [times[1], factors[1]], path.most]),
+            "lbg": np.concatenate([zeros, -np.inf * most]),
+            "ubg": np.concatenate([zeros, most]),
+        }
+        solved, iterations = _solved(ca, problem, bounds)
         z, count = np.asarray(solved["x"])[:, 0], 10 * (N + 1)
         states, net = z[:count].reshape(N + 1, 10), z[count : count + len(torques)].reshape(N + 1, n)
         T_found, factor_found = z[count + len(torques) :][:2]
@@ -346,7 +330,7 @@ class Planner:
                 for name in FAMILIES
             },
             factor=float(factor_found),
-            iterations=int(state["iter_count"]),
+            iterations=iterations,
         )
 
 
@@ -356,6 +340,28 @@ _OPTIONS = {
 }
 #: of the right side of a family's rows for one per cent of its limit, which is squared in some
 _PER_CENT = {name: 0.02 if name in ("lean", "speed", "floor grip") else 0.01 for name in FAMILIES}
+
+
+def _solved(ca: Any, problem: dict[str, Any], bounds: dict[str, Any]) -> tuple[dict[str, Any], int]:
+    """Return Ipopt's solution and its iterations; InputError if it has none."""
+    solver = ca.nlpsol("fastest", "ipopt", problem, _OPTIONS)
+    solved, state = solver(**bounds), solver.stats()
+    if not state["success"]:
+        words = str(state["return_status"]).replace("_", " ").lower()
+        raise InputError(
+            f"The solver found no plan: {words} after {state['iter_count']} iterations. Give it wider limits or a "
+            "smoother path."
+        )
+    return solved, int(state["iter_count"])
+
+
+def _state_bounds(leg: Leg, N: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the bounds of the states: without a course, the heading stays between those of its ends."""
+    middle, band = np.zeros((N + 1, 10)), np.full((N + 1, 10), np.inf)
+    if leg.course is None:  # turning to and fro would gain a hundredth of the time
+        middle[:, 4] = 0.5 * (leg.end[4] + leg.start[4])
+        band[:, 4] = 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
+    return (middle - band).ravel(), (middle + band).ravel()
 
 
 def _defects(ca: Any, X: Any, F: Any, h: Any) -> Iterator:

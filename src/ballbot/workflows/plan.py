@@ -247,7 +247,7 @@ def _sampled(planner: Planner, motions: Sequence[Motion], what: str, ahead: NDAr
     run_up, last = motions[0] if len(motions) == 2 else None, motions[-1]
     begins = run_up.t[-1] + _CRUISE if run_up else 0.0
     step = planner.robot.sensors.sample_time
-    t = step * np.arange(int(np.ceil((begins + last.t[-1]) / step - 1e-9)) + 1)
+    t = np.asarray(step * np.arange(int(np.ceil((begins + last.t[-1]) / step - 1e-9)) + 1), dtype=np.float64)
     states, torques = last.at(np.clip(t - begins, 0.0, last.t[-1]))
     states[-1, 2:4] = states[-1, 5:] = 0.0  # rest, without rounding
     if run_up:
