@@ -43,6 +43,7 @@ CAMPAIGNS = {
     "axis_machines": "campaigns.one_axis:machines",
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
+    "killed_sweep": "campaigns.killed_sweep",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",

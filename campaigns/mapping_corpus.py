@@ -28,10 +28,10 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.fitting.run import Processes
 from ballbot.log import Log
-from ballbot.log.checks.torque_balance import smoothed_wheel_speeds
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
-from ballbot.log.mapping_search.proposal import Evaluation, evaluate, propose
+from ballbot.log.proposal import Evaluation, evaluate, propose
+from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named

@@ -184,14 +184,18 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 
 
 _WITH_EXAMPLES = (
-    "control.controller control.lqr control.margins control.parts control.references control.safety estimation "
-    "mechanics.model robot.friction_law robot.robot simulation.batch simulation.run twin.scenario "
-    "twin.scenario_file twin.twin validation viewer.page"
+    "control.controller control.lqr control.margins control.parts control.references control.safety "
+    "estimation estimation.onboard identification.axis.identify identification.axis.record "
+    "identification.driveline identification.geometry identification.holdout identification.identify "
+    "identification.quantities identification.swing identification.upside_down log.checks log.collection "
+    "log.columns log.log mechanics.model robot.derived robot.friction_law robot.robot robot.variations "
+    "simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
 )
 
 
 @pytest.mark.parametrize("name", _WITH_EXAMPLES.split())
-def test_the_examples_of_docstrings_run(name):
+def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     if name == "twin.twin":
         pytest.importorskip("mujoco")
     done = doctest.testmod(importlib.import_module(f"ballbot.{name}"), extraglobs={"np": np})

@@ -96,7 +96,7 @@ def test_a_page_escapes_names(tmp_path):
             verdict=[(bad, bad)],
             sections=[section(bad, *blocks)],
             undecided=[bad],
-            made=made,
+            provenance=made,
             findings=[Finding(code="gap", severity="error", text=bad)],
         )
     )

@@ -106,7 +106,7 @@ def file_of_every_part() -> str:
             "The reference shaping: frequency is 0 rad/s; it must be at least 1e-12",
         ),
         ("depth = 0.2", "depth = 2", "The notch: depth is 2; it must be at most 1"),
-        ("[lean_limit]", "[lean_bound]", "lean_bound is not a key of a controller file"),
+        ("[lean_limit]", "[lean_bound]", "lean_bound: call it lean_limit"),
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):

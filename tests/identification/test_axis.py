@@ -67,7 +67,7 @@ def test_the_command_leaves_a_report_and_results_or_nothing(tmp_path, mat_file, 
         (["--position", "possition"], "did you mean 'position'?"),
         (["--time-scale", "-1"], "--time-scale is -1; it must be above zero"),
         (["--law", "magic"], "There is no friction law 'magic' (--law); the laws are viscous, coulomb"),
-        (["--gravity"], "An axis that slides has no gravity over its position"),
+        (["--gravity"], "Gravity on a sliding axis does not vary with its position"),
         (["{file}"], "have the same name"),
     ],
 )

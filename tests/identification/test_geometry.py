@@ -17,8 +17,8 @@ from ballbot.identification.geometry import (
     robot_with_geometry,
     survey_geometry,
 )
-from ballbot.log.checks.kinematics import wheel_speeds_of_states
 from ballbot.log.columns import STATE_NAMES
+from ballbot.log.wheel_speeds import wheel_speeds_of_states
 from ballbot.mechanics.geometry import body_rates_matrix, transforms
 from ballbot.progress import Progress
 from ballbot.twin.recording import MotionCapture

@@ -185,7 +185,7 @@ def test_unidentifiable_quantities_get_no_number():
     found = check_excitation(constant, alten(), coordinates)
     assert [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row] == ["delay"]
     assert tuple(texts(found.findings)) == (
-        "The torques change by only 0 N m per row; a step of the reference would help: delay cannot be estimated.",
+        "The torques change by only 0 N m per row; add steps to the reference: delay cannot be estimated.",
     )
     alone = estimated_parameters(alten(), free=("delay",), law="stribeck", bounds=Bounds())
     with pytest.raises(

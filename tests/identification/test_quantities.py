@@ -299,7 +299,7 @@ def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
     for excluded, estimated, words in (
         ((), (), "(--estimate friction,pivoting), or exclude the heading"),
         (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
-        ((), ("pivoting",), "T_p, was among the estimated parameters"),
+        ((), ("pivoting",), "T_p was estimated"),
     ):
         (finding,) = heading_findings([share, None], excluded_states=excluded, estimated=estimated)
         text = finding.text

@@ -97,7 +97,7 @@ def test_viscous_and_dry_pivot_friction_are_separated(viscous: float, dry: float
 
 def test_intervals_hold_the_truth(robot: Robot) -> None:
     """Of 25 swings with noise that goes together over samples, and a mass and a distance that are mismeasured."""
-    truth = swung(duration=25.0, h=0.025)
+    truth = swung(duration=15.0, h=0.05)
     deviations = {"body.mass": 0.02, "body.center_of_mass": 0.002}
     random, held, runs = np.random.default_rng(5), 0, 25
     for seed in range(runs):

@@ -6,8 +6,8 @@ import pytest
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.mapping import LogMapping, parse_mapping
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import mapping_text, propose
 from ballbot.log.pose import causal_states
+from ballbot.log.proposal import mapping_text, propose
 from tests.support.foreign_log_examples import (
     SENSOR_DELAY,
     foreign_columns,

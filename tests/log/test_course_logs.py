@@ -6,7 +6,7 @@ import pytest
 from ballbot.cli.check_log import check_log
 from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import answer_lines, evaluate, propose
+from ballbot.log.proposal import answer_lines, evaluate, propose
 from ballbot.robot import Robot
 
 #: where wheel 1 stands against the IMU's x axis [deg], with the wheels counting as heading says: the course puts its

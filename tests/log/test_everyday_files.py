@@ -13,7 +13,7 @@ from ballbot.log.formats import is_foreign
 from ballbot.log.formats.text import infer_text_table
 from ballbot.log.mapping import parse_mapping
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.proposal import evaluate, propose
+from ballbot.log.proposal import evaluate, propose
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.paths import ROOT

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.checks.torque_balance import Driving
+from ballbot.log import proposal as proposal_module
 from ballbot.log.mapping import DutyTable, parse_mapping
-from ballbot.log.mapping_search import proposal as proposal_module
 from ballbot.log.mapping_search.commands import assign, command_delay
 from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.motion import Stated, _continued
-from ballbot.log.mapping_search.proposal import (
+from ballbot.log.proposal import (
     MOST_LINES,
     Evaluation,
     answer_lines,
@@ -22,6 +21,7 @@ from ballbot.log.mapping_search.proposal import (
     propose,
 )
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.log.torque_balance import Driving
 from campaigns.foreign_logs import Habits
 from tests.support.foreign_log_examples import (
     COURSE,

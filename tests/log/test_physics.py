@@ -7,7 +7,7 @@ import pytest
 
 from ballbot.log.checks import check_logs
 from ballbot.log.checks.physics import examine, torque_scale_errors
-from ballbot.log.checks.torque_balance import USUAL
+from ballbot.log.torque_balance import USUAL
 from tests.support.physics_examples import FRICTION, balancing, scaled
 
 

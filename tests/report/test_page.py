@@ -52,7 +52,7 @@ def page(*blocks, **more) -> str:
         "verdict": [("It", "works.")],
         "undecided": ["everything else"],
     }
-    return page_of(Result(**(given | more), sections=[section("A section", *blocks)], made=MADE))
+    return page_of(Result(**(given | more), sections=[section("A section", *blocks)], provenance=MADE))
 
 
 def series(t, *columns, **more) -> TimeSeries:
@@ -192,7 +192,7 @@ def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
             section("None", figure),
         ],
         undecided=["everything else"],
-        made=MADE,
+        provenance=MADE,
     )
     assert printed(report.parts()) == [
         *("Numbers", "One.", "state with RMSE", "y 21.25", "- So.", "K = 1"),
@@ -258,7 +258,7 @@ def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures()
         sections=[section("First", figure), details("Second", Paragraph("folded"))],
         undecided=[],
         next_step="`ballbot check`",
-        made=MADE,
+        provenance=MADE,
     )
     text = page_of(report)
     assert "<dt>Next</dt><dd><code>ballbot check</code></dd>" in text

@@ -90,7 +90,7 @@ def path(tmp_path_factory):
             details("Folded", TimeSeries(t, [Panel("x [m]", lines[:1])], "More.")),
         ],
         undecided=["Much."],
-        made=made,
+        provenance=made,
         findings=(),
     )
     file = tmp_path_factory.mktemp("report") / "report.html"

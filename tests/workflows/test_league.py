@@ -7,9 +7,11 @@ import pytest
 from scipy import stats
 
 from ballbot import Robot
+from ballbot.report.blocks import Cell
+from ballbot.report.comparison import metric_rows
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.league import League, overall, run_league, standing
+from ballbot.workflows.league import League, best_two, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
 from ballbot.workflows.statistics import fraction_with_interval, mean_ratio, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
@@ -138,3 +140,29 @@ def test_paired_ratio_over_courses_has_one_value_for_each_run():
     found = mean_ratio(ones * [[2.0], [0.5]], ones)
     assert found.mean == pytest.approx(1.0)
     assert found.runs == 5
+
+
+def test_equal_controllers_differ_by_nothing(folder):
+    """A robot without friction, whose compensation changes rounding alone; the page shows 0, not its digits."""
+    robot = alten()
+    controllers = {one.name: one.controller(robot) for one in parse_candidates(("none", "full"))}
+    (course,) = choose_courses(str(folder / "courses.toml"), robot, "model")[:1]
+    league = run_league(robot, controllers, [course], seeds=range(1, 4))
+    peak = metric_rows(league, course)[0]
+    assert isinstance(peak[2], Cell)
+    assert peak[2].below.startswith("0 (")
+    assert "*" not in peak[2].below
+
+
+def test_the_best_two_fall_least_and_then_err_least(folder):
+    robot = alten(FRICTION)
+    own = parse_candidates(("none", "precise", f"limp={write_own(folder)}:Limp"))
+    controllers = {one.name: one.controller(robot) for one in own}
+    courses = choose_courses(str(folder / "courses.toml"), robot, "model")
+    league = run_league(robot, controllers, courses, seeds=[1, 2])
+    assert best_two(league) == ("precise", "none")
+
+
+def write_own(folder: Path) -> Path:
+    (folder / "own.py").write_text(OWN)
+    return folder / "own.py"

@@ -92,7 +92,7 @@ def write_study(study: Study, out: Path, *, made: Provenance) -> None:
     for name, text in study_texts(study, out).items():
         write_text(out / name, text)
     write_text(out / "results.json", results_text(study_results(study) | {"provenance": made}))
-    write_text(out / "report.html", page_of(replace(study_report(study), made=made)))
+    write_text(out / "report.html", page_of(replace(study_report(study), provenance=made)))
 
 
 # --- what is held out ---

@@ -16,7 +16,7 @@ from ballbot.log.checks import BALANCING, DRIVELINES
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.mapping_search.proposal import (
+from ballbot.log.proposal import (
     Evaluation,
     Proposal,
     answer_lines,

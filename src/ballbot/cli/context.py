@@ -108,7 +108,7 @@ class CommandResult:
 
         Of a result in a folder, a terminal shows `Result.parts` in brief; of another, everything.
         """
-        result = replace(result, made=self.origin, next_step=next_step)
+        result = replace(result, provenance=self.origin, next_step=next_step)
         if self.folder is not None:
             self.report(Progress(stage=WRITING))
             # with templates and scripts, which a refusal does without

@@ -1,4 +1,4 @@
-"""The state from the robot's own sensors, and from a fix where there is one.
+"""Estimate the state from the robot's own sensors, and from a fix if there is one.
 
 `OnboardState` is the thesis's way. `ballbot.estimation.kalman.KalmanFilter`, the better one, is compiled and comes
 from its own file, so that Numba is loaded only if it is used; `named_estimator` makes either.

@@ -1,7 +1,7 @@
-"""Headings that begin again after a turn: a jump from pi to -pi, or from 2 pi to 0, is no motion.
+"""Unwrap headings sample by sample: a jump from pi to -pi, or from 2 pi to 0, is not a motion.
 
 A jump of more than `JUMP` between two successive values within one turn (-pi to pi, or 0 to 2 pi) is a wrap: the
-heading goes on by the short way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values
+heading continues by the shorter way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values
 beyond one turn count turns by themselves and stay as they are. `ballbot_unwrapped` in the firmware's attitude.c is the
 same rule.
 """
@@ -17,7 +17,7 @@ from ballbot.mechanics.engine.compiled import inlined
 TURN = 2.0 * math.pi  #: [rad]
 #: the smallest jump that is a wrap [rad], as in a log
 JUMP = LARGEST_TURN
-#: by which noise may take a value out of one turn [rad]
+#: noise that may carry a value beyond one turn [rad]
 _NOISE = 0.1
 
 
@@ -39,10 +39,10 @@ compiled_turns_after = inlined(turns_after)
 
 @dataclass
 class Heading:
-    """A heading of which one value comes after another."""
+    """An unwrapped heading, fed one value at a time."""
 
-    last: float | None = None  #: as it came [rad]
-    turns: int = 0  #: that are added to it
+    last: float | None = None  #: the last value, as measured [rad]
+    turns: int = 0  #: whole turns added to it
 
     def unwrapped(self, angle: float) -> float:
         """Return the next value without a jump of a turn [rad]."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError, suggest
 
-#: a value beyond this is not a sensor's: angles [rad], speeds [rad/s]
+#: a larger value is not a valid measurement: angles [rad], speeds [rad/s]
 _LARGEST = 1e6
 
 
@@ -62,7 +62,7 @@ def known(values: ArrayLike) -> NDArray[np.bool_]:
 
 
 def all_known(values: NDArray[np.float64]) -> bool:
-    """Return whether all of a sensor's values (...) are there."""
+    """Return whether all of a sensor's values (...) are valid."""
     # a small sum of squares is four times as fast to check; that of a NaN is not small
     return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
 
@@ -72,7 +72,7 @@ def checked_reading(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN if a value is missing.
 
-    InputError if a shape is another, or values are not numbers.
+    InputError if a shape is wrong, or values are not numbers.
     """
 
     def checked(name: str, count: int) -> NDArray[np.float64]:
@@ -83,7 +83,7 @@ def checked_reading(
 
 
 class Estimator(Protocol):
-    """Readings in, states out. Over values that are missing (NaN) it predicts."""
+    """Turn readings into states. Predicts across missing values (NaN)."""
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m] when the next reading comes."""
@@ -99,14 +99,14 @@ _MINUTE = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class EstimationErrors:
-    """Root mean squares over a run, both components together where there are two."""
+    """Root-mean-square errors over a run; two components count together."""
 
     lean: float  #: theta and phi [rad]
     rate: float  #: theta_dot, phi_dot and psi_dot [rad/s]
     velocity: float  #: of the ball [m/s]
     heading: float  #: psi [rad]
     position: float  #: [m]
-    position_drift: float  #: change of the position's error within a minute [m]; NaN where the run is shorter
+    position_drift: float  #: change of the position's error within a minute [m]; NaN if the run is shorter
 
 
 def state_errors(
@@ -130,7 +130,7 @@ def state_errors(
     )
 
 
-#: the thesis's way; the Kalman filter, which also listens to fixes
+#: the thesis's way; the Kalman filter, which also uses fixes
 EstimatorName = Literal["onboard", "kalman"]
 
 

@@ -5,9 +5,9 @@ encoders hold the heading and show the gyro's bias about the vertical; that the 
 contact changes by gravity alone, which gives speed from lean and lean from speed whatever the driveline does; and how
 sure it is of each state, so that a fix corrects each by as much as it should.
 
-What a reading lacks (NaN) is predicted: the gyro stays as it was, encoders or attitude correct nothing in that sample.
-Without a fix, place and heading stay relative to the start, and their covariance grows until they are unknown by 0.2 m
-or 0.2 rad. `ballbot.estimation.kalman_model` has the states and equations.
+Missing values (NaN) are predicted: the gyro stays as it was, encoders or attitude do not correct that sample.
+Without a fix, position and heading stay relative to the start, and their covariance grows until they are unknown by
+0.2 m or 0.2 rad. `ballbot.estimation.kalman_model` has the states and equations.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class KalmanFilter:
         self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Forget the past; the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
+        """Reset: the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
         self._x[:] = 0.0
         self._x[X : X + 2] = position
         self._shown = self._column[SHOWN : SHOWN + NUMBERS]
@@ -141,13 +141,13 @@ class KalmanFilter:
         return self._state()
 
     def _show(self, sensor: str, numbers: ArrayLike) -> None:
-        """Fill in what a sensor shows, NaN where it is missing."""
+        """Set the measured numbers of a sensor, NaN if missing."""
         first = FIRST[sensor]
         self._shown[first : first + np.size(numbers)] = numbers
 
     @property
     def pivots(self) -> bool:
-        """Whether the wheels have of late seen the ball turn on the spot; they do not hold the heading then."""
+        """Whether the wheels have lately seen the ball turn on the spot; they then do not correct the heading."""
         return abs(self._pivoting) > self.noise.pivoting_limit
 
     @property

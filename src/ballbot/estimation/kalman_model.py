@@ -7,7 +7,7 @@
                   s        (2) momentum about the floor's contact as a speed, heading frame [m/s]
                   psi      heading: R = Rz(psi) M(g), M the shortest turn that takes g upright [rad]
                   psi_a    the AHRS's heading, psi and its error [rad]
-                  x y      place of the ball, world frame [m]
+                  x y      position of the ball, world frame [m]
 
     motion        w = gyro - b                   g_dot = g x w
                   psi_dot = w . (g + e_z) / (1 + g_z)
@@ -19,15 +19,15 @@
     the AHRS      g + a,  psi_a
     a fix         x, y, psi
 
-C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but place and heading is in frames that turn
-with the robot. With velocity or lean in the world frame, each new linearisation point would create
+C and Lambda are those of `ballbot.mechanics.model.contact_momentum`. All but position and heading is in frames that
+turn with the robot. With velocity or lean in the world frame, each new linearisation point would create
 spurious information on the heading (tried: after three minutes the filter claimed 0.5 degrees and was wrong by 3 to
 6). This psi differs from the state's by 2 atan(tan(theta/2) tan(phi/2)), 0.035 degrees at leans of 2 degrees.
 
 The AHRS's heading is a state, and not its error: without a fix the variances of psi and of the error grow, equal but
 for the tenth of a degree to which the AHRS keeps psi_a known, and single precision lost that within ten minutes.
 
-Seen numbers are taken in one after the other, each as a row h of the measurement matrix with a variance r of its own,
+Measured numbers are absorbed one after the other, each as a row h of the measurement matrix with its own variance r,
 so that no matrix is inverted. Joseph's form keeps the covariance positive whatever the gain's rounding (Bucy and
 Joseph, Filtering for Stochastic Processes with Applications to Guidance, 1968, chapter 16). Multiplied out, with
 q = P h and s = h^T q + r, it is
@@ -76,12 +76,12 @@ class FilterNoise:
     gyro_bias_walk: float = 1e-5  #: [rad/s/sqrt(s)]
     lean_error: float = math.radians(0.2)  #: slow part of the AHRS's lean error [rad]
     lean_error_time: float = 10.0  #: correlation time of that error [s]
-    push: float = 0.02  #: of the momentum, by what pushes from outside [m/s/sqrt(s)]
+    push: float = 0.02  #: of the momentum, by external pushes [m/s/sqrt(s)]
     rolling: float = 1e-3  #: of the distance by the wheels: rollers, play, slip [m/sqrt(s)]
     pivoting: float = 5e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
     pivoting_time: float = 0.5  #: over which that is averaged to find whether the ball pivots [s]
     pivoting_limit: float = 0.08  #: average from which it does; rollers and play make 0.02 [rad/s]
-    start_position: float = 1e-3  #: of the place given at the reset [m]
+    start_position: float = 1e-3  #: of the position given at the reset [m]
     start_heading: float = 1e-3  #: of the AHRS's heading at the reset [rad]
     #: the robot stands still at the reset [m/s]; with ten times this doubt the first samples follow the motors through
     #: their play, and a stiff controller falls within a second
@@ -98,7 +98,7 @@ class FilterNoise:
         )
 
 
-#: the states in their order. Those that nothing drives come first: they are what drives the others
+#: the states in their order. Those that no other state drives come first
 STATE_NAMES = (
     *("B_X", "B_Y", "B_Z", "DRIFT", "A_X", "A_Y"),
     *("G_X", "G_Y", "S_X", "S_Y", "PSI", "SHOWN_PSI", "X", "Y"),
@@ -249,7 +249,7 @@ def carried(i: int, f: Sequence, column: Sequence):
     return column[i] + summed(row) if row else column[i]
 
 
-# --- what is seen ---
+# --- measurements ---
 
 
 class Sensor(NamedTuple):
@@ -290,7 +290,7 @@ def _sums(name: str, units: str, states: tuple[tuple[int, ...], ...], variances:
 
 
 def _wheel_variances(noise: FilterNoise, h: float) -> tuple[float, ...]:
-    # a density over a sample: the mean speed of a way that walks
+    # a density over a sample: the mean speed of a distance that is a random walk
     return noise.rolling**2 / h, noise.rolling**2 / h, noise.pivoting**2 / h
 
 

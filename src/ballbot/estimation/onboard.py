@@ -6,7 +6,7 @@
     Phi_dot = B^-1 w               rates of theta, phi, psi
     x, y                           the sum of v from the start: an error here is never corrected
 
-What it cannot see: slip, the play between encoder and wheel, the drift of its own heading. A value that is missing
+It cannot measure slip, the play between encoder and wheel, or the drift of its own heading. A value that is missing
 (NaN) is predicted: the gyro's and v stay as they were, theta, phi and psi go on at their last rates.
 """
 
@@ -26,6 +26,12 @@ class OnboardState:
     """The ten states from wheel speeds, gyro and attitude, updated every `sample_time` [s] without look-ahead.
 
     InputError if the sample time is not positive.
+
+    >>> estimator = OnboardState(Robot.load("alten"), sample_time=0.005)
+    >>> zero = np.zeros(3)
+    >>> turning = Reading(wheel_angles=zero, wheel_speeds=zero, gyro=np.array([0.2, 0.0, 0.0]), attitude=zero)
+    >>> estimator.update(turning)[7].item()  # theta_dot
+    0.2
     """
 
     def __init__(self, robot: Robot, *, sample_time: float) -> None:
@@ -40,15 +46,15 @@ class OnboardState:
         self._heading = Heading()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
-        """Start anew at the position (x, y) [m]."""
+        """Reset to the position (x, y) [m]."""
         self._position = np.array(position, dtype=np.float64)
         self._velocity = None
         self._heading = Heading()
 
     def update(self, reading: Reading) -> NDArray[np.float64]:
-        """Take one sample and return the state (10,), all NaN until a reading is whole.
+        """Take one sample and return the state (10,), all NaN until a reading is complete.
 
-        Wheel speeds, gyro and attitude are used, and no fix. InputError if the reading is of another number of wheels.
+        Wheel speeds, gyro and attitude are used, and no fix. InputError if the reading has the wrong number of wheels.
         """
         _, speeds, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
         rolls, turns, leans = all_known(speeds), all_known(gyro), all_known(attitude)

@@ -1,4 +1,4 @@
-"""Identification of friction and other parameters from logs, with standard errors and validation."""
+"""Identify friction and other parameters from logs, with standard errors and validation."""
 
 from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import IdentificationOptions, identify

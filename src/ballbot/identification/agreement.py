@@ -5,14 +5,14 @@ With estimates x and y of k quantities and their covariances, which are independ
     chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y)
 
 is the squared difference in units of its errors. If both estimate the same values, it is chi-squared distributed with k
-degrees of freedom. A difference with a p-value below `LEAST_P_VALUE` is reported.
+degrees of freedom. A difference with a p-value below `LEAST_P_VALUE` gives a warning.
 
-Balancing is known to differ from wheels that turn freely: on the nominal twin it finds 1.9 times the b and 0.8 times
-the c of a sweep (docs/generated/evidence.md, "Friction by the three stages"), and twice the floor's C_rr ("What the
+Balancing is known to differ from freely turning wheels: on the nominal twin it gives 1.9 times the b and 0.8 times the
+c of a sweep (docs/generated/evidence.md, "Friction by the three stages"), and twice the C_rr of the floor ("What the
 identified parameters represent").
 
-Only b, c and C_rr are compared. s, v_s and delta trade against each other far beyond the range in which their errors
-are normal.
+Only b, c and C_rr are compared. s, v_s and delta compensate for each other far beyond the range in which their errors
+are normally distributed.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from ballbot.findings import Finding, warning
 from ballbot.identification.quantities import Layout
 from ballbot.robot import Robot
 
-#: three standard deviations of one number. Standard errors are known to a fifth or so: at two, one comparison in
-#: twenty would be a false alarm, and one in nine with an error underestimated by a fifth
+#: that of three standard deviations. At two, one comparison in twenty would be a false alarm, and one in nine if a
+#: standard error is too small by a fifth, which is about how well it is known
 LEAST_P_VALUE = 0.0027
-#: the symbols whose errors are near to normal
+#: symbols whose errors are close to normal
 _COMPARED = ("b", "c", "C_rr")
 
 
@@ -39,19 +39,19 @@ _COMPARED = ("b", "c", "C_rr")
 class StageEstimate:
     """Estimates of k quantities by one stage."""
 
-    source: str  #: in words, as "the sweep"
+    source: str  #: the stage in words, as "the sweep"
     labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
     values: NDArray[np.float64]  #: (k,), SI units
     covariance: NDArray[np.float64]  #: (k, k); NaN, infinite or zero for a number without standard error
 
     def among(self, labels: list[str]) -> StageEstimate:
-        """Return the estimates of these quantities, in their order."""
-        places = [self.labels.index(label) for label in labels]
+        """Return the estimates of these labels, in their order."""
+        rows = [self.labels.index(label) for label in labels]
         return StageEstimate(
             source=self.source,
             labels=tuple(labels),
-            values=self.values[places],
-            covariance=self.covariance[np.ix_(places, places)],
+            values=self.values[rows],
+            covariance=self.covariance[np.ix_(rows, rows)],
         )
 
     @property
@@ -61,7 +61,7 @@ class StageEstimate:
 
     @property
     def known(self) -> list[str]:
-        """The quantities that are compared and have a standard error."""
+        """Labels that have a standard error and are compared."""
         return [
             label
             for label, variance in zip(self.labels, self.covariance.diagonal(), strict=True)
@@ -88,15 +88,15 @@ def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Find
     )
     text = (
         f"{first.source[0].upper()}{first.source[1:]} and {second.source} differ by more than their errors: {named}; "
-        f"chi-squared {chi_squared:.3g} of {len(both)} numbers. Torques of another scale change all numbers by one "
-        "factor; losses of rollers, ball and floor, which only balancing has, give it more b and C_rr and less c. Use "
-        "the numbers of the stage that is nearest to the use: balancing for control, free wheels for motors and gears."
+        f"chi-squared {chi_squared:.3g} for {len(both)} values. A wrong torque scale changes all values by one factor; "
+        "losses of rollers, ball and floor occur only in balancing, and raise its b and C_rr and lower its c. Use the "
+        "values of the stage that matches the purpose: balancing for control, free wheels for motors and gears."
     )
     return [warning("methods-differ", text)]
 
 
 def of_robot_file(robot: Robot) -> StageEstimate | None:
-    """Return the friction in a robot's file, None if it states no standard deviations of it."""
+    """Return the friction in the robot's file, None if the file has no standard deviations of it."""
     covariance = stated_covariance(robot)
     if covariance is None:
         return None
@@ -110,7 +110,7 @@ def of_robot_file(robot: Robot) -> StageEstimate | None:
     )
 
 
-def file_findings(robot: Robot, found: StageEstimate) -> list[Finding]:
-    """Return a warning if a stage and the friction in the robot's file differ by more than their errors."""
+def file_findings(robot: Robot, estimate: StageEstimate) -> list[Finding]:
+    """Return a warning if an estimate and the friction in the robot's file differ by more than their errors."""
     stated = of_robot_file(robot)
-    return [] if stated is None else agreement_findings(stated, found)
+    return [] if stated is None else agreement_findings(stated, estimate)

@@ -1,17 +1,17 @@
-"""Motors that the logs cannot separate, fitted as one.
+"""One common friction for motors that the logs cannot separate.
 
-A robot's motors are of one kind, and a wheel's friction is fitted by itself as far as the logs separate it.
-Short or uniform logs do not: what they show is the friction of all wheels together, and a fit spreads it over them by
-chance, from nothing on one wheel to several times the mean on another. So the differences between wheels are looked at
-with their clustered covariance, of all free parameters, those at a bound too:
+A robot's motors are of one kind, and each wheel's friction is fitted separately if the logs separate the wheels. Short
+or uniform logs do not: they show the friction of all wheels together, and a fit distributes it by chance, from nothing
+on one wheel to several times the mean on another. The test uses the differences between wheels and their clustered
+covariance, of all free parameters including those at a bound:
 
     t_i = c_i + s_i E        dry friction of wheel i, E the mean of exp(-|w/v_s|^delta) over the logs' speeds
     d_i = t_i - mean(t)      standard error sigma_i
 
-The dry friction is fitted as one if 2 sigma_i > mean(t) for any wheel: its 95 % interval then holds a wheel without
-friction and one with twice as much. Likewise the viscous friction b_i mean|w|, in comparison with all friction.
+The wheels get one common dry friction if 2 sigma_i > mean(t) for any wheel: its 95 % interval then includes zero and
+twice the mean. The same holds for the viscous friction b_i mean|w|, compared with the whole friction.
 
-A number fitted as one is an estimate of the wheels' mean. That of a single wheel differs from it by `WHEELS_APART`,
+A common value estimates the mean of the wheels. A single wheel differs from it by `WHEELS_APART` (standard deviation),
 which is added to its error, independently for each wheel.
 """
 
@@ -30,12 +30,12 @@ from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_co
 from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.mechanics.friction import stribeck_decay
 
-#: of the mean: a difference with a larger standard error is not known to be less than the mean
+#: largest standard error of a difference, over the mean: beyond it the difference may be as large as the mean
 INSEPARABLE = 0.5
-#: standard deviation of a wheel's friction about the mean of all, as a share: that of the nominal twin's wheels, and of
-#: the order of the three fitted motors of the robot in docs/real_robots.md
+#: standard deviation of a wheel's friction about the mean, as a share of it: that of the nominal twin's wheels, and
+#: about that of the three motors of the robot in docs/real_robots.md
 WHEELS_APART = 0.15
-#: what is fitted as one together
+#: quantities that get common values together
 _DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
 
 
@@ -47,14 +47,14 @@ def inseparable(
     unknown: NDArray[np.bool_],
     speeds: NDArray[np.float64],
 ) -> tuple[str, ...]:
-    """Return the quantities of which the logs cannot separate the wheels.
+    """Return the quantities whose values on single wheels the logs cannot separate.
 
-    `equations` and `values` (p,) are of each wheel by itself; `unknown` (p,) are parameters that logs do not excite, or
-    that have no influence on them; `speeds` (..., n) [rad/s] are those of the wheels in the logs.
+    `equations` and `values` (p,) are of a fit of each wheel by itself; `unknown` (p,) marks parameters that the logs do
+    not excite or that have no influence; `speeds` (..., n) [rad/s] are those of the wheels in the logs.
     """
     layout, free, n = coordinates.layout, coordinates.free, coordinates.layout.wheel_count
     gains = layout.columns("torque_gain")
-    if gains is not None and free[gains].any():  # what motors differ by is asked for
+    if gains is not None and free[gains].any():  # the user asked for differences between motors
         return ()
     speeds = np.abs(speeds.reshape(-1, n))
     v_s, delta = (float(layout.number(name, values)) for name in ("stribeck_speed", "stribeck_exponent"))
@@ -86,7 +86,7 @@ def inseparable(
 def wheels_mean(
     coordinates: Coordinates, values: NDArray[np.float64], names: Collection[str]
 ) -> NDArray[np.float64]:
-    """Return values (p,) with the mean of the wheels in place of each of these quantities' numbers."""
+    """Return values (p,) with the numbers of these quantities replaced by their mean over the wheels."""
     result = values.copy()
     for name in names:
         part = coordinates.layout.part(name, result)
@@ -96,7 +96,7 @@ def wheels_mean(
 
 
 def uncertainty_of_each(coordinates: Coordinates, uncertainty: Uncertainty) -> Uncertainty:
-    """Return the uncertainty of each wheel's numbers (p,) out of that of the numbers fitted as one."""
+    """Return the uncertainty of each wheel's values (p,), from that of the common values."""
     first, slopes = coordinates.first, coordinates.slopes(uncertainty.point)
     apart = WHEELS_APART * coordinates.physical(uncertainty.point) / np.where(slopes > 0.0, slopes, np.inf)
     each = replace(uncertainty, covariance=uncertainty.covariance[np.ix_(first, first)])
@@ -106,13 +106,13 @@ def uncertainty_of_each(coordinates: Coordinates, uncertainty: Uncertainty) -> U
 
 
 def alike_finding(coordinates: Coordinates) -> list[Finding]:
-    """Return the finding of motors fitted as one, if there are any."""
+    """Return a warning if motors have common values."""
     if not coordinates.alike:
         return []
     symbols = every([BY_NAME[name].symbol for name in coordinates.alike])
     text = (
-        f"Motors alike: these logs cannot separate the {coordinates.layout.wheel_count} motors by {symbols}, which "
-        f"{'is' if len(coordinates.alike) == 1 else 'are'} fitted as one. Errors allow for wheels that differ by "
+        f"Motors alike: these logs cannot separate the {coordinates.layout.wheel_count} motors by {symbols}, so "
+        "all motors get common values. Errors allow for wheels that differ by "
         f"{100.0 * WHEELS_APART:.0f} %. Longer logs with motion in all directions and about the vertical separate them."
     )
     return [warning("motors-alike", text)]

@@ -1,25 +1,27 @@
-"""The balancing experiment: windows of logs predicted by the model, each from a start that is estimated too.
+"""The balancing experiment: the model predicts windows of logs, each from an initial state that is estimated too.
 
-A window predicted from a measured start carries that one sample's noise, grown by an unstable plant, through all its
-residuals: on simulated logs with the noise of good sensors, standard errors were four times too large for what a log
-holds, a quarter too small for what the estimates did, and the estimates were biased, as with errors in any regressor.
-Here the start x_w of each window w is one more unknown, tied to the measured start by a residual that weighs as those
-of the other samples do, and eliminated (`ballbot.fitting.experiment`). Derivatives in a descent are those of the
-steps themselves, by narrow differences.
+A prediction from a measured initial state carries the noise of that one sample, amplified by an unstable plant, through
+all residuals of the window. On simulated logs with the noise of good sensors, this made estimates biased, as errors in
+regressors do, and scatter several times more than a log allows, with standard errors a quarter too small. So the
+initial state x_w of each window w (its start) is an unknown. A residual with the weight of the other samples ties it to
+the measured state, and it is eliminated (`ballbot.fitting.experiment`; the idea is that of multiple shooting: H. G.
+Bock, Recent advances in parameter identification techniques for O.D.E., 1983). Derivatives in a descent are narrow
+finite differences.
 
-Kinks. A prediction is smooth but where the sign of a wheel's or the ball's speed changes or a contact comes to rest:
-there it is continuous, and its derivatives jump. Of a hundred windows some ten have their best start on such a kink,
-where no derivative is zero: steps that know one side alone stop short of it, and the parameters' gradient then has an
-error of the size of that window's. From slopes Z = [J S] on one side and Z' on the other, with a shift between them,
+Kinks. A prediction is smooth except where the sign of a wheel's or the ball's speed changes or a contact comes to rest.
+There it is continuous, and its derivatives jump. About ten of a hundred windows have their best start on such a kink,
+where no one-sided derivative is zero. Steps that use the slopes of one side stop short of it, and leave an error of the
+size of that window's gradient in the gradient of the parameters. From slopes Z = [J S] on one side and Z' on the other,
+with a shift between them,
 
     Z' - Z = u n^T,     the kink:  n^T (dp, dx) = kappa,     u kappa = u n^T shift - (r' - r - Z shift).
 
-A start that is best on a kink stays there: n is a tie, a further residual of great weight, and what follows from it
-for p and x_w is exact. Predictions of a step's gain then hold to four digits, window by window.
+A start that is best on a kink stays there: n becomes a tie, one more residual of large weight, with which the equations
+of p and x_w are exact. The predicted gain of a step then holds to four digits, window by window.
 
-Other minima. A few windows in a hundred have several minima over their start, by which contact rests and when (1e-5 to
-5e-4 of the cost each). After the descent, windows therefore begin again from random initial states. One whose
-prediction changes linearly between the old and the new initial state has both in one basin, and is skipped.
+Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests
+(1e-5 to 5e-4 of the cost each). After the descent, windows therefore start again from random initial states. If a
+prediction changes linearly from the old to the new initial state, both are in one basin, and the new one is skipped.
 """
 
 from __future__ import annotations
@@ -39,15 +41,15 @@ from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 
 _STATES = len(STATE_NAMES)
-#: moving a start along the floor moves the whole prediction: these columns of S need no simulation
+#: x and y of a start shift the whole prediction, so these columns of S need no simulation
 _ON_FLOOR = 2
-#: differences of scaled parameters, and of starts in deviations of their state's residuals: those of the descent, which
-#: agree with ones ten times wider to 1e-5, and half the central ones of the result's equations, which average over
-#: single sticking steps
+#: finite differences of scaled parameters, and of starts in standard deviations of their residuals: one-sided ones of a
+#: descent, which agree with ten times wider ones to 1e-5, and half of the central ones for standard errors, which
+#: average over single steps of sticking
 _NARROW, _WIDE = (1e-6, 1e-4), (2e-3, 0.5)
-#: stands for a residual without a value
+#: value of a residual without a value
 _LOST = 1e150
-#: windows of a piece of work, and sets of parameters in one whose costs alone are wanted
+#: windows in a piece of work, and sets of parameters in one that computes costs only
 _PIECE, _SETS = 64, 4
 
 
@@ -55,9 +57,10 @@ _PIECE, _SETS = 64, 4
 class Cost:
     """The cost that identification minimises: the mean over states of ln(error / error without friction).
 
-    With squares summed over windows and time, its gradient is that of least squares in which each state weighs
-    one over its residual's variance, so that no weights have to be chosen; exp(cost) is the geometric mean
-    of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is level.
+    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of
+    each state is one over the variance of its residuals, so that no weights have to be chosen; exp(cost) is the
+    geometric mean of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is
+    level.
     """
 
     reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
@@ -81,22 +84,22 @@ class Cost:
 
 @dataclass(kw_only=True, eq=False)
 class _Slopes:
-    """Slopes of n windows; those by parameters are taken when they are first needed."""
+    """Derivatives of the residuals of n windows; those by parameters are computed when they are first needed."""
 
     values: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10)
-    starts: NDArray[np.float64]  #: (n, 10), where they are taken
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), there
-    known: NDArray[np.bool_]  #: (n,), whether those by parameters are
+    starts: NDArray[np.float64]  #: (n, 10), the starts at which they are computed
+    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), at these starts
+    known: NDArray[np.bool_]  #: (n,), whether those by parameters are computed
 
-    def put(self, places: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
-        """Take those chosen of another's at these places."""
+    def put(self, rows: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
+        """Replace rows by the chosen rows of another."""
         for name in ("values", "starts", "residuals", "known"):
-            getattr(self, name)[places] = getattr(other, name)[chosen]
+            getattr(self, name)[rows] = getattr(other, name)[chosen]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowsIterate:
-    """A point of a descent: parameters and starts, what is predicted there, and its slopes by both."""
+    """A point of a descent: parameters and starts, residuals, and their derivatives by both."""
 
     point: NDArray[np.float64]  #: (p,), scaled
     starts: NDArray[np.float64]  #: (w, 10)
@@ -104,15 +107,15 @@ class WindowsIterate:
     weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
     cost: float
     slopes: _Slopes  #: by m free parameters and starts
-    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), see the module's text
-    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins, to be tried at the next point
+    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), of starts on kinks
+    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins to try at the next point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Work:
-    """Inputs that all pieces of the work share."""
+    """Input that all pieces of work share."""
 
-    predictor: Predictor  #: of one thread
+    predictor: Predictor  #: with one thread
     windows: Windows
 
     def residuals(
@@ -126,23 +129,23 @@ class Work:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Balancing:
-    """Windows to fit and how: an `Experiment`."""
+    """The experiment: windows, and parameters to fit."""
 
     predictor: Predictor
     windows: Windows
     coordinates: Coordinates
     #: which states (10,) count in the cost
     counted: NDArray[np.bool_] = field(default_factory=lambda: np.ones(_STATES, dtype=bool))
-    #: of the states' sums of squares; by default that of a prediction without friction
+    #: sums of squares (10,) that the cost is relative to; by default those without friction
     reference: NDArray[np.float64] | None = None
     executor: Executor = field(default_factory=Threads)  #: where the work is done
 
-    #: v_s and delta shape how s fades
+    #: v_s and delta have no effect without s
     dependences = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
 
     @cached_property
     def cost(self) -> Cost:
-        """What is minimised."""
+        """The cost that a fit minimises."""
         reference = self.reference
         if reference is None:
             before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
@@ -158,7 +161,7 @@ class Balancing:
 
     @property
     def compared(self) -> int:
-        """How many residuals each state has, starts among them."""
+        """How many residuals each state has, including those of the starts."""
         return len(self.windows) * (1 + self.windows.samples // self.windows.comparison_interval)
 
     @property
@@ -173,58 +176,67 @@ class Balancing:
     def costs(
         self, points: NDArray[np.float64], starts: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
-        """Return the costs (sets,) of points (sets, p) with windows' starts (sets, w, 10), by default measured ones."""
+        """Return the costs (sets,) of points (sets, p) with starts (sets, w, 10), by default the measured ones."""
         values = self.coordinates.physical(points)
         if starts is None:
             starts = np.broadcast_to(self.windows.initial, (len(values), *self.windows.initial.shape))
         groups = [slice(first, first + _SETS) for first in range(0, len(values), _SETS)]
         rows = self._rows
         pieces = [(values[group], starts[group][:, k], k) for group in groups for k in rows]
-        found = self.executor(_squares_piece, self._work, pieces)
-        squares = [np.concatenate(found[i : i + len(rows)], axis=1) for i in range(0, len(found), len(rows))]
+        pieces_squares = self.executor(_squares_piece, self._work, pieces)
+        squares = [
+            np.concatenate(pieces_squares[i : i + len(rows)], axis=1)
+            for i in range(0, len(pieces_squares), len(rows))
+        ]
         return self.cost(np.concatenate(squares).sum(axis=1))
 
     def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
-        """Return where a descent begins: a point (p,) and the best starts near those of `near`, or measured."""
+        """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
         return self._settled(self._at(point, self.windows.initial if near is None else near.starts), point)
 
     def linearize(self, at: WindowsIterate) -> Linearized:
-        """Return the equations there, from the slopes that are known."""
-        places, size, count = np.flatnonzero(self.coordinates.free), len(at.point), len(at.starts)
-        slopes, m = at.slopes, len(places)
+        """Return the equations about an iterate."""
+        columns, size, count = np.flatnonzero(self.coordinates.free), len(at.point), len(at.starts)
+        slopes, m = at.slopes, len(columns)
         if not slopes.known.all():
             about = _differences(self.coordinates, at.point, at.weights, _NARROW)
             rows = [lacking for k in self._rows if len(lacking := k[~slopes.known[k]])]
             pieces = [(about, slopes.starts[k], slopes.residuals[k], k) for k in rows]
-            for k, found in zip(rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True):
-                slopes.values[k, :m] = found
+            for k, derivatives in zip(
+                rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True
+            ):
+                slopes.values[k, :m] = derivatives
             slopes.known[:] = True
         Z, r = _flat(slopes.values, at.weights), _flat(at.residuals, at.weights)
-        # so small that BLAS takes one thread, and the order of summation is always the same
+        # so small that BLAS uses one thread, and the order of summation never changes
         G, z = Z @ Z.transpose(0, 2, 1) + at.ties, (Z @ r[..., None])[..., 0]
         H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
-        H[:, places[:, None], places], B[:, :, places], g[:, places] = G[:, :m, :m], G[:, m:, :m], z[:, :m]
+        H[:, columns[:, None], columns], B[:, :, columns], g[:, columns] = (
+            G[:, :m, :m],
+            G[:, m:, :m],
+            z[:, :m],
+        )
         return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
 
     def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
         """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
         at = self._at(point, starts)
         about = _differences(self.coordinates, point, at.weights, _WIDE, central=True)
-        found = self.executor(_wide_piece, self._work, [(about, starts[k], k) for k in self._rows])
+        derivatives = self.executor(_wide_piece, self._work, [(about, starts[k], k) for k in self._rows])
         at.slopes.known[:] = True
-        return self.linearize(replace(at, slopes=replace(at.slopes, values=np.concatenate(found))))
+        return self.linearize(replace(at, slopes=replace(at.slopes, values=np.concatenate(derivatives))))
 
     def equations(self, at: WindowsIterate) -> WindowEquations:
-        """Return each window's equations there, its start eliminated, by wide central differences."""
+        """Return each window's equations with the start eliminated, by wide central differences."""
         return self.linearize_widely(at.point, at.starts).equations
 
     def advance(self, at: WindowsIterate, about: Linearized, step: NDArray[np.float64]) -> WindowsIterate:
-        """Return the iterate a step (p,) on, its starts settled anew."""
+        """Return the iterate after a step (p,), with the starts settled there."""
         ahead = at.starts + about.response @ step
         return self._settled(at, at.point + step, np.stack([ahead, ahead + about.shift]))
 
     def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
-        """Return the same point with the best start of each window, after settling from random ones as well."""
+        """Return the same point with the best start of each window, also of those settled from random ones."""
         about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
         pieces = [
             (
@@ -238,8 +250,8 @@ class Balancing:
             )
             for k in self._rows
         ]
-        found = np.concatenate(self.executor(_renewed_piece, self._work, pieces), axis=1)
-        return self._settled(replace(at, starts=found[0], others=found[1:]), at.point)
+        starts = np.concatenate(self.executor(_renewed_piece, self._work, pieces), axis=1)
+        return self._settled(replace(at, starts=starts[0], others=starts[1:]), at.point)
 
     @cached_property
     def _work(self) -> Work:
@@ -247,12 +259,12 @@ class Balancing:
 
     @property
     def _rows(self) -> list[NDArray[np.int64]]:
-        """The windows' numbers, piece by piece; the cut is fixed, as it decides the last bits of a start."""
+        """The rows of windows in each piece; fixed, as they decide the last bits of a start."""
         count = len(self.windows)
         return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
 
     def _at(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> WindowsIterate:
-        """Return what is predicted at a point (p,) with starts (w, 10), without slopes."""
+        """Return the iterate at a point (p,) with starts (w, 10), without derivatives."""
         values = self.coordinates.physical(point[None])
         pieces = [(values, starts[None, k], k) for k in self._rows]
         parts = self.executor(_residuals_piece, self._work, pieces)
@@ -268,20 +280,20 @@ class Balancing:
         point: NDArray[np.float64],
         offered: NDArray[np.float64] | None = None,
     ) -> WindowsIterate:
-        """Return what is predicted at a point (p,) from the best starts near those there were or offered (n, w, 10)."""
+        """Return the iterate at a point (p,), its starts settled from the best of `near` and `offered` (n, w, 10)."""
         about = _differences(self.coordinates, point, near.weights, _NARROW)
         starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
         pieces = [(about, starts[:, k], near.others[:, k], k) for k in self._rows]
-        found = self.executor(_settled_piece, self._work, pieces)
-        lanes, ties, others = zip(*found, strict=True)
+        settled = self.executor(_settled_piece, self._work, pieces)
+        lanes, ties, others = zip(*settled, strict=True)
         names = ("values", "starts", "residuals", "known")
         slopes = _Slopes(
-            **{name: np.concatenate([getattr(one.slopes, name) for one in lanes]) for name in names}
+            **{name: np.concatenate([getattr(lane.slopes, name) for lane in lanes]) for name in names}
         )
         return self._weighed(
             point,
-            np.concatenate([one.starts for one in lanes]),
-            np.concatenate([one.residuals for one in lanes]),
+            np.concatenate([lane.starts for lane in lanes]),
+            np.concatenate([lane.residuals for lane in lanes]),
             slopes=slopes,
             ties=np.concatenate(ties),
             others=np.concatenate(others, axis=1),
@@ -300,7 +312,7 @@ class Balancing:
         squares = (residuals**2).sum(axis=(0, 1))
         by_state = self.cost.weights(squares, self.compared)
         weights = np.tile(np.where(self.counted, by_state, 0.0), (residuals.shape[1], 1))
-        weights[0] = by_state  # a state that does not count still ties its start, or nothing would
+        weights[0] = by_state  # otherwise nothing would determine the start of a state that does not count
         return WindowsIterate(
             point=point,
             starts=starts,
@@ -315,16 +327,16 @@ class Balancing:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Differences:
-    """What slopes are differences of: n points ahead, then n or one behind."""
+    """The points of finite differences: n ahead, then n behind, or one for all."""
 
     values: NDArray[np.float64]  #: (n + n or 1, p), SI units
     shifts: NDArray[np.float64]  #: (n + n or 1, 10), of the starts
-    distance: NDArray[np.float64]  #: (n,), between the two of each, scaled
+    distance: NDArray[np.float64]  #: (n,), from behind to ahead, scaled
     weights: NDArray[np.float64]  #: (1 + k, 10)
 
     @property
     def parameters(self) -> int:
-        """How many of the n points move a parameter, m."""
+        """How many of the n points change a parameter, m; the others change a start."""
         return len(self.distance) - (_STATES - _ON_FLOOR)
 
 
@@ -337,17 +349,17 @@ def _differences(
     central: bool = False,
     starts_alone: bool = False,
 ) -> _Differences:
-    """Return differences about a point (p,) by these widths of parameters, unless of starts alone, and starts."""
+    """Return the differences about a point (p,), by widths of parameters and starts, or of `starts_alone`."""
     free = coordinates.free
-    places = np.flatnonzero(np.zeros_like(free) if starts_alone else free)
-    width = widths[0] * np.eye(len(point))[places]
+    columns = np.flatnonzero(np.zeros_like(free) if starts_alone else free)
+    width = widths[0] * np.eye(len(point))[columns]
     ahead, behind = point + width, np.clip(point - width, 0.0, 1.0)
     if central:
         ahead = np.clip(ahead, 0.0, 1.0)
     else:
         ahead, behind = np.where((ahead > 1.0).any(axis=1, keepdims=True), behind, ahead), point[None]
     moves = np.diag(widths[1] / weights[0])[_ON_FLOOR:]
-    held, still = np.tile(point, (len(moves), 1)), np.zeros((len(places), _STATES))
+    held, still = np.tile(point, (len(moves), 1)), np.zeros((len(columns), _STATES))
     points = [ahead, held, behind, held] if central else [ahead, held, behind]
     shifts = [still, moves, still, -moves] if central else [still, moves, np.zeros((1, _STATES))]
     return _Differences(
@@ -360,7 +372,7 @@ def _differences(
 
 @dataclass(kw_only=True, eq=False)
 class _SettlingStarts:
-    """Starts that settle side by side, each of a window; changed in place."""
+    """Starts of windows while they settle; changed in place."""
 
     rows: NDArray[np.int64]  #: (n,), the windows
     starts: NDArray[np.float64]  #: (n, 10)
@@ -375,7 +387,7 @@ def _lanes(
     rows: NDArray[np.int64],
     residuals: NDArray[np.float64] | None = None,
 ) -> _SettlingStarts:
-    """Return starts (n, 10) of windows with their slopes by the starts, and residuals (n, 1 + k, 10) if not given."""
+    """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals
     if here is None:
         here = work.residuals(about.values[-1:], starts[None], rows)[0]
@@ -396,9 +408,9 @@ def _differences_of(
     which: slice,
     behind: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return slopes (rows, n, 1 + k, 10) by some of the n points, zero where a prediction has no value.
+    """Return derivatives (rows, n, 1 + k, 10) by some of the n points; zero if a prediction has no value.
 
-    `behind` are the residuals (rows, 1 + k, 10) behind all of them, where differences are not central.
+    `behind` are the common residuals (rows, 1 + k, 10) of one-sided differences.
     """
     n = len(about.distance)
     ahead = work.residuals(about.values[:n][which], starts + about.shifts[:n][which][:, None], rows)
@@ -409,22 +421,22 @@ def _differences_of(
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
-def _complete(work: Work, about: _Differences, lanes: _SettlingStarts, places: NDArray[np.int64]) -> None:
-    """Take the slopes by parameters of lanes that lack them."""
+def _complete(work: Work, about: _Differences, lanes: _SettlingStarts, rows: NDArray[np.int64]) -> None:
+    """Compute the derivatives by parameters of lanes that lack them."""
     slopes, m = lanes.slopes, about.parameters
-    places = places[~slopes.known[places]]
-    if m and len(places):
-        slopes.values[places, :m] = _differences_of(
-            work, about, slopes.starts[places], lanes.rows[places], slice(m), slopes.residuals[places]
+    rows = rows[~slopes.known[rows]]
+    if m and len(rows):
+        slopes.values[rows, :m] = _differences_of(
+            work, about, slopes.starts[rows], lanes.rows[rows], slice(m), slopes.residuals[rows]
         )
-        slopes.known[places] = True
+        slopes.known[rows] = True
 
 
 def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return weighted residuals or slopes (..., (1 + k) 10) of those in SI units (..., 1 + k, 10)."""
+    """Return residuals or derivatives (..., 1 + k, 10), weighted and flattened to (..., (1 + k) 10)."""
     with np.errstate(invalid="ignore", over="ignore"):
         flat = (values * weights).reshape(*values.shape[:-2], -1)
-    if flat.size and flat.max() < _LOST and flat.min() > -_LOST:  # as nearly always, and cheaper
+    if flat.size and flat.max() < _LOST and flat.min() > -_LOST:  # the usual case, and cheaper
         return flat
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
@@ -447,10 +459,10 @@ def _wide_piece(
 ) -> NDArray[np.float64]:
     """Return slopes (rows, m + 10, 1 + k, 10) by central differences."""
     about, starts, rows = piece
-    found = _differences_of(work, about, starts, rows, slice(None))
+    differences = _differences_of(work, about, starts, rows, slice(None))
     m = about.parameters
-    slopes = np.zeros((len(rows), m + _STATES, *found.shape[2:]))
-    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = found[:, :m], found[:, m:]
+    slopes = np.zeros((len(rows), m + _STATES, *differences.shape[2:]))
+    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = differences[:, :m], differences[:, m:]
     for state in range(_ON_FLOOR):
         slopes[:, m + state, :, state] = 1.0
     return slopes
@@ -467,31 +479,37 @@ def _settled_piece(
     work: Work,
     piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
 ) -> tuple[_SettlingStarts, NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's best start near the best of those offered, its ties, and others."""
+    """Return each window's start, settled from the best of those offered, its ties, and starts in other basins."""
     about, own, others, rows = piece
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
     if len(offered) > 1:
-        found = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
-        squares = (_flat(found, about.weights) ** 2).sum(axis=-1)
+        predicted = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
+        squares = (_flat(predicted, about.weights) ** 2).sum(axis=-1)
         chosen = squares.argmin(axis=0)
-        starts, residuals = offered[chosen, each], found[chosen, each]
+        starts, residuals = offered[chosen, each], predicted[chosen, each]
         left = np.flatnonzero(chosen >= len(own))
         others[chosen[left] - len(own), left] = own[0, left]
     lanes = _lanes(work, about, starts, rows, residuals)
     return lanes, _settle(work, about, lanes), others
 
 
-#: a start has settled where a step promises less, in squares of a residual's deviation; steps at most
+#: a start has settled if a step promises less, in variances of a residual; steps at most
 _SETTLED, _ROUNDS = 1e-3, 5
-#: a step along one side's slopes holds if it gains this share of what they promise, and needs no new slopes with that
+#: a step by one-sided slopes is accepted if it gains the first share of the predicted gain; with the second, it needs
+#: no new slopes
 _HOLDS, _STRAIGHT = 0.5, 0.9
-#: weight of a tie, over that of the residuals along its normal
+#: weight of a tie, relative to that of the residuals along its normal
 _TIE = 1e6
 
 
 def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[np.float64]:
-    """Bring each lane to the least cost over its start; return its ties (n, m + 10, m + 10)."""
+    """Move each lane to the least cost over its start, and return the ties (n, m + 10, m + 10).
+
+    Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
+    the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
+    the latter case.
+    """
     m, W = about.parameters, about.weights
     ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
     active = np.arange(len(lanes.rows))
@@ -541,7 +559,7 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
         lanes.slopes.put(passed, ahead.slopes, holds)
         ties[passed] = 0.0
-        # the ties before this one were of the right kinks only if it led to what was expected
+        # earlier ties were at the right kinks only if the gain on this one is the expected one
         expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
         right = np.abs(gain_on_kink - expected) < 0.2 * np.abs(expected) + _SETTLED
         ties[active[~holds & ~right]] = 0.0
@@ -557,14 +575,16 @@ def _kink(
     change: NDArray[np.float64],
     shift: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where slopes jump between starts: the normals (n, m + 10), 1 long by the start, and the distances (n,).
+    """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,).
+
+    The jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n.
 
     Parameters
     ----------
     Z, ahead : ndarray (n, m + 10, K)
         Weighted slopes at the starts and after the shifts (n, 10).
     change : ndarray (n, K)
-        Of the weighted residuals.
+        Change of the weighted residuals.
     """
     m = Z.shape[1] - _STATES
     lengths = np.maximum(np.sqrt((Z**2).sum(axis=2)), 1e-9)
@@ -582,15 +602,16 @@ def _kink(
     return normal, np.clip(along - share, 0.0, along)[:, 0]
 
 
-#: random starts of each window, from so many times to so many the deviations that its residuals leave
+#: random starts of each window, and their smallest and largest spread, in standard deviations of the start
 _DRAWN, _SPREADS = 48, (0.5, 3.0)
-#: of those that lie in other basins so many settle: the least by themselves, which suit a basin that is near, and the
-#: least as slopes here predict their minima, which suit one that is deep. Of what settling all would gain on four logs,
-#: three by the first kind alone find 92, 1, 27 and 0 %, by the second 52, 98, 0 and 100 %, both 89, 97, 20 and 100 %
+#: of those in other basins so many settle: those with the least cost, which find a near basin, and those with the least
+#: minimum as the slopes here predict it, which find a deep one. Of the gain of settling all on four logs, three of the
+#: first kind reach 92, 1, 27 and 0 %, three of the second 52, 98, 0 and 100 %, and both kinds 89, 97, 20 and 100 %
 _LEAST, _PROMISING = 3, 2
-#: starts in other basins that go along with each window, which may become the better ones
+#: starts in other basins that each window keeps, as they may become better
 _OTHERS = 2
-#: they lie there if their cost, starts eliminated, differs by more, in squares, and are better only if by so many
+#: a start is in another basin if its cost after elimination differs by more, in variances of a residual; it is better
+#: only by more than the second
 _APART, _BETTER = 0.02, 0.01
 
 
@@ -606,7 +627,7 @@ def _renewed_piece(
         NDArray[np.int64],
     ],
 ) -> NDArray[np.float64]:
-    """Return the best starts (1 + n, rows, 10), of the own one and those that settle from measured and random ones."""
+    """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
     about, starts, residuals, slopes, others, seed, rows = piece
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
@@ -615,31 +636,34 @@ def _renewed_piece(
     drawn *= np.linspace(*_SPREADS, _DRAWN)[:, None, None, None]
     random = starts + (spread @ drawn)[..., 0]
     offered = np.concatenate([work.windows.initial[rows][None], others, random])
-    found = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
+    predicted = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
 
     def eliminated(r: NDArray[np.float64]) -> NDArray[np.float64]:
         a = (S @ r[..., None])[..., 0]
         return (r**2).sum(axis=-1) - (a * np.linalg.solve(A, a[..., None])[..., 0]).sum(axis=-1)
 
-    flat = _flat(found, about.weights)
+    flat = _flat(predicted, about.weights)
     there = eliminated(flat)
     apart = np.abs(there - eliminated(r)) > _APART
     least = np.argsort(np.where(apart, (flat**2).sum(axis=-1), np.inf), axis=0, kind="stable")[:_LEAST]
     np.put_along_axis(there, least, np.inf, axis=0)
     promising = np.argsort(np.where(apart, there, np.inf), axis=0, kind="stable")[:_PROMISING]
     chosen = np.concatenate([least, promising])
-    sets, places = np.nonzero(np.take_along_axis(apart, chosen, axis=0))
+    sets, windows = np.nonzero(np.take_along_axis(apart, chosen, axis=0))
     best = [
         [(float(squares) - _BETTER, start)] for squares, start in zip((r**2).sum(axis=1), starts, strict=True)
     ]
-    if len(places):
-        which = chosen[sets, places]
-        lanes = _lanes(work, about, offered[which, places], rows[places], found[which, places])
+    if len(windows):
+        which = chosen[sets, windows]
+        lanes = _lanes(work, about, offered[which, windows], rows[windows], predicted[which, windows])
         _settle(work, about, lanes)
         squares = (_flat(lanes.residuals, about.weights) ** 2).sum(axis=1)
-        for place, one, start in zip(places, squares, lanes.starts, strict=True):
-            if all(abs(one - known) > _APART for known, _ in best[place]):
-                best[place].append((float(one), start))
-    kept = [sorted(ones, key=lambda one: one[0])[: 1 + _OTHERS] for ones in best]
-    filled = [[start for _, start in ones] + [ones[0][1]] * (1 + _OTHERS - len(ones)) for ones in kept]
+        for window, square, start in zip(windows, squares, lanes.starts, strict=True):
+            if all(abs(square - known) > _APART for known, _ in best[window]):
+                best[window].append((float(square), start))
+    kept = [sorted(known_starts, key=lambda square: square[0])[: 1 + _OTHERS] for known_starts in best]
+    filled = [
+        [start for _, start in known_starts] + [known_starts[0][1]] * (1 + _OTHERS - len(known_starts))
+        for known_starts in kept
+    ]
     return np.array(filled).transpose(1, 0, 2)

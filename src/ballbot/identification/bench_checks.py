@@ -1,11 +1,11 @@
-"""Whether logs of the bench are what they say: sweeps of free wheels, and the ball on the clamped robot.
+"""Checks of bench logs: sweeps of free wheels, and the ball on the clamped robot.
 
     J dx/dt = A^T (g u - b w - c sgn w),   w = A x,   one gain g, b and c a wheel
 
-with the ball's angular velocity x is fitted to pieces of 0.1 s, each an integral over time, so that nothing is
-differentiated. A free wheel is an axis (`ballbot.identification.axis`): its gain is the file's inertia over that of the
-inverse model. Gains of one show that torques, axes and units are right; those of another log are stated with what
-usually makes them so. Encoders, where they are logged, show the ball's axes and unit by themselves.
+with the ball's angular velocity x is integrated over pieces of 0.1 s and fitted, so that nothing is differentiated. A
+free wheel is an axis (`ballbot.identification.axis`) whose gain is the inertia in the file over that of the inverse
+model. Gains of 1 show that torques, axes and units are right; other gains are reported with their usual causes. Logged
+encoders check the axes and the unit of the ball's angular velocity.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ from ballbot.log.signals import longest_repeat
 from ballbot.robot import Robot
 from ballbot.simulation.upside_down import ClampedBall
 
-#: length of the pieces [s], and the fewest of them for each number
+#: length of the pieces [s], and least number of them
 _PIECE, _LEAST_PIECES = 0.1, 20
-#: gains; rollers that slip and play take up to a quarter of a torque, and rotors are often known to a factor of
-#: two only
+#: gains without a warning, and without an error: slip and play take up to a quarter of a torque, and inertias of rotors
+#: are often known to a factor of two only
 _USUAL, _POSSIBLE = (0.6, 1.6), (0.4, 2.5)
-#: share of the changes of speed that the equation must explain
+#: least share of the changes of speed that the equation explains
 _EXPLAINED = 0.4
 #: wheel speeds by the encoders over those by the ball
 _LIKE_ENCODERS = (0.85, 1.18)
-#: [s] of one and the same speed, over this many rows
+#: [s] and rows for which a frozen speed repeats
 _FROZEN, _FROZEN_ROWS = 0.25, 20
 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
-    """Return the faults of the sweeps of all wheels of a robot.
+    """Return findings on the sweeps of all wheels of a robot.
 
     InputError if a sweep has too few rows, or does not determine the inertia.
     """
     names = wheel_speed_names(len(sweeps))
-    moving = [np.where(np.abs(one.speed) < LIMITED * one.limit, one.speed, 0.0) for one in sweeps]
+    moving = [np.where(np.abs(sweep.speed) < LIMITED * sweep.limit, sweep.speed, 0.0) for sweep in sweeps]
     findings = [
         finding
         for sweep, speed, name in zip(sweeps, moving, names, strict=True)
@@ -57,22 +57,22 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
         return tuple(findings)
     gains, explained = [], []
     for sweep in sweeps:
-        gain, share = 0.0, 0.0  # of a wheel that does not turn
+        gain, share = 0.0, 0.0  # for a wheel that does not turn
         if np.any(sweep.speed):
             motion = motion_of(sweep.record())
-            found = inverse_model([motion], AxisModel(law="coulomb"))
-            share = max(found.explained, 0.0)
-            # a torque that the motion does not explain has no gain
-            gain = sweep.inertia / found.values["mass"] if share >= _EXPLAINED else 0.0
+            inverse = inverse_model([motion], AxisModel(law="coulomb"))
+            share = max(inverse.explained, 0.0)
+            # without relation between torque and motion there is no gain
+            gain = sweep.inertia / inverse.values["mass"] if share >= _EXPLAINED else 0.0
         gains.append(gain)
         explained.append(share)
     return tuple(_of_torques(robot, gains, float(np.mean(explained)), names))
 
 
 def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
-    """Return the faults of a log of the ball on the clamped robot.
+    """Return findings on a log of the ball on the clamped robot.
 
-    It has ball_omega_x, _y, _z; with u1 .. un the torques are checked, with wheel1_dot .. the axes.
+    It has ball_omega_x, _y, _z. With u1 .. un the torques are checked, and with wheel speeds or angles the axes.
     """
     findings, names, ball = (
         encoder_findings(robot, log),
@@ -81,7 +81,7 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
     )
     if findings or not all(name in log for name in names):
         return findings
-    omega, torques = (np.column_stack([log[name] for name in several]) for several in (BALL_NAMES, names))
+    omega, torques = (np.column_stack([log[name] for name in group]) for group in (BALL_NAMES, names))
     rows, h = _pieces(omega, torques, log.sample_time), log.sample_time
     if len(rows) < _LEAST_PIECES:
         return findings
@@ -96,7 +96,7 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
 
 
 def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence[str]) -> Iterator[Finding]:
-    """Yield a stretch in which values (N, k) repeat themselves all at once, beside rest."""
+    """Yield an error if values (N, k) repeat all together for long, other than at rest."""
     moving = np.any(values != 0.0, axis=1, keepdims=True)
     first, last = longest_repeat(np.where(moving, values, np.nan))
     if last - first + 1 >= _FROZEN_ROWS and t[last] - t[first] > _FROZEN:
@@ -110,22 +110,22 @@ def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence
 def encoder_findings(
     robot: Robot, log: Log, *, like: tuple[float, float] = _LIKE_ENCODERS
 ) -> tuple[Finding, ...]:
-    """Return an error if the encoders contradict the ball's angular velocity; none if the log has no encoders.
+    """Return an error if the encoders, if there are any, contradict the ball's angular velocity.
 
-    Wheel speeds by the encoders may be `like` so many times those by the ball and the robot's radii.
+    `like` is the range of wheel speeds by the encoders over those by the ball and the robot's radii.
     """
     omega, A = np.column_stack([log[name] for name in BALL_NAMES]), ClampedBall.of_robot(robot).A
-    found, speeds = tuple(_frozen(log.t, omega, BALL_NAMES)), encoder_speeds(log, len(A))
+    frozen, speeds = tuple(_frozen(log.t, omega, BALL_NAMES)), encoder_speeds(log, len(A))
     wheels = np.column_stack(speeds) if speeds else np.full((len(omega), len(A)), np.nan)
     rows = np.isfinite(np.hstack([wheels, omega])).all(axis=1)
     wheels, omega = wheels[rows], omega[rows]
     if len(omega) < 10 or not np.any(wheels) or not np.any(omega):
-        return found
+        return frozen
     expected = omega @ A.T
     slope = float((expected * wheels).sum() / (expected**2).sum())
     left = float(np.linalg.norm(wheels - slope * expected) / np.linalg.norm(wheels))
     if left < 0.5 and like[0] < slope < like[1]:
-        return found
+        return frozen
     if left < 0.5 and slope < 0.0:
         text = (
             "The wheels turn against the ball: ball_omega on all axes, or all wheels, have the opposite sign."
@@ -138,28 +138,28 @@ def encoder_findings(
     else:
         # the ball's axes as the wheels show them: rows of a matrix from those logged
         axes = np.linalg.lstsq(omega, wheels @ np.linalg.pinv(A).T, rcond=None)[0].T
-        shown = [f"({', '.join(f'{one + 0.0:.1f}' for one in row)})" for row in np.round(axes, 1)]
+        shown = [f"({', '.join(f'{entry + 0.0:.1f}' for entry in row)})" for row in np.round(axes, 1)]
         text = (
-            "The wheels do not turn as the ball's angular velocity implies. By them, the ball's x, y and z are "
-            f"{every(shown)} times ball_omega_x, _y and _z as logged: rows of zeros and single ones name axes that are "
-            "exchanged or negated; anything else is another order of the wheels, another frame, another log, or "
+            "The wheels do not turn as the ball's angular velocity implies. From the wheels, the ball's x, y and z are "
+            f"{every(shown)} times the logged ball_omega_x, _y and _z: rows with a single 1 or -1 mean that axes are "
+            "exchanged or negated; anything else means another order of the wheels, another frame, another log, or "
             "azimuths that differ from the robot file."
         )
-    return (*found, error("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(A))))
+    return (*frozen, error("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(A))))
 
 
 def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray[np.int64]:
-    """Return the rows (k, m) of pieces without a missing value; none of a log that rests."""
+    """Return the rows (k, m) of pieces without a missing value; no pieces if nothing moves."""
     rows = max(2, round(_PIECE / h))
     within = np.arange(0, len(x) - rows, rows)[:, None] + np.arange(rows + 1)
-    whole = np.isfinite(np.concatenate([x[within], u[within]], axis=2)).all(axis=(1, 2))
-    return within[whole & bool(np.any(u) and np.any(x))]
+    complete = np.isfinite(np.concatenate([x[within], u[within]], axis=2)).all(axis=(1, 2))
+    return within[complete & bool(np.any(u) and np.any(x))]
 
 
 def _of_torques(
     robot: Robot, gains: Sequence[float], explained: float, moved: Sequence[str]
 ) -> Iterator[Finding]:
-    """Yield what gains (n,) say of torques that explain a share of the changes of speed, in columns `moved`."""
+    """Yield findings on gains (n,) of torques that explain a share of the changes of speed in columns `moved`."""
     names = torque_names(len(gains))
     if explained > _EXPLAINED and all(_POSSIBLE[0] < gain < _POSSIBLE[1] for gain in gains):
         for name, gain in zip(names, gains, strict=True):

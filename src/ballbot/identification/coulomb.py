@@ -1,15 +1,15 @@
-"""The Coulomb friction that compares logs and robots if the friction law has a Stribeck part.
+"""An equivalent Coulomb friction, to compare logs and robots whose friction law has a Stribeck part.
 
-A log of balancing hardly separates c, the dry friction at high speed, from s, which adds to it at low speed: their
-errors are opposite, and over ten logs of the nominal twin c alone varied by 24 to 38 %. The log determines the curve at
-the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w nearest to it
-from rest to the speed W that 95 % of the log's speeds stay below, in the mean of squares over that range. Its value at
-rest c_e corresponds to the Coulomb friction of a law without Stribeck part. With x = w / W from 0 to 1,
+Balancing logs hardly separate c, the dry friction at high speed, from s, which adds to it at low speed: their errors
+compensate each other, and over ten logs of the nominal twin c alone varied by 24 to 38 %. What a log determines is the
+curve at the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w that is
+closest to it in least squares from rest to the speed W, the 95 % quantile of the log's speeds. Its value at rest c_e
+corresponds to the Coulomb friction of a law without Stribeck part. With x = w / W from 0 to 1,
 
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
 
-The standard error follows from those of c, s, v_s and delta and their correlations. It holds W constant, and each
-parameter without standard error, as v_s or delta at a bound.
+The standard error follows from those of c, s, v_s and delta and their correlations. W and
+parameters without a standard error, such as v_s or delta at a bound, count as exact.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from ballbot.results import key, left_out, reported
 from ballbot.robot.friction_law import FrictionLaw
 from ballbot.rounding import plus_minus
 
-#: of the speeds driven that are below W
+#: quantile of the speeds driven that is W
 SHARE = 0.95
-#: values of x; more change c_e by less than 4e-5 of s, for v_s of 0.05 to 3 rad/s, delta of 0.1 to 10 and W to 3 rad/s
+#: points in x; more change c_e by less than 4e-5 s, for v_s of 0.05 to 3 rad/s, delta of 0.1 to 10 and W to 3 rad/s
 _POINTS = 2000
-#: a derivative is a difference over this share of a parameter
+#: finite difference for derivatives, as a share of a parameter
 _STEP = 1e-4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CoulombEquivalent:
-    """Coulomb friction of each wheel by the straight line nearest to its dry friction."""
+    """Equivalent Coulomb friction of each wheel."""
 
     values: NDArray[np.float64]  #: c_e (n,) [N m]
-    standard_errors: NDArray[np.float64]  #: (n,) [N m]; see the module's text; NaN if c has none
+    standard_errors: NDArray[np.float64]  #: (n,) [N m]; NaN if c has none
     speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
     coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
     coulomb_errors: NDArray[np.float64] = field(
@@ -49,12 +49,12 @@ class CoulombEquivalent:
 
     @reported
     def compared(self) -> Literal["c", "c_e"]:
-        """Which of the two is the better determined, and to be compared with other logs and robots."""
+        """Which of the two is better determined, and should be compared with other logs and robots."""
         c, c_e = (
             np.median(np.nan_to_num(errors / np.maximum(values, np.finfo(float).tiny), nan=np.inf))
             for values, errors in ((self.coulomb, self.coulomb_errors), (self.values, self.standard_errors))
         )
-        # without a Stribeck part they are one number, but for rounding
+        # without a Stribeck part they are equal but for rounding
         return "c" if c < c_e * (1.0 + 1e-6) else "c_e"
 
 
@@ -66,10 +66,10 @@ def coulomb_equivalent(
     wheel_speeds: NDArray[np.float64],
     law: FrictionLaw | None = None,
 ) -> CoulombEquivalent:
-    """Return each wheel's c_e; see the module's text.
+    """Return each wheel's c_e.
 
     `covariance` (p, p) is of the estimates `values` (p,), NaN for those without a standard error; `wheel_speeds`
-    (..., n) [rad/s] are those driven; `law` is the registered friction law, None the classical one.
+    (..., n) [rad/s] are those driven; `law` is a registered friction law, None for the classical one.
     """
     n = layout.wheel_count
     speeds = np.quantile(np.abs(wheel_speeds.reshape(-1, n)), SHARE, axis=0)
@@ -105,22 +105,25 @@ def coulomb_equivalent(
     )
 
 
-def coulomb_sentence(found: CoulombEquivalent, names: Sequence[str]) -> str:
-    """Return the sentences of a report on the quantities `names` of the law; empty without dry friction."""
+def coulomb_sentence(equivalent: CoulombEquivalent, names: Sequence[str]) -> str:
+    """Return the sentences of a report, given the quantities `names` of the law; empty without dry friction."""
     if "coulomb" not in names:
         return ""
-    if "stribeck" not in names:  # then it is c, whose numbers are in the table
+    if "stribeck" not in names:  # then c_e is c, which is in the table
         return "Compare the Coulomb friction c of each wheel with other logs and robots."
     c, c_e = (
         f"{', '.join(map(plus_minus, values.tolist(), errors.tolist()))} N m"
-        for values, errors in ((found.coulomb, found.coulomb_errors), (found.values, found.standard_errors))
+        for values, errors in (
+            (equivalent.coulomb, equivalent.coulomb_errors),
+            (equivalent.values, equivalent.standard_errors),
+        )
     )
     compared, other = f"c of each wheel, {c}", f"the Coulomb equivalent, {c_e},"
-    if found.compared == "c_e":
+    if equivalent.compared == "c_e":
         compared, other = f"the Coulomb equivalent of each wheel, {c_e}", f"c, {c},"
-    top = ", ".join(f"{speed:.2g}" for speed in found.speeds)
+    top = ", ".join(f"{speed:.2g}" for speed in equivalent.speeds)
     return (
         f"Compare {compared}, with other logs and robots: {other} is less well determined. The Coulomb equivalent is "
-        f"the value at rest of the straight line nearest to the dry friction up to {top} rad/s. These standard errors "
-        "hold v_s or delta constant where it ends at a bound."
+        f"the value at rest of the straight line that fits the dry friction best up to {top} rad/s. Its standard error "
+        "takes v_s or delta at a bound as exact."
     )

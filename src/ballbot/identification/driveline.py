@@ -1,10 +1,10 @@
-"""Stage one of the thesis (3.1 to 3.5): the drivelines, their wheels free, each an axis of known inertia.
+"""Stage one of the thesis (3.1 to 3.5): the drivelines with free wheels, each an axis of known inertia.
 
     (j_w + j_r) w_dot = u - offset - (b w + (c + s exp(-|w/v_s|)) sgn(w))
 
-`ballbot.identification.axis` identifies it from torque and angle. Rows at the supply's speed limit are left out, as
-gaps: the torque that acts there is not the one recorded. The thesis's exponent delta is 1: a sweep passes the low
-speeds in a few tenths of a second, and does not tell it from s and v_s.
+`ballbot.identification.axis` identifies it from torque and angle. Rows at the supply's speed limit are left out as
+gaps, because the recorded torque does not act there. The exponent delta of the thesis is 1: a sweep passes the low
+speeds in a few tenths of a second, and does not separate delta from s and v_s.
 """
 
 from __future__ import annotations
@@ -36,24 +36,24 @@ from ballbot.summary import Summary, estimated, plotted, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: what a sweep identifies of each wheel, and the symbols
+#: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
-NAMES = tuple(one.symbol for one in QUANTITIES)
+NAMES = tuple(quantity.symbol for quantity in QUANTITIES)
 BALL_NAMES = ("ball_omega_x", "ball_omega_y", "ball_omega_z")
-#: a body that is held still leans about its mean by less, beside sensor noise; one that balances, by half a degree
-#: and more (root mean square) [rad]
+#: largest root mean square lean of a body held still, without sensor noise [rad]; one that balances has half a degree
+#: and more
 _STILL = np.radians(0.2)
-#: from this share of the limit, the speed counts as limited
+#: the speed counts as limited above this share of the limit
 LIMITED = 0.995
 _SHORTEST_PIECE = 0.5  # [s]
-#: an angle that moves by more between two rows than its speed gives wraps, or was reset [rad]
+#: an angle that differs by more from the integral of the speed between two rows wraps, or was reset [rad]
 _LARGEST_JUMP = 0.5
 
 
 def check_wheels_free(log: Log) -> None:
-    """Refuse the log of a robot that balances, or that has the ball on its wheels.
+    """Raise InputError if the robot balances, or has the ball on its wheels.
 
-    A log without lean and without the ball's angular velocity shows neither, and passes.
+    A log without lean and ball angular velocity passes.
     """
     known = {name: log[name][np.isfinite(log[name])] for name in ("theta", "phi", *BALL_NAMES) if name in log}
     for name, values in known.items():
@@ -62,7 +62,7 @@ def check_wheels_free(log: Log) -> None:
                 f"In this log a ball turns ({name}). A sweep needs the wheels off the ball; "
                 "use `ballbot identify-upside-down` for logs of the ball on the clamped robot."
             )
-        # white noise, which the changes from row to row show, is no swing
+        # without white noise, which the changes from row to row show
         noise = 0.5 * np.mean(np.diff(values) ** 2) if len(values) > 1 else np.inf
         if name not in BALL_NAMES and np.var(values) - noise > _STILL**2:
             sway = np.degrees(np.sqrt(np.var(values) - noise))
@@ -91,23 +91,19 @@ class Sweep:
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
 
     def pieces(self) -> list[tuple[int, int]]:
-        """Return first row and row after the last of the pieces in which the speed is not limited."""
+        """Return the first row and the row after the last of each piece without speed limit."""
         free = np.abs(self.speed) < LIMITED * self.limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
         shortest = _SHORTEST_PIECE / self.sample_time
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
 
     def record(self) -> AxisRecord:
-        """Return these pieces as a record of an axis.
-
-        InputError if they are too short.
-        """
+        """Return these pieces as a record of an axis; InputError if they are too short."""
         rows = np.concatenate([np.arange(a, b) for a, b in self.pieces()] or [np.empty(0, dtype=int)])
         if len(rows) < LEAST_ROWS:
             raise InputError(
-                f"Wheel {self.wheel} is at its speed limit of {self.limit:.3g} rad/s throughout, or the log is too "
-                f"short: {len(rows)} rows are free of it in pieces of {_SHORTEST_PIECE:g} s and more, and at least "
-                f"{LEAST_ROWS} are needed."
+                f"Wheel {self.wheel}: {len(rows)} rows are below the speed limit of {self.limit:.3g} rad/s in pieces "
+                f"of {_SHORTEST_PIECE:g} s and more; at least {LEAST_ROWS} are needed. Log for longer, at lower speeds."
             )
         travels = 0.5 * np.diff(self.t) * (self.speed[1:] + self.speed[:-1])
         position = self.angle
@@ -121,8 +117,14 @@ class Sweep:
 def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
     """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
 
-    InputError if the log lacks torques or wheel speeds or has them of fewer wheels than the robot, its wheels were not
+    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, its wheels were not
     free of the ball, or the limit is not above zero.
+
+    >>> t = 0.005 * np.arange(1000)
+    >>> columns = {f"u{i}": np.sin(t) for i in (1, 2, 3)} | {f"wheel{i}_dot": 5.0 * np.sin(t) for i in (1, 2, 3)}
+    >>> sweep, *_ = sweeps_of(Robot.load("alten"), Log({"t": t, **columns}))
+    >>> sweep.wheel, round(sweep.limit, 1)  # [rad/s]
+    (1, 5.0)
     """
     check_wheels_free(log)
     torques, speeds = log.torques, log.wheel_speeds
@@ -166,20 +168,22 @@ class DrivelineFit:
     intervals: NDArray[np.float64]  #: (4, 2) ends of the 95 % intervals; friction is not below zero
     correlation: NDArray[np.float64]  #: (4, 4), zero between those of which one has no standard error
     predicted: NDArray[np.float64]  #: (N,) speed [rad/s], each piece from its first; NaN where it is limited
-    without: NDArray[np.float64]  #: (N,) without friction, the speed clamped as (3.2) prints it
+    without: NDArray[np.float64]  #: (N,) without friction, the speed clamped as in (3.2)
     rmse: float  #: of `predicted` [rad/s]
     rmse_without: float  #: of `without` [rad/s]
     findings: tuple[Finding, ...] = ()
 
     @property
     def law(self) -> Classical:
-        """The friction found."""
+        """The identified friction."""
         return classical(self.values)
 
     def summary(self) -> Summary:
-        """Return each parameter with its standard error, and the error of the speed with friction and without."""
+        """Return each parameter with its standard error, and the speed error with friction and without."""
         numbers = zip(QUANTITIES, self.values, self.standard_errors, strict=True)
-        rows = [(one.symbol, estimated(value, error, one.unit)) for one, value, error in numbers]
+        rows = [
+            (quantity.symbol, estimated(value, error, quantity.unit)) for quantity, value, error in numbers
+        ]
         errors = f"{self.rmse:.3g} rad/s RMS; without friction {self.rmse_without:.3g}"
         return Summary(
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
@@ -201,14 +205,24 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     """Identify one driveline's friction from the pieces of its sweep.
 
     InputError if the sweep does not determine it.
+
+    >>> from ballbot.simulation.driveline import simulate_driveline
+    >>> t = 0.005 * np.arange(4000)
+    >>> torque = np.sin(2.0 * np.pi * t / 20.0)
+    >>> line = Driveline(inertia=0.003, friction=classical(np.array([0.012, 0.05, 0.03, 0.7])))
+    >>> motion = simulate_driveline(line, torque[:-1], sample_time=0.005)
+    >>> speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
+    >>> sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=angle)
+    >>> np.round(fit_driveline(sweep).values, 3)  # b [N m s/rad], c and s [N m], v_s [rad/s]
+    array([0.012, 0.05 , 0.03 , 0.7  ])
     """
-    # a robot file has this law; a free wheel has no weight, and a sweep passes its ripple at every speed
+    # the law of a robot file; a free wheel has no weight, and its ripple averages out over a sweep
     options = AxisOptions(law="stribeck", gravity=False, load_friction=False)
-    found = identify_axis(sweep.record(), options=options, known={"mass": sweep.inertia}, run=run)
-    best = found.best
-    places = [list(best.values).index(one.name) for one in QUANTITIES]
+    result = identify_axis(sweep.record(), options=options, known={"mass": sweep.inertia}, run=run)
+    best = result.best
+    rows = [list(best.values).index(quantity.name) for quantity in QUANTITIES]
     tables = (best.values, best.standard_errors, best.half_widths)
-    values, errors, halves = (np.array(list(table.values()))[places] for table in tables)
+    values, errors, halves = (np.array(list(table.values()))[rows] for table in tables)
     # a robot file has no constant torque
     axis = Axis(values={**best.values, "mass": sweep.inertia, "offset": 0.0})
     firsts, ends = np.array(sweep.pieces(), dtype=np.int64).T.copy()
@@ -217,7 +231,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     predicted = np.full(len(sweep.t), np.nan)
     predicted[firsts] = sweep.speed[firsts]
     predicted[np.concatenate([np.arange(a + 1, b) for a, b in sweep.pieces()])] = states[:, 1]
-    # the state runs on behind the thesis's limit (3.2) of the speed
+    # (3.2) clamps the output and not the state, which winds up
     gained = np.cumsum(sweep.torque[:-1]) * sweep.sample_time / sweep.inertia
     without = np.clip(sweep.speed[0] + np.append(0.0, gained), -sweep.limit, sweep.limit)
     return DrivelineFit(
@@ -225,25 +239,26 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
         values=values,
         standard_errors=errors,
         intervals=np.column_stack([np.maximum(values - halves, 0.0), values + halves]),
-        correlation=np.nan_to_num(correlation(best.fit.covariance)[np.ix_(places, places)]),
+        correlation=np.nan_to_num(correlation(best.fit.covariance)[np.ix_(rows, rows)]),
         predicted=predicted,
         without=without,
         rmse=float(np.sqrt(np.nanmean((predicted - sweep.speed) ** 2))),
         rmse_without=float(np.sqrt(np.mean((without - sweep.speed) ** 2))),
         findings=tuple(
-            replace(one, text=f"Wheel {sweep.wheel}: {one.text}")
-            for one in found.findings
-            if one.code != "law"
+            replace(finding, text=f"Wheel {sweep.wheel}: {finding.text}")
+            for finding in result.findings
+            if finding.code != "law"
         ),
     )
 
 
-def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> Robot:
-    """Return the robot with friction of its drivelines, its standard deviations and their correlations.
+def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -> Robot:
+    """Return the robot with the friction of its drivelines, with standard deviations and correlations.
 
-    `found` has b, c and s of each wheel, and v_s, NaN if no wheel has s (3 n + 1); `source` says where they are from.
+    `estimate` has b, c and s of each wheel, and v_s (3 n + 1), which is NaN if no wheel has s; `source` states the
+    origin.
     """
-    own, known = robot.friction, bool(np.isfinite(found.values[-1]))
+    own, known = robot.friction, bool(np.isfinite(estimate.values[-1]))
     empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)
 
     def robot_of(numbers: NDArray[np.float64]) -> Robot:
@@ -252,32 +267,32 @@ def robot_with_friction(robot: Robot, found: StageEstimate, *, source: str) -> R
         shape = {"stribeck_speed": v_s, "stribeck_exponent": delta}
         return robot.replace(friction=replace(empty, viscous=b, coulomb=c, stribeck=s, **shape))
 
-    names = [f"friction.{one.name}" for one in QUANTITIES]
-    moved = robot_of(found.values)
+    names = [f"friction.{quantity.name}" for quantity in QUANTITIES]
+    moved = robot_of(estimate.values)
     sources = {**moved.sources, **dict.fromkeys([*names, "friction.stribeck_exponent"], source)}
     return with_uncertainty(
-        moved.annotated(sources=sources), robot_of, found.values, found.covariance, names=names
+        moved.annotated(sources=sources), robot_of, estimate.values, estimate.covariance, names=names
     )
 
 
 def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
-    """Return b, c and s of all wheels and the one v_s that a robot file has, with their covariance.
+    """Return b, c and s of all wheels and the one v_s of a robot file, with their covariance.
 
-    It is the mean over the wheels that determine it, with the standard deviation of a single wheel's value, which
-    combines the errors of the mean with the scatter of the wheels.
+    v_s is the mean over the wheels that determine it. Its standard deviation is that of a single wheel's value, from
+    the errors of the mean and the scatter of the wheels.
     """
     count = len(fits)
     faded = np.array([np.isfinite(fit.standard_errors[3]) for fit in fits])
     values, C = np.full(3 * count + 1, np.nan), np.zeros((3 * count + 1, 3 * count + 1))
     for number, fit in enumerate(fits):
         # the wheel's b, c, s and its share in v_s
-        places = [number, count + number, 2 * count + number]
+        rows = [number, count + number, 2 * count + number]
         T = np.zeros((3 * count + 1, 4))
-        T[places, range(3)] = 1.0
+        T[rows, range(3)] = 1.0
         T[-1, 3] = faded[number] / max(faded.sum(), 1)
         errors = np.nan_to_num(fit.standard_errors)
         C += T @ (fit.correlation * np.outer(errors, errors)) @ T.T
-        values[places] = fit.values[:3]
+        values[rows] = fit.values[:3]
     speeds = np.array([fit.values[3] for fit in fits])[faded]
     if len(speeds):
         values[-1] = speeds.mean()

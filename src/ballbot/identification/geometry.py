@@ -1,29 +1,29 @@
-"""A robot's geometry from all its logs by kinematics alone, compared with its file.
+"""A robot's geometry from its logs by kinematics alone, compared with its file.
 
-Motion is taken as increments over windows: encoder angles against integrals of rates and sums of small turns. They need
-no derivative of an encoder, and the noise of a rate averages out.
+Motion is measured as increments over windows: encoder angles, integrals of rates and sums of small rotations. They need
+no derivative of encoder counts, and the noise of rates averages out.
 
-Upside down, the ball on the wheels gives r_b / r_w, tilt and azimuths, with Omega the ball's angular velocity by a
-camera and R the small tilt of the camera's frame about x and y; its turn about z is counted in the azimuths:
+A log upside down, the ball on the wheels, gives r_b / r_w, tilt and azimuths. Omega is the ball's angular velocity from
+a camera, and R the small tilt of the camera's frame about x and y; its rotation about z is part of the azimuths:
 
     wheel angle_i = (r_b / r_w) a_i . R integral of Omega dt
     a_i = (-cos alpha cos beta_i, -cos alpha sin beta_i, sin alpha)
 
-A balancing run that cameras watched gives r_w / cos(alpha) and the azimuths. Increments in the body's own frame do not
-depend on the cameras' frame; an error of e in `up`, the mean upright axis, changes the rolling by e^2/2:
+A balancing run with motion capture gives r_w / cos(alpha) and the azimuths. Increments in the body frame do not depend
+on the cameras' frame; an error of e in `up`, the mean upright axis, changes the rolling by e^2/2:
 
     rolling = sum of up x R_k^T (p_k+1 - p_k) [m]
     wheel angle_i = a_i . ( rolling / r_w - share (r_b / r_w) turning ) + pivoting
 
-Pivoting of the ball and the body's heading add the same angle to every wheel and are taken out of the windows. Play and
-rollers are half as large as the lean, so the `share` of the turning that encoders show is estimated.
+Pivoting of the ball and the heading of the body add the same angle to every wheel and are removed from the windows.
+Play and rollers are half as large as the lean, so the `share` of the turning that encoders show is estimated.
 
-Both kinds of log together give each radius:
+Both kinds of logs together give each radius:
 
     r_w = (r_w / cos alpha) cos alpha        r_b = (r_b / r_w) r_w
 
-Standard errors are the delta method's, the two kinds of log being independent. They do not include the few tenths of a
-percent by which rollers slip and a ball dents; `SLIP` and `SLIP_ANGLE` bound these.
+Standard errors are from the delta method, with independent kinds of logs. They do not include the few tenths of a
+percent by which rollers slip and the ball deforms; `SLIP` and `SLIP_ANGLE` bound these.
 """
 
 from __future__ import annotations
@@ -61,13 +61,13 @@ from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 from ballbot.robot.wheel_directions import axles
 
-#: windows on end that count as one cluster together last this long [s]: a roller takes about as long to pass
+#: duration of the windows in a cluster [s], about the time in which a roller passes
 CLUSTER = 2.0
-#: a sampling interval longer than this many usual ones is a gap
+#: shortest gap, over the usual sampling interval
 LARGEST_GAP = 1.5
-#: numbers of clusters that each log has for itself
+#: offset of cluster numbers between logs
 _CLUSTERS_OF_LOG = 1_000_000
-#: share of the turning that must be common to log and cameras, or they are not of the same run
+#: least share of the rotation that log and cameras of one run have in common
 _LEAST_SHARE = 0.5
 
 
@@ -76,7 +76,7 @@ def _increments(
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
     """Return the increments (w, .) of logs' running totals (N, .) over windows, end to end, and their clusters (w,).
 
-    Windows without a value or a row are left out. InputError if a window [s] is less than two samples.
+    Windows with a missing value or row are left out. InputError if a window [s] is shorter than two samples.
     """
     increments, clusters = [], []
     for number, (log, columns) in enumerate(totals):
@@ -96,35 +96,34 @@ def _increments(
     return stacked, np.concatenate(clusters).astype(np.int64)
 
 
-#: beyond this angle from upright [rad] a robot is falling or in hands
+#: a robot at a larger angle from upright [rad] is falling or held by hand
 LARGEST_LEAN = 0.35
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MocapRun:
-    """A balancing run: its log, the ball's rolling by cameras, and the alignment of the two."""
+    """A balancing run: its log, the ball's rolling from cameras, and the alignment of the two."""
 
     log: Log
-    rolling: (
-        Turning  #: in the body's frame on the cameras' clock, totals in metres; a falling robot's is missing
-    )
-    motion: MotionFit  #: its `body_marker` takes vectors of the body's frame to the IMU's
+    #: in the body frame, on the cameras' clock, totals in metres; missing while the robot falls
+    rolling: Turning
+    motion: MotionFit  #: its `body_marker` rotates the body frame to the IMU's
 
 
-def mocap_run(log: Log, film: Log) -> MocapRun:
-    """Return a balancing run: its log, with a gyro, and its motion capture of ball and body.
+def mocap_run(log: Log, mocap: Log) -> MocapRun:
+    """Return a balancing run, from its log with a gyro and its motion capture of ball and body.
 
-    InputError if a column is missing, the robot is hardly ever seen upright, or both are not of one run.
+    InputError if a column is missing, the robot is hardly ever seen upright, or the two are of different runs.
     """
     log.require(*GYRO_NAMES)
-    poses = read_poses(film)
+    poses = read_poses(mocap)
     seen = poses.seen & np.isfinite(poses.places).all(axis=1)
     if seen.sum() < 10:
         raise InputError(
             "The motion capture has no poses; it needs the columns "
             "x, y, z and the unit quaternion qw, qx, qy, qz."
         )
-    # an unseen pose is filled with the one before, so that nothing moves
+    # a missing pose repeats the last one, so that nothing moves
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     positions, rotations = poses.places[last], Rotation.from_quat(poses.rotations.as_quat()[last])
     axis = rotations.apply([0.0, 0.0, 1.0])
@@ -136,14 +135,14 @@ def mocap_run(log: Log, film: Log) -> MocapRun:
     turns = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
     middle = (rotations[:-1] * Rotation.from_rotvec(0.5 * turns)).inv()
     rolls = np.cross(middle.apply(up), middle.apply(np.diff(positions, axis=0)))
-    return MocapRun(log=log, rolling=Turning.of(film.t, rolls, usable[1:] & usable[:-1]), motion=motion)
+    return MocapRun(log=log, rolling=Turning.of(mocap.t, rolls, usable[1:] & usable[:-1]), motion=motion)
 
 
-#: share of a radius, and angle [rad], that slip, dents and rollers may mimic: on logs of a physics engine with two rows
-#: of rollers and known geometry 0.42 % and 0.25 degrees were seen (the commands of docs/geometry.md)
+#: largest error of a radius, as a share, and of an angle [rad] by slip, deformation and rollers: 0.42 % and 0.25
+#: degrees on logs of a physics engine with two rows of rollers and known geometry (commands in docs/geometry.md)
 SLIP = 0.006
 SLIP_ANGLE = math.radians(0.4)
-#: a deviation of fewer standard errors than this is noise
+#: a deviation of fewer standard errors is noise
 CLEAR = 3.0
 UPSIDE_DOWN, BALANCING, BOTH = "upside down", "balancing", "both"
 _UNDETERMINED = {
@@ -156,19 +155,24 @@ _UNDETERMINED = {
 
 @dataclass(frozen=True)
 class GeometryQuantity:
-    """One quantity of the geometry, from logs and in the robot's file."""
+    """A quantity of the geometry, from logs and in the robot's file.
 
-    name: str  #: as in robot files where it stands there: "wheels.tilt", "wheels.azimuths[0]"
+    >>> length = GeometryQuantity("wheels.radius", 0.0635, 0.0001, in_file=0.063, unit="m", kind="both")
+    >>> round(length.deviation, 1), length.stands_out()  # in standard errors; beyond noise and slip
+    (-5.0, True)
+    """
+
+    name: str  #: as in a robot file if it is there: "wheels.tilt", "wheels.azimuths[0]"
     value: float  #: SI units
     standard_error: float
-    in_file: float  #: the file's value, or the value that follows from the file
+    in_file: float  #: value in the robot's file, or one that follows from it
     unit: str  #: "m", "rad", "s" or "1"
-    #: of logs that it is from: "upside down", "balancing" or "both"
+    #: of its logs: "upside down", "balancing" or "both"
     kind: str = field(metadata=key("from"))
 
     @reported
     def deviation(self) -> float:
-        """How many standard errors the file's value lies off."""
+        """Difference of the file's value, in standard errors."""
         return (self.in_file - self.value) / self.standard_error
 
     @property
@@ -177,7 +181,7 @@ class GeometryQuantity:
         return SLIP_ANGLE if self.unit == "rad" else SLIP * abs(self.value)
 
     def stands_out(self, turn: float = 0.0) -> bool:
-        """Return whether the file is off beyond noise and slip, but for a turn that several have in common."""
+        """Return whether the file differs beyond noise and slip, except for a common `turn` of azimuths."""
         off = abs(self.in_file - self.value + turn)
         return off > max(CLEAR * self.standard_error, self.slip)
 
@@ -189,9 +193,9 @@ def _azimuths(robot: Robot) -> list[Parameter]:
     ]
 
 
-#: clusters, at the least, for each parameter; fewer make a covariance too small
+#: least clusters for each parameter; with fewer a covariance is too small
 CLUSTERS_PER_PARAMETER = 2
-#: of the normal equations, the parameters over their bounds' width
+#: largest condition number of the normal equations, with parameters scaled by their bounds
 _LARGEST_CONDITION = 1e10
 
 
@@ -201,8 +205,8 @@ def _fitted(
     residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     clusters: NDArray[np.int64],
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
-    """Return the fit from the file's values to residuals (w, n) of windows in clusters (w,), and its quantities."""
-    start = np.array([one.default for one in parameters])
+    """Fit parameters, from the file's values, to residuals (w, n) of windows in clusters (w,)."""
+    start = np.array([parameter.default for parameter in parameters])
     names, block = np.unique(clusters, return_inverse=True)
     least = CLUSTERS_PER_PARAMETER * len(start)
     if len(names) < least:
@@ -216,15 +220,16 @@ def _fitted(
         block=np.repeat(block, residuals(start).shape[1]).astype(np.int64),
         block_log=(names // _CLUSTERS_OF_LOG).astype(np.int64),
     )
-    found = fit(experiment, experiment.coordinates.scaled(start))
-    condition = np.linalg.cond(found.finished.equations.matrix)
-    if not found.estimated.all() or condition > _LARGEST_CONDITION:
+    result = fit(experiment, experiment.coordinates.scaled(start))
+    condition = np.linalg.cond(result.finished.equations.matrix)
+    if not result.estimated.all() or condition > _LARGEST_CONDITION:
         raise InputError(_UNDETERMINED[kind])
-    numbers = zip(parameters, found.values.tolist(), found.errors.tolist(), strict=True)
+    numbers = zip(parameters, result.values.tolist(), result.errors.tolist(), strict=True)
     quantities = [
-        GeometryQuantity(one.name, value, error, one.default, one.unit, kind) for one, value, error in numbers
+        GeometryQuantity(parameter.name, value, error, parameter.default, parameter.unit, kind)
+        for parameter, value, error in numbers
     ]
-    return quantities, found
+    return quantities, result
 
 
 #: length of a window [s]
@@ -234,9 +239,9 @@ ROLLING_WINDOW, UPSIDE_DOWN_WINDOW = 0.5, 0.25
 def _of_rolling(
     robot: Robot, runs: Sequence[MocapRun], leaning: float
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
-    """Find r_w / cos(tilt), the azimuths, the share of leaning seen and the delay of the encoders.
+    """Identify r_w / cos(tilt), the azimuths, the share of the leaning seen and the delay of the encoders.
 
-    The share is one of `leaning`, (r_b / r_w) cos(tilt), wheel angle for an angle of leaning.
+    The share is relative to `leaning`, (r_b / r_w) cos(tilt), the wheel angle for an angle of lean.
     """
     n = robot.wheel_count
     totals = [(run.log, _rolling_totals(run, n)) for run in runs]
@@ -260,7 +265,7 @@ def _of_rolling(
 
 
 def _rolling_totals(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.float64], ...]:
-    """Return wheel angles, and level rolling, turning and rolling's rate, at a log's rows (N, .); NaN if unknown."""
+    """Return wheel angles, horizontal rolling and turning, and the rate of rolling, at a log's rows (N, .)."""
     log, rolling, motion = run.log, run.rolling, run.motion
     angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
     gyro = np.column_stack([log[name] for name in GYRO_NAMES])
@@ -275,7 +280,7 @@ def _rolling_totals(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.float64
 def _of_upside_down(
     robot: Robot, logs: Sequence[Log]
 ) -> tuple[list[GeometryQuantity], list[GeometryQuantity], Fit[BlockErrors]]:
-    """Find r_b / r_w, tilt, azimuths, and the camera's tilt and delay; and r_b / r_w of each wheel by itself."""
+    """Identify r_b / r_w, tilt, azimuths, the camera's tilt and delay, and r_b / r_w of each wheel by itself."""
     n = robot.wheel_count
     totals = []
     for log in logs:
@@ -299,39 +304,38 @@ def _of_upside_down(
         Parameter.about("camera tilt about y", 0.0, "rad", within=1.0),
         Parameter.about("camera delay", 0.0, "s", within=0.5),
     ]
-    quantities, found = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
-    # nothing is assumed of a wheel's direction: |row| of the matrix G (n, 3) with wheels = turns G^T
-    own = [fit_linear(turns - found.values[-1] * rates, angles, clusters) for angles in wheels.T]
+    quantities, common_fit = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
+    # without assuming a wheel's direction: the length of its row of G (n, 3) in wheels = turns G^T
+    own = [fit_linear(turns - common_fit.values[-1] * rates, angles, clusters) for angles in wheels.T]
     ratios = []
-    for number, one in enumerate(own, start=1):
-        size = float(np.linalg.norm(one.values))
-        error = math.sqrt(one.values @ one.covariance @ one.values) / size
-        name, common = f"ball.radius / wheels.radius, wheel {number}", float(found.values[0])
+    for number, wheel in enumerate(own, start=1):
+        size = float(np.linalg.norm(wheel.values))
+        error = math.sqrt(wheel.values @ wheel.covariance @ wheel.values) / size
+        name, common = f"ball.radius / wheels.radius, wheel {number}", float(common_fit.values[0])
         ratios.append(GeometryQuantity(name, size, error, common, "1", UPSIDE_DOWN))
-    return quantities, ratios, found
+    return quantities, ratios, common_fit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Geometry:
-    """A robot's geometry as its logs determine it."""
+    """A robot's geometry from its logs."""
 
     measured: tuple[GeometryQuantity, ...]
-    #: r_b / r_w of each wheel by itself; empty without upside-down logs
+    #: r_b / r_w of each wheel by itself; empty without logs upside down
     wheel_ratios: tuple[GeometryQuantity, ...] = ()
-    #: delay of the camera that watched the ball upside down [s], and the share of the body's leaning that the encoders
-    #: show; play hides the rest
+    #: delay of the camera upside down [s], and the share of the lean that the encoders show; play hides the rest
     others: tuple[GeometryQuantity, ...] = ()
 
     def find(self, name: str) -> GeometryQuantity:
-        """Return the first quantity of that name; InputError if the logs did not give it."""
-        for one in (*self.measured, *self.others):
-            if one.name == name:
-                return one
+        """Return the first quantity of that name; InputError if the logs do not determine it."""
+        for quantity in (*self.measured, *self.others):
+            if quantity.name == name:
+                return quantity
         raise InputError(f"These logs do not determine {name}.")
 
     def azimuths(self, kind: str) -> list[GeometryQuantity]:
-        """Return the wheels' azimuths from that kind of logs, none if there were no such logs."""
-        return [one for one in self.measured if "azimuths" in one.name and one.kind == kind]
+        """Return the wheels' azimuths from that kind of logs; an empty list without such logs."""
+        return [azimuth for azimuth in self.measured if "azimuths" in azimuth.name and azimuth.kind == kind]
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds, SI units."""
@@ -339,8 +343,8 @@ class Geometry:
 
 
 def common_turn(azimuths: Sequence[GeometryQuantity]) -> float:
-    """Return the turn [rad] that azimuths have in common against the file: their median, so that one may be wrong."""
-    return float(np.median([one.value - one.in_file for one in azimuths]))
+    """Return the common turn [rad] of azimuths against the file, as their median, so that one may be wrong."""
+    return float(np.median([azimuth.value - azimuth.in_file for azimuth in azimuths]))
 
 
 def survey_geometry(
@@ -350,14 +354,14 @@ def survey_geometry(
     balancing: Sequence[tuple[Log, Log]] = (),
     progress: ProgressCallback = ignore_progress,
 ) -> Geometry:
-    """Find a robot's geometry by kinematics alone.
+    """Identify a robot's geometry by kinematics alone.
 
     InputError if there is no log, a column is missing, or the motion does not determine the geometry.
 
     Parameters
     ----------
     robot : Robot
-        Its values start the search, and the result is compared with them.
+        Its geometry starts the fit, and is compared with the result.
     upside_down : sequence of Log
         With wheel1 .. wheeln and ball_omega_x, _y, _z in the robot's frame.
     balancing : sequence of (Log, Log)
@@ -365,6 +369,19 @@ def survey_geometry(
         qx qy qz of the body, on its own clock and in its own frame.
     progress : callable, optional
         Called before each stage.
+
+    Examples
+    --------
+    >>> robot = Robot.load("alten")
+    >>> t = 0.005 * np.arange(8000)
+    >>> f, size = np.array([[1.3, 1.9, 2.7], [0.7, 3.1, 2.2]]), np.array([3.0, 4.0, 2.5])
+    >>> phases = np.multiply.outer(t, f)
+    >>> omega, turned = (size * (np.sin(phases)).sum(axis=1), size * ((1.0 - np.cos(phases)) / f).sum(axis=1))
+    >>> A = robot.ball.radius / robot.wheels.radius * axles(robot.wheels.azimuths, robot.wheels.tilt)
+    >>> columns = dict(zip(BALL_NAMES, omega.T)) | dict(zip(("wheel1", "wheel2", "wheel3"), (turned @ A.T).T))
+    >>> geometry = survey_geometry(robot, upside_down=[Log({"t": t, **columns})])
+    >>> round(geometry.find("wheels.tilt").value / robot.wheels.tilt, 3)
+    1.0
     """
     if not upside_down and not balancing:
         raise InputError(
@@ -385,33 +402,33 @@ def survey_geometry(
         progress(next(steps))
         measured, ratios, on_wheels = _of_upside_down(robot, upside_down)
         leaning = float(on_wheels.values[0] * math.cos(on_wheels.values[1]))
-    for log, film in balancing:
+    for log, mocap in balancing:
         progress(next(steps))
-        runs.append(mocap_run(log, film))
+        runs.append(mocap_run(log, mocap))
     if runs:
         progress(next(steps))
         of_rolling, rolling = _of_rolling(robot, runs, leaning)
         measured += of_rolling[:-1]
         measured += _of_both(robot, on_wheels, rolling) if on_wheels else []
         measured += _of_mountings([run.motion for run in runs])
-    others = [one for one in measured if one.name in _OTHERS]
+    others = [quantity for quantity in measured if quantity.name in _OTHERS]
     return Geometry(
-        measured=tuple(one for one in measured if one not in others),
+        measured=tuple(quantity for quantity in measured if quantity not in others),
         wheel_ratios=tuple(ratios),
         others=tuple(others),
     )
 
 
-#: what is no geometry
+#: quantities that are not geometry
 _OTHERS = ("camera delay", "leaning seen")
 
 
 def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors]) -> list[GeometryQuantity]:
-    """Return each radius: r_w = length cos(tilt) and r_b = ratio r_w."""
+    """Return both radii, r_w = length cos(tilt) and r_b = ratio r_w."""
     ratio, tilt, length = (*on_wheels.values[:2].tolist(), float(rolling.values[0]))
     c, s = math.cos(tilt), math.sin(tilt)
     covariance = block_diag(on_wheels.covariance[:2, :2], rolling.errors[0] ** 2)
-    # by ratio, tilt and length
+    # derivatives by ratio, tilt and length
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
     errors = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
@@ -421,9 +438,9 @@ def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors
 
 
 def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
-    """Return the IMU's rotation against the body as the cameras have it, a mean weighted by the runs' variances."""
-    values = np.array([one.body_marker.as_rotvec() for one in motions])
-    weights = 1.0 / np.array([one.rotation_errors for one in motions]) ** 2
+    """Return the IMU's rotation against the body frame of the cameras, the variance-weighted mean over runs."""
+    values = np.array([motion.body_marker.as_rotvec() for motion in motions])
+    weights = 1.0 / np.array([motion.rotation_errors for motion in motions]) ** 2
     mean, errors = (weights * values).sum(axis=0) / weights.sum(axis=0), 1.0 / np.sqrt(weights.sum(axis=0))
     return [
         GeometryQuantity(f"IMU rotation about {axis}", value, error, 0.0, "rad", BALANCING)
@@ -432,30 +449,35 @@ def _of_mountings(motions: Sequence[MotionFit]) -> list[GeometryQuantity]:
 
 
 def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
-    """Return the robot with the radii, tilt and azimuths found, where the logs gave them.
+    """Return the robot with the radii, tilt and azimuths that the logs determine.
 
-    Azimuths are upside down's where there are both, less the turn that all have in common, which is a camera's heading.
-    A standard deviation is that of noise and of slip together.
+    Azimuths are those upside down if there are both, less their common turn, which is the camera's heading. A standard
+    deviation includes noise and slip. InputError if the robot is invalid, as with a radius that does not suit the
+    ball's inertia.
 
-    InputError if that is no robot, as when another radius does not go with the ball's inertia.
+    >>> radius = GeometryQuantity("wheels.radius", 0.0635, 0.0001, in_file=0.063, unit="m", kind="both")
+    >>> robot_with_geometry(Robot.load("alten"), Geometry(measured=(radius,))).wheels.radius
+    0.0635
     """
-    found = {one.name: [one] for one in reversed(geometry.measured)}  # the first of a name counts
-    found["wheels.azimuths"] = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
+    by_name = {
+        quantity.name: [quantity] for quantity in reversed(geometry.measured)
+    }  # the first of a name counts
+    by_name["wheels.azimuths"] = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
     values, sources, deviations = dict[str, Value](), dict(robot.sources), dict(robot.standard_deviations)
     for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
-        if name in found:
-            as_in_file = float if name.endswith("radius") else _in_degrees
-            several = name == "wheels.azimuths"
-            turn = common_turn(found[name]) if several else 0.0
-            numbers = tuple(as_in_file(one.value - turn) for one in found[name])
-            sizes = tuple(as_in_file(math.hypot(one.standard_error, one.slip)) for one in found[name])
-            values[name], deviations[name] = (numbers, sizes) if several else (numbers[0], sizes[0])
-            sources[name] = f"identified: geometry from logs ({found[name][0].kind})"
+        if quantities := by_name.get(name):
+            rounded = float if name.endswith("radius") else _in_degrees
+            azimuths = name == "wheels.azimuths"
+            turn = common_turn(quantities) if azimuths else 0.0
+            numbers = tuple(rounded(q.value - turn) for q in quantities)
+            sizes = tuple(rounded(math.hypot(q.standard_error, q.slip)) for q in quantities)
+            values[name], deviations[name] = (numbers, sizes) if azimuths else (numbers[0], sizes[0])
+            sources[name] = f"identified: geometry from logs ({quantities[0].kind})"
     return robot.replace(values).annotated(sources=sources, standard_deviations=deviations)
 
 
 def _in_degrees(angle: float) -> float:
-    """Return an angle [rad] that a file writes in degrees with nine decimals."""
+    """Return an angle [rad], rounded to nine decimals in degrees as in a file."""
     return math.radians(round(math.degrees(angle), 9))
 
 
@@ -473,38 +495,40 @@ _NO_UPSIDE_DOWN = (
 
 
 def geometry_findings(geometry: Geometry) -> list[Finding]:
-    """Return the findings about a geometry, the most severe first."""
-    found, turns = list[str](), dict[str, float]()
+    """Return the findings on a geometry, the most severe first."""
+    sentences, turns = list[str](), dict[str, float]()
     for kind in (UPSIDE_DOWN, BALANCING):
         azimuths = geometry.azimuths(kind)
         turn = common_turn(azimuths) if azimuths else 0.0
-        if azimuths and abs(turn) > max(*(CLEAR * one.standard_error for one in azimuths), SLIP_ANGLE):
+        if azimuths and abs(turn) > max(
+            *(CLEAR * azimuth.standard_error for azimuth in azimuths), SLIP_ANGLE
+        ):
             turns[kind] = turn
-            found.append(
+            sentences.append(
                 f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the "
                 "cameras' forward direction differs from the robot file's, or all wheels are mounted turned."
             )
-    kinds = {one.kind for one in geometry.measured}
+    kinds = {quantity.kind for quantity in geometry.measured}
     named = dict[str, str]()
-    for one in geometry.measured:
-        turn = turns.get(one.kind, 0.0) if "azimuths" in one.name else 0.0
+    for quantity in geometry.measured:
+        turn = turns.get(quantity.kind, 0.0) if "azimuths" in quantity.name else 0.0
         # with both radii known, their ratio adds nothing
-        if one.stands_out(turn) and not (BOTH in kinds and "/" in one.name):
-            named.setdefault(one.name, _sentence(one))
-    found += named.values()
-    for number, one in enumerate(geometry.wheel_ratios, start=1):
-        if one.stands_out():
-            more = 100.0 * (one.value / one.in_file - 1.0)
-            found.append(
+        if quantity.stands_out(turn) and not (BOTH in kinds and "/" in quantity.name):
+            named.setdefault(quantity.name, _sentence(quantity))
+    sentences += named.values()
+    for number, ratio in enumerate(geometry.wheel_ratios, start=1):
+        if ratio.stands_out():
+            more = 100.0 * (ratio.value / ratio.in_file - 1.0)
+            sentences.append(
                 f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
                 "for the same motion of the ball: its radius differs, or it slips."
             )
     missing = [] if BALANCING in kinds else [_NO_BALANCING]
     missing += [] if UPSIDE_DOWN in kinds else [_NO_UPSIDE_DOWN]
-    return [note("geometry", text) for text in (*(found or [_AGREES]), *missing)]
+    return [note("geometry", text) for text in (*(sentences or [_AGREES]), *missing)]
 
 
-#: what to do if a quantity differs from the file, by the beginning of its name
+#: advice on a quantity that differs from the file, by the beginning of its name
 _ADVICE = {
     "IMU": "mount it straight, or correct its readings.",
     "camera": "the camera that watched the ball is tilted, which was corrected.",
@@ -514,17 +538,17 @@ _ADVICE = {
 }
 
 
-def _sentence(one: GeometryQuantity) -> str:
-    if one.unit == "rad":
-        value, in_file = (f"{math.degrees(number):.2f} deg" for number in (one.value, one.in_file))
+def _sentence(quantity: GeometryQuantity) -> str:
+    if quantity.unit == "rad":
+        value, in_file = (f"{math.degrees(number):.2f} deg" for number in (quantity.value, quantity.in_file))
         share = ""
     else:
-        decimals = max(0, 1 - math.floor(math.log10(one.standard_error)))
-        unit = "" if one.unit == "1" else f" {one.unit}"
-        value, in_file = (f"{number:.{decimals}f}{unit}" for number in (one.value, one.in_file))
-        share = f"{100.0 * (one.in_file / one.value - 1.0):+.1f} % or "
-    advice = next(text for name, text in _ADVICE.items() if one.name.startswith(name))
+        decimals = max(0, 1 - math.floor(math.log10(quantity.standard_error)))
+        unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+        value, in_file = (f"{number:.{decimals}f}{unit}" for number in (quantity.value, quantity.in_file))
+        share = f"{100.0 * (quantity.in_file / quantity.value - 1.0):+.1f} % or "
+    advice = next(text for name, text in _ADVICE.items() if quantity.name.startswith(name))
     return (
-        f"{one.name} is {value} by the logs and {in_file} in the file, a difference of {share}"
-        f"{abs(one.deviation):.0f} standard errors; {advice}"
+        f"{quantity.name} is {value} by the logs and {in_file} in the file, a difference of {share}"
+        f"{abs(quantity.deviation):.0f} standard errors; {advice}"
     )

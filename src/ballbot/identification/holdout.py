@@ -1,17 +1,16 @@
 """Validation of an identification on a log that it was not fitted to, by window and by horizon.
 
-Windows are as long as those of the fit. The errors by horizon are those of the wheels' speeds and the lean after a
-tenth, a quarter and half a second. The speeds are compared with the encoders' where the log has them, so that what the
-model does not have, as a ball that pivots on the floor, counts as an error too.
+The windows are as long as those of the fit. The errors by horizon are those of wheel speeds and lean after 0.1, 0.25
+and 0.5 s. Predicted speeds are compared with those of the encoders if the log has them, so that effects that the model
+lacks, such as a ball that pivots on the floor, count as errors too.
 
-Beside the errors it is estimated how much of the friction the log needs. With e_0 the errors without friction and d =
-e_0 - e what friction makes of the prediction, the share of d that leaves the least squares is
+The log also shows how much of the identified friction it needs. With e_0 the errors without friction and d = e_0 - e
+the effect of friction on the prediction, the factor on d that minimises the squared errors is
 
     a = (sum e_0 d) / (sum d^2)
 
-It is 1 if the log has the model's friction, and less if it has less. It separates a friction that has changed from one
-log to the next, a < 1 for speeds and lean alike, from errors that have nothing to do with friction, which leave a as it
-is.
+It is 1 if the log has the identified friction, and less if it has less. It separates friction that differs between
+logs, which makes a < 1 for speeds and lean alike, from errors without relation to friction, which do not change a.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
-from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.log.pose import without_encoder_lag
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.model import Model
 from ballbot.results import key
 from ballbot.rounding import plus_minus
@@ -39,10 +38,10 @@ from ballbot.rounding import plus_minus
 #: [s]
 HORIZONS = (0.1, 0.25, 0.5)
 
-#: from times of rows (m,) [s] to states (m, 10), NaN if unknown
+#: from times (m,) [s] of rows to states (m, 10), NaN if unknown
 InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-#: blocks of neighbouring starts of the jackknife
+#: blocks of neighbouring starts in the jackknife
 _BLOCKS = 10
 _HALF = len(STATE_NAMES) // 2
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
@@ -50,12 +49,12 @@ _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionErrors:
-    """Root mean square errors of predictions, over all starts and all wheels, or both leans."""
+    """Root mean square errors of predictions, over all starts and wheels, or over both lean angles."""
 
     with_friction: float
-    viscous_part: float  #: with the viscous part of the friction found alone
-    without_friction: float  #: with the back-EMF alone, where motors are driven by voltage
-    share: float  #: of the friction's effect that would leave the least error
+    viscous_part: float  #: with the viscous part of the friction alone
+    without_friction: float  #: with the back-EMF alone if motors are driven by voltage
+    share: float  #: factor a on the effect of friction
     share_error: float  #: its standard error, by a jackknife over blocks of starts; NaN if there are too few
 
 
@@ -63,8 +62,8 @@ class FrictionErrors:
 class FrictionAtHorizon:
     """Effect of friction on the errors at one horizon."""
 
-    horizon: float = field(metadata=key("horizon_s"))  #: of a whole number of rows [s]
-    starts: int  #: how many predictions have a value there
+    horizon: float = field(metadata=key("horizon_s"))  #: a whole number of rows [s]
+    starts: int  #: number of predictions with a value there
     wheel_speed: FrictionErrors = field(metadata=key("wheel_speed_rmse"))  #: [rad/s]
     lean: FrictionErrors = field(metadata=key("lean_rmse"))  #: theta and phi [rad]
 
@@ -72,13 +71,13 @@ class FrictionAtHorizon:
 def friction_by_horizon(
     predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
 ) -> tuple[FrictionAtHorizon, ...]:
-    """Return the effect of friction (p,) on the errors at each horizon at which some prediction has a value.
+    """Return the effect of friction, by parameters (p,), on the errors at each horizon.
 
-    The predictions begin one longest horizon after another, so that they do not overlap, from the states in the log's
-    rows or what `starts` gives. Where motors are driven by voltage, the log has the torques less the back-EMF's.
+    The predictions start from the states in the log's rows, or from those of `starts`, at intervals of the longest
+    horizon, so that they do not overlap. If motors are driven by voltage, the log's torques contain their back-EMF.
     """
     sample_time, layout = log.sample_time, predictor.layout
-    # windows are cut to a multiple of so many samples: half of that more, so that the longest horizon is within
+    # windows are rounded to a multiple of COMPARISONS samples; half of that more keeps the longest horizon inside
     duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
     log = without_encoder_lag(log, predictor.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
@@ -93,16 +92,16 @@ def friction_by_horizon(
     residuals = np.concatenate([*predictor.in_chunks(sets, windows, starts=initial)], axis=1)
     states, model = residuals + windows.measured, Model(predictor.robot)
     first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in windows.spans])
-    measured, found = measured_wheel_speeds(log, predictor.robot), []
+    measured, effects = measured_wheel_speeds(log, predictor.robot), []
     for horizon in HORIZONS:
         after = max(1, round(horizon / sample_time))
         at = states[:, :, after - 1]
         speeds = model.wheel_speed(at[..., :_HALF], at[..., _HALF:]) - measured[first + after]
         leans = residuals[:, :, after - 1, _LEANS]
-        # a robot that fell in a prediction has no value there, nor an encoder that was not read
+        # a prediction in which the robot falls has no value, and neither has an encoder that was not read
         known = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
         if known.any():
-            found.append(
+            effects.append(
                 FrictionAtHorizon(
                     horizon=after * sample_time,
                     starts=int(known.sum()),
@@ -110,11 +109,11 @@ def friction_by_horizon(
                     lean=_errors(leans[:, known]),
                 )
             )
-    return tuple(found)
+    return tuple(effects)
 
 
 def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
-    """Return what differences (3, w, k) with friction, with its viscous part and without make."""
+    """Return the errors from differences (3, w, k) with friction, with its viscous part, and without."""
     with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
     share, error = _share(differences[2], differences[2] - differences[0])
     return FrictionErrors(
@@ -127,7 +126,7 @@ def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
 
 
 def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the share of friction's effect (w, k) that explains most of the errors without it, and its error."""
+    """Return the factor on the effect of friction (w, k) that explains most of the errors without it, and its error."""
     products, squares = (without * effect).sum(axis=1), (effect**2).sum(axis=1)
     if not squares.any():
         return float("nan"), float("nan")
@@ -140,19 +139,21 @@ def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[f
     return share, float(np.sqrt((_BLOCKS - 1) * shares.var()))
 
 
-#: a log needs another friction if its share differs from 1 by this much, and by this many standard errors
+#: the friction differs if its factor differs from 1 by this much and by this many standard errors
 _DIFFERS, _SIGNIFICANT = 0.2, 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class HoldoutResult:
-    """How well an identification predicts one log."""
+    """Errors of an identification on one log."""
 
     name: str  #: of the log
     errors: WindowErrors
-    horizons: tuple[FrictionAtHorizon, ...]  #: empty if no interval of the log is as long as the longest
-    causal: bool  #: whether their predictions start from causal states, and not from the log's rows
-    findings: tuple[Finding, ...]  #: the states that friction does not help to predict, and why
+    horizons: tuple[
+        FrictionAtHorizon, ...
+    ]  #: empty if the log is shorter than the longest horizon everywhere
+    causal: bool  #: whether they start from causal states instead of the log's rows
+    findings: tuple[Finding, ...]  #: states that friction does not help to predict, and reasons
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -167,18 +168,28 @@ class HoldoutResult:
 def cross_validate(
     found: Identification, log: LogLike, *, name: str, starts: InitialStates | None = None
 ) -> HoldoutResult:
-    """Predict windows of a log with the identified parameters, as long as those of the fit, and without friction.
+    """Predict windows of a log, as long as those of the fit, with the identified parameters and without friction.
 
     InputError if the log lacks a column or has no window.
 
     Parameters
     ----------
+    found : Identification
     log : Log or log file
     name : str
         The log's name in the results.
     starts : callable, optional
-        The states known at times of its rows, from which the predictions by horizon start, as
-        `ballbot.log.pose.causal_states` gives them for a log from elsewhere; by default those of its rows.
+        The states at times of its rows from which the predictions by horizon start, as
+        `ballbot.log.pose.causal_states` returns them for a mapped log; by default those of its rows.
+
+    Examples
+    --------
+    >>> import ballbot
+    >>> robot = ballbot.Robot.load("alten").replace({"friction.coulomb": 0.1})
+    >>> square, other = (ballbot.simulate(robot, "nominal", "square", duration=12.0, seed=seed) for seed in (1, 2))
+    >>> found = ballbot.identify("alten", square, law="coulomb", window=0.1)
+    >>> cross_validate(found, other, name="other").errors.with_over_without["theta"] < 0.01
+    True
     """
     predictor, log = found.predictor, as_log(log)
     log = without_encoder_lag(log, predictor.robot)
@@ -202,22 +213,22 @@ def cross_validate(
 
 
 def _share_findings(name: str, horizons: Sequence[FrictionAtHorizon]) -> list[Finding]:
-    """Return a warning if a log needs clearly more or less friction than was found.
+    """Return a warning if a log needs clearly more or less friction than was identified.
 
-    It is taken from the shortest horizon: after it, whatever else moves an unstable robot has grown.
+    The shortest horizon decides: other errors grow with time, as the robot is unstable.
     """
     if not horizons:
         return []
     speed, lean = horizons[0].wheel_speed, horizons[0].lean
     off = abs(speed.share - 1.0)
-    # NaN, where there are too few starts to be sure, is never beyond a bound
+    # the error is NaN with too few starts; then no comparison holds
     if not (off > _DIFFERS and off > _SIGNIFICANT * speed.share_error):
         return []
     word = "less" if speed.share < 1.0 else "more"
     text = (
-        f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheels "
+        f"{name} needs {word} friction than was identified: over {horizons[0].horizon:.2g} s its wheel speeds "
         f"need {plus_minus(speed.share, speed.share_error)} times as much, its lean "
-        f"{plus_minus(lean.share, lean.share_error)} times. The friction was different when the logs were made, or "
-        "times in one of them are wrong. Fit both together for a mean, or each by itself."
+        f"{plus_minus(lean.share, lean.share_error)} times. The friction differed between the logs, or the times in "
+        "one of them are wrong. Fit both logs together for a mean, or each by itself."
     )
     return [warning("friction-differs", text)]

@@ -1,9 +1,9 @@
-"""Identification of a robot's friction, and of other quantities, from balancing logs.
+"""Identification of a robot's friction and other quantities from balancing logs.
 
-A search finds the basin, on some of the windows: by short descents from a few fixed starts, or by the thesis's
-stochastic search. Gauss-Newton finds the minimum, and held-out windows validate the result. The problem is the thesis's
-(section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable); windows'
-estimated starts, standard errors and held-out windows are added.
+On some of the windows a search finds the basin, by short descents from a few fixed starts or by the thesis's genetic
+algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result. The problem is that of the thesis
+(section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable). Estimated
+initial states, standard errors and held-out windows are additions.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
-#: longest inner step of simulations [s]: with 2.5 or 1.25 ms an estimate moves by 0.15 of its standard error at most
+#: longest integration step [s]: with 2.5 or 1.25 ms an estimate changes by 0.15 of its standard error at most
 INNER_STEP = 5e-3
 
 
@@ -93,27 +93,29 @@ class IdentificationOptions:
     Raises
     ------
     InputError
-        If the held-out fraction is not between 0 and 1, a count is too small, or a state that is excluded is not one.
+        If the held-out fraction is not between 0 and 1, a count is too small, or an excluded state does not exist.
     """
 
-    accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
+    accept: Collection[str] = ()  #: codes of errors in the logs to ignore; see `ballbot.findings.CODES`
     formulation: Formulation = "exact"  #: of the equations of motion
     held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
-    excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading where the ball pivots
-    #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
+    excluded_states: tuple[
+        str, ...
+    ] = ()  #: whose errors do not count, such as the heading if the ball pivots
+    #: b_e of motors driven by voltage [N m s/rad], if the logged torques contain their back-EMF
     back_emf: float = 0.0
-    #: Gauss-Newton begins from its numbers where they predict better
+    #: Gauss-Newton starts from its values if they predict better than the end of the search
     warm_start: Identification | None = None
-    #: friction from a sweep of the free wheels, to combine with the logs'; b and c of each wheel are taken
+    #: a sweep of the free wheels, whose b and c of each wheel are combined with the logs'
     sweep: StageEstimate | None = None
     search: Search = "multistart"
     generations: int = 150  #: of the genetic search, at most
     population: int = 24  #: sets of parameters in each generation
-    evolution_windows: int = 64  #: windows that the search looks at; Gauss-Newton takes all
+    evolution_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
     gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
     #: parameters with doubtful errors whose intervals are profiled, at most
     most_profiles: int = MOST_PROFILES
-    step: float = INNER_STEP  #: longest one of simulations [s]
+    step: float = INNER_STEP  #: longest integration step [s]
 
     def __post_init__(self) -> None:
         if not 0.0 < self.held_out < 1.0:
@@ -144,7 +146,6 @@ class IdentificationOptions:
         return ~np.isin(STATE_NAMES, self.excluded_states)
 
 
-#: suits most logs
 DEFAULT_OPTIONS = IdentificationOptions()
 
 
@@ -165,26 +166,25 @@ def identify(
     Parameters
     ----------
     robot : Robot, preset or robot file
-        Its own friction is used only for parameters on which the logs have no information, and where friction is not
-        estimated.
+        Its friction is used only for parameters on which the logs have no information, or if friction is not estimated.
     logs : Log or log file, several in a list or a mapping, or CheckedLogs
-        With the ten state columns and the torques u1 .. un, of one sample time. Windows with missing values, gaps
-        or a fallen robot are skipped. The logs are checked first, unless they come as `CheckedLogs`.
+        With the ten state columns and the torques u1 .. un, at one sample time. Windows with missing values, gaps or a
+        fallen robot are skipped. The logs are checked first, unless they are `CheckedLogs`.
     free : sequence of str, or str
-        Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES`, or of its groups; in a string
-        with commas between.
+        Quantities to estimate: names of `ballbot.identification.quantities.QUANTITIES` or of its groups; in a string
+        separated by commas.
     law : str
-        The friction law if "friction" is estimated: of `ballbot.identification.laws.LAWS`, or a registered one
+        The friction law if "friction" is estimated: one of `ballbot.identification.laws.LAWS`, or a registered law
         (`ballbot.register_friction_law`) by its name or as FILE.py:NAME.
     bounds : Bounds or bounds file, optional
-        Within which the parameters are estimated; equal bounds fix a quantity.
+        Of the parameters; equal bounds hold a quantity.
     window : float
-        Length of the windows predicted [s].
+        Length of the windows [s].
     seed : int, optional
-        Replaces the seed of `run`. The result is the same to the bit for the same seed, wherever the work is done.
+        Replaces the seed of `run`. The same seed gives the same result to the bit, with any executor.
     options : IdentificationOptions, optional
     run : Run, optional
-        Where the work is done, and who watches the progress.
+        Executor and progress callback.
 
     Returns
     -------
@@ -195,6 +195,17 @@ def identify(
     InputError
         If the checks of the logs find an error whose code is not accepted; if the logs cannot determine the
         parameters (a column missing, too few windows, no motion); or if an option is invalid.
+
+    Examples
+    --------
+    >>> import ballbot
+    >>> robot = ballbot.Robot.load("alten").replace({"friction.coulomb": 0.1})
+    >>> log = ballbot.simulate(robot, "nominal", "square", duration=12.0, seed=1)
+    >>> found = ballbot.identify("alten", log, law="coulomb", window=0.1)
+    >>> np.round(found.parameters["c"], 3)  # [N m]
+    array([0.1, 0.1, 0.1])
+    >>> found.verdict.usable
+    True
     """
     robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
     robot = robot_by_law(robot, law, free=free)
@@ -234,22 +245,22 @@ def identify_by_law(
     options: IdentificationOptions = DEFAULT_OPTIONS,
     run: Run = DEFAULT_RUN,
 ) -> tuple[Identification, LawSelection | None]:
-    """Identify by one law; or, for "best", by each law in turn, each begun from the law that it contains.
+    """Identify by one law; or, for "best", by each law, starting from the simpler law within it.
 
-    The parameters are those of `identify`. Returns the identification by the given law, or by the selected one and the
-    laws that were compared. InputError as `identify`.
+    The parameters and errors are those of `identify`. Returns the identification by the given law and None, or by the
+    selected law and the selection.
     """
 
-    def by_law(one: str, start: Identification | None) -> Identification:
-        def report(now: Progress) -> None:
-            error = "" if math.isnan(now.cost) else f", error x {math.exp(now.cost):.3f}"
-            run.progress(replace(now, note=f"{one}{error}"))
+    def by_law(law: str, start: Identification | None) -> Identification:
+        def report(progress: Progress) -> None:
+            error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
+            run.progress(replace(progress, note=f"{law}{error}"))
 
         return identify(
             robot,
             logs,
             free=free,
-            law=one,
+            law=law,
             bounds=bounds,
             window=window,
             options=replace(options, warm_start=start),
@@ -263,12 +274,9 @@ def identify_by_law(
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
-    """Return which parameters `identify` deals with, and within which bounds.
+    """Return the parameters that `identify` estimates or holds, with their bounds.
 
-    Raises
-    ------
-    InputError
-        If a name is not a quantity or a group.
+    InputError if a name is not a quantity or a group.
     """
     names, chosen = names_in(free), law_named(law)
     if set(FRICTION) <= set(names):
@@ -282,13 +290,13 @@ class Prepared:
     """Windows to fit and to validate on."""
 
     experiment: Balancing  #: windows to fit
-    drawn: NDArray[np.int64]  #: the number of those that the search looks at
+    drawn: NDArray[np.int64]  #: rows of those that the search uses
     held_out: Windows
     excitation: Identifiability
 
     @property
     def groups(self) -> NDArray[np.int64]:
-        """The number (w,) of each window's group, from the slowest third of the wheels' speeds to the fastest."""
+        """The group of each window (w,), from the slowest third by wheel speed to the fastest."""
         speeds = np.abs(wheel_speeds(self.experiment)).mean(axis=(1, 2))
         return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
 
@@ -304,12 +312,7 @@ def prepare(
 ) -> Prepared:
     """Cut logs into windows of this length [s], hold some out and check that the others excite the parameters.
 
-    The seed of `run` draws the windows that the search looks at; its executor works on the fit.
-
-    Raises
-    ------
-    InputError
-        If the logs do not excite the parameters.
+    The seed of `run` draws the windows that the search uses. InputError if the logs do not excite the parameters.
     """
     predictor = Predictor(
         robot=robot,
@@ -341,12 +344,12 @@ def prepare(
     )
 
 
-#: the fixed starts of friction, scaled: every amount's, and v_s and delta
+#: fixed starts of friction, scaled: of amounts, and of v_s and delta
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 
 
 def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
-    """Return the scaled points (s, p) that the search begins from: quantities besides friction as they were."""
+    """Return the scaled points (s, p) from which the search starts; quantities other than friction are nominal."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
     points = []
     for amount, shape in product(_AMOUNTS, _SHAPES):
@@ -358,13 +361,13 @@ def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
             **{name: shape if BY_NAME[name].scale == "ratio" else amount for name in coordinates.layout.own},
         }.items():
             point[(names == name) & coordinates.free] = value
-        if not any(np.array_equal(point, one) for one in points):
+        if not any(np.array_equal(point, other) for other in points):
             points.append(point)
     return np.array(points)
 
 
 def _values_of(coordinates: Coordinates, earlier: Identification) -> NDArray[np.float64]:
-    """Return an earlier identification's parameters, scaled (p,); those that it lacks keep their nominal values."""
+    """Return the scaled parameters (p,) of an earlier identification; those that it lacks are nominal."""
     values = coordinates.nominal.copy()
     for name in coordinates.layout.names:
         mine = coordinates.layout.part(name, values)
@@ -377,7 +380,7 @@ def _values_of(coordinates: Coordinates, earlier: Identification) -> NDArray[np.
 def _alike(
     prepared: Prepared, estimate: Fit[WindowsIterate], *, options: IdentificationOptions
 ) -> tuple[Prepared, Fit[WindowsIterate]]:
-    """Return the estimate, fitted again with one number for all wheels where the logs cannot separate them."""
+    """Return the estimate, fitted again with common values for all wheels if the logs cannot separate them."""
     experiment = prepared.experiment
     if options.sweep is not None:  # it measured each wheel
         return prepared, estimate
@@ -392,7 +395,7 @@ def _alike(
         return prepared, estimate
     coordinates = replace(experiment.coordinates, alike=names)
     refused = prepared.excitation.refused
-    refused = np.array([refused[coordinates.first == place].all() for place in coordinates.first])
+    refused = np.array([refused[coordinates.first == first].all() for first in coordinates.first])
     prepared = replace(
         prepared,
         experiment=replace(experiment, coordinates=coordinates),
@@ -417,13 +420,13 @@ def _uncertainty(
     *,
     options: IdentificationOptions,
 ) -> tuple[Uncertainty, Variation, list[Finding]]:
-    """Return the estimate with what windows, other logs, the torques' scale, other wheels and a sweep say of it."""
+    """Return the uncertainty from windows, between logs, of the torque scale and between wheels, and with the sweep."""
     coordinates = experiment.coordinates
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
     scale_errors = torque_scale_errors(list(logs), experiment.predictor.robot)
     uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
     uncertainty, findings = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # which does not vary from log to log
+    if options.sweep is not None:  # it does not vary between logs
         uncertainty, findings = with_sweep(coordinates, uncertainty, options.sweep)
     return (
         uncertainty,
@@ -432,12 +435,12 @@ def _uncertainty(
     )
 
 
-#: groups of windows by speed, of equal size
+#: number of groups of windows by speed
 _SPEED_GROUPS = 3
 
 
 def wheel_speeds(experiment: Balancing) -> NDArray[np.float64]:
-    """Return the speeds of the wheels (w, 1 + m, n) [rad/s] in windows."""
+    """Return the wheel speeds (w, 1 + m, n) [rad/s] in the windows."""
     windows = experiment.windows
     states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
     return Model(experiment.predictor.robot).wheel_speed(states[..., :5], states[..., 5:])
@@ -455,7 +458,7 @@ def _result(
     experiment, fitted = prepared.experiment, list(logs.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     layout = predictor.layout
-    uncertainty, varied, said = _uncertainty(experiment, estimate, fitted, options=options)
+    uncertainty, varied, findings = _uncertainty(experiment, estimate, fitted, options=options)
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     robot = found_robot(predictor.robot, layout, uncertainty, log_count=len(fitted), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
@@ -494,7 +497,7 @@ def _result(
                 other=estimate.other,
             ),
             *prediction_findings(held_out.with_over_without),
-            *said,
+            *findings,
             *file_findings(predictor.robot, balancing),
         ),
         other=estimate.other,
@@ -503,20 +506,20 @@ def _result(
 
 
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
-    """Return findings on effects that the model does not have: corrupted rows, play, and a ball that pivots."""
+    """Return findings on effects that the model lacks: corrupted rows, play, and a ball that pivots."""
     robot = predictor.robot
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
     chatter = [chatter_findings(log, robot, name) for log, name in zip(logs, names, strict=True)]
     shares = [share_shown(log, robot) for log, found in zip(logs, chatter, strict=True) if not found]
     return [
-        *(finding for log, name in zip(logs, names, strict=True) for finding in _spoilt(log, robot, name)),
+        *(finding for log, name in zip(logs, names, strict=True) for finding in _corrupted(log, robot, name)),
         *(finding for found in chatter for finding in found),
         *heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra),
     ]
 
 
-def _spoilt(log: Log, robot: Robot, name: str) -> list[Finding]:
-    """Return a warning of a log's corrupted rows, if there are any."""
+def _corrupted(log: Log, robot: Robot, name: str) -> list[Finding]:
+    """Return a warning if a log has corrupted rows."""
     rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
     if not rows.size:
         return []

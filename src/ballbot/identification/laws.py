@@ -1,6 +1,6 @@
 """Friction laws, and the selection of one by its error on held-out windows.
 
-Each law contains another one:
+Each law contains a simpler one:
 
     none                 0
     viscous              b w
@@ -10,22 +10,22 @@ Each law contains another one:
     directed             the same, and s that differs with direction by e of each wheel
     load                 the same as stribeck with c + mu |u| in place of c
 
-Asymmetric. Let wheel i have dry friction c+ while it turns forward and c- while it turns backward, and at rest hold
-any torque from -c- to c+. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sgn(w) + o:
+Asymmetric. Let wheel i have dry friction c+ turning forward and c- turning backward, and hold any torque from -c- to
+c+ at rest. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sgn(w) + o:
 
     forward   c + o = c+          backward  -c + o = -c-          at rest   [-c, c] + o = [-c-, c+]
 
-So it is the symmetric law and a constant torque -o on the wheel, found as `torque_offset`: a motor driver's own offset
-has the same effect, and no log separates the two. It is physical while |o| <= c. Directed: with s+ and s- by direction
-and e = (s+ - s-)/2 the friction has e exp(-|w/v_s|^delta) more, which fades at speeds around v_s, while |e| <= s.
+So it is the symmetric law with a constant torque -o on the wheel, estimated as `torque_offset`. The offset of a motor
+driver has the same effect, and no log separates the two. It is friction while |o| <= c. Directed: with s+ and s- by
+direction and e = (s+ - s-)/2 e exp(-|w/v_s|^delta) adds to the friction and fades at speeds around v_s; |e| <= s.
 
-Load. A gear's teeth rub in proportion to what they carry, here the motor's torque u, which is held over a sample; so is
-then the friction's size. It is an alternative to asymmetric: both contain stribeck.
+Load. Gear teeth rub in proportion to their load, here the motor's torque u, which is constant over a sample, as is then
+the size of the friction. It is an alternative to asymmetric: both contain stribeck.
 
-Selection. All laws are fitted to the same windows and predict the same ones held out. A law is accepted if the whole
-interval of its gain (`ballbot.fitting.model_selection`) is above zero, over the law within it and, if that one was not
-accepted, over the largest one within that was; no friction is within viscous. The accepted law of the least error is
-the best. One is rejected if an interval lies below a useful gain of 1 %; else the data cannot decide.
+Selection. All laws are fitted to the same windows and predict the same held-out windows. A law is accepted if the
+interval of its gain (`ballbot.fitting.model_selection`) is above zero over the simpler law within it and, if that one
+was not accepted, over the largest accepted law within it; the simplest is no friction. The best law is the accepted one
+with the least error. A law is rejected if an interval lies below a useful gain of 1 %; otherwise it is undecided.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ class Law:
 
     name: str
     formula: str
-    within: str | None  #: the law that it contains and is compared with; None: no friction
-    free: tuple[str, ...]  #: quantities
-    #: bounds if none are given
+    within: str | None  #: the simpler law that it contains and is compared with; None: no friction
+    free: tuple[str, ...]  #: quantities that are estimated
+    #: bounds unless others are given
     wide_bounds: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
 
 
 _COULOMB = ("viscous", "coulomb", "rolling")
 _ASYMMETRIC = (*FRICTION, "torque_offset")
 LAWS: tuple[Law, ...] = (
-    # without dry friction, b has to take its part
+    # without dry friction, b takes its part
     Law("viscous", "b w", None, ("viscous",), {"viscous": (0.0, 1.0)}),
     Law("coulomb", "b w + c sgn w, rolling C_rr", "viscous", _COULOMB),
     Law("stribeck", "b w + (c + s exp(-|w/v_s|^delta)) sgn w, C_rr", "coulomb", FRICTION),
@@ -74,9 +74,9 @@ LAWS: tuple[Law, ...] = (
 
 
 def law_named(name: str) -> Law:
-    """Return the law of that name, or the registered one of that name or of FILE.py:NAME.
+    """Return the law of that name, or the registered law of that name or of FILE.py:NAME.
 
-    InputError if there is no such law.
+    InputError if there is none.
     """
     names = [law.name for law in LAWS]
     if name in names:
@@ -97,7 +97,7 @@ def law_named(name: str) -> Law:
 
 
 def robot_by_law(robot: Robot, name: str, *, free: Sequence[str] | str) -> Robot:
-    """Return the robot with the friction law that is estimated, its own if friction is not."""
+    """Return the robot with the friction law that is estimated, or its own law if friction is not estimated."""
     if not set(FRICTION) <= set(names_in(free)):
         return robot
     classical = law_named(name) in LAWS
@@ -106,7 +106,7 @@ def robot_by_law(robot: Robot, name: str, *, free: Sequence[str] | str) -> Robot
 
 
 def bounds_of(law: Law, bounds: Bounds) -> Bounds:
-    """Return bounds that hold the friction that the law does not have at values without effect; the rest as given."""
+    """Return the bounds, with friction that the law does not have held at values without effect."""
     absent = [name for name in FRICTION if name not in law.free]
     held = {name: (BY_NAME[name].neutral, BY_NAME[name].neutral) for name in absent}
     return Bounds({**law.wide_bounds, **bounds.limits, **held})
@@ -114,23 +114,23 @@ def bounds_of(law: Law, bounds: Bounds) -> Bounds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawCandidate:
-    """A fitted law, and what the held-out windows say of it."""
+    """A fitted law, and its gain on held-out windows."""
 
     law: Law
     found: Identification
-    gain: Gain  #: over the law within it
+    gain: Gain  #: over the simpler law within it
     over: str | None  #: the largest accepted law within it; None: no friction
     gain_over: Gain  #: over that one
-    error: float  #: over that without friction
+    error: float  #: relative to the error without friction
 
     @property
     def accepted(self) -> bool:
-        """Whether the held-out windows support it."""
+        """Whether held-out windows support the law."""
         return self.gain.significant and self.gain_over.significant
 
     @property
     def decision(self) -> Literal["accepted", "rejected", "undecided"]:
-        """Whether the held-out windows support it, exclude a useful gain, or cannot decide."""
+        """Whether held-out windows support the law, exclude a useful gain, or leave it undecided."""
         if self.accepted:
             return "accepted"
         return "rejected" if min(self.gain.upper, self.gain_over.upper) < USEFUL_GAIN else "undecided"
@@ -153,13 +153,13 @@ class LawCandidate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawSelection:
-    """All laws, fitted, and the best one."""
+    """All fitted laws, and the best one."""
 
     candidates: tuple[LawCandidate, ...]
 
     @property
     def best(self) -> LawCandidate:
-        """The accepted law of the least error; viscous friction if no law is accepted."""
+        """The accepted law with the least error; viscous friction if none is accepted."""
         accepted = [candidate for candidate in self.candidates if candidate.accepted]
         return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
 
@@ -172,10 +172,10 @@ class LawSelection:
 
 
 def select_law(fit: Callable[[str, Identification | None], Identification]) -> LawSelection:
-    """Fit every friction law and select the one that the held-out windows support.
+    """Fit every friction law and select one by its error on held-out windows.
 
-    `fit` calls `ballbot.identification.identify` with its law and, as `warm_start`, the identification by the law
-    within it; all else is the same each time.
+    `fit` calls `ballbot.identification.identify` with the name of a law and, as `warm_start`, the identification by the
+    simpler law within it (None for the first); everything else is the same each time.
     """
     known: dict[str | None, LawCandidate] = {}
     for law in LAWS:

@@ -1,4 +1,4 @@
-"""Predictions of windows by many sets of parameters in one batched call."""
+"""Predictions of windows by many sets of parameters, in one batched call."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ from ballbot.mechanics.parameters import (
 )
 from ballbot.robot import Robot
 
-#: windows simulated in one call, which bounds the memory and fixes the order of every sum
+#: windows simulated in one call, which limits the memory and fixes the order of sums
 CHUNK = 256
 
 
 @dataclass(frozen=True, kw_only=True)
 class Predictor:
-    """A robot whose parameters vary."""
+    """A robot with variable parameters."""
 
-    robot: Robot  #: its friction is not used, nor any other parameter of the layout
+    robot: Robot  #: its parameters that the layout has are not used
     formulation: Formulation
-    step: float  #: longest inner one [s]
-    #: which parameters vary; the ball pivots where "pivoting" is one of them
+    step: float  #: longest integration step [s]
+    #: which parameters vary; the ball pivots if "pivoting" is one of them
     layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
     back_emf: float = 0.0  #: b_e [N m s/rad], added to every wheel's b; see `ballbot.identification.windows`
-    threads: int | None = None  #: all cores where None; the results do not depend on it
+    threads: int | None = None  #: None for all cores; the results do not depend on it
 
     def residuals(
         self,
@@ -59,10 +59,10 @@ class Predictor:
         every: int,
         starts: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return predicted minus measured states (sets, w, m // every, 10), after every so many samples.
+        """Return predicted less measured states (sets, w, m // every, 10), once `every` so many samples.
 
-        `values` (sets, p) are in SI units, in the order of the layout; `starts` (sets, w, 10) take the place of the
-        states measured at the windows' starts, as sensors without noise would see them.
+        `values` (sets, p) are in SI units, in the order of the layout; `starts` (sets, w, 10) replace the measured
+        initial states of the windows.
         """
         sets, count = len(values), len(windows)
         torques, window_of = acting_torques(self.layout, values, windows), np.tile(np.arange(count), sets)
@@ -111,7 +111,7 @@ class Predictor:
     def _initial(
         self, values: NDArray[np.float64], windows: Windows, starts: NDArray[np.float64] | None
     ) -> NDArray[np.float64]:
-        """Return the true states at the starts (sets, w, 10 or 11)."""
+        """Return the true initial states (sets, w, 10 or 11)."""
         shape = (len(values), *windows.initial.shape)
         initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
         offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
@@ -125,7 +125,7 @@ class Predictor:
     def _seen_late(
         self, lanes: Lanes, late: NDArray[np.float64], *, sample_time: float
     ) -> NDArray[np.float64]:
-        """Return the states (sets, w, m, 10) as sensors late by (sets, 10) [s] show them, the starts in `lanes` too."""
+        """Return the states (sets, w, m, 10) and initial states as sensors with delays (sets, 10) [s] show them."""
         names = len(STATE_NAMES)
         set_of, start = lanes.row_of[:, 0], lanes.initial.copy()
         first = replace(lanes, torques=lanes.torques[:, :1])
@@ -145,14 +145,14 @@ class Predictor:
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
             every=every,
             threads=self.threads,
-            lost_lanes=True,  # parameters may be such that a lane overflows
+            lost_lanes=True,  # some parameters make a lane overflow
         ).states
 
     def _packed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rows of numbers (sets, size) that compiled code reads."""
+        """Return the parameters as compiled code reads them (sets, size)."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(layout.with_rigid_body(robot, one), self.formulation) for one in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, row), self.formulation) for row in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -183,14 +183,14 @@ class Predictor:
 
     @cached_property
     def _own(self) -> NDArray[np.float64]:
-        """The robot's own row of numbers."""
+        """The robot's own parameters as compiled code reads them."""
         return pack(self.robot, self.formulation)
 
 
 def windows_for(
     predictor: Predictor, upper: NDArray[np.float64], logs: Sequence[Log], *, duration: float
 ) -> Windows:
-    """Cut logs into windows with what the predictor's parameters, up to `upper` (p,), need besides the states."""
+    """Cut logs into windows, with the torques before them and the spin that parameters up to `upper` (p,) need."""
     layout, pivots = predictor.layout, "pivoting" in predictor.layout.extra
     return cut_windows(
         logs,
@@ -203,22 +203,22 @@ def windows_for(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowErrors:
-    """Errors of open-loop predictions over windows, all samples of all windows together."""
+    """Errors of open-loop predictions over windows."""
 
     spans: tuple[Span, ...]  #: (w,), the windows
-    window_samples: int  #: compared in each
-    #: (w, 10), sums of squared errors in each window with the friction found
+    window_samples: int  #: samples compared in each window
+    #: (w, 10), sums of squared errors in each window with friction
     squares_with: NDArray[np.float64]
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
     def samples(self) -> int:
-        """Samples compared in all, n."""
+        """Number of samples compared, n."""
         return len(self.spans) * self.window_samples
 
     @property
     def rmse_with(self) -> NDArray[np.float64]:
-        """Root mean square error of each state (10,) with the friction found."""
+        """Root mean square error of each state (10,) with friction."""
         return np.sqrt(self.squares_with.sum(axis=0) / max(self.samples, 1))
 
     @property
@@ -249,7 +249,7 @@ def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
 
 
 def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
-    """Return the errors of predictions by parameters (p,), with their friction and without."""
+    """Return the errors of predictions by parameters (p,), with friction and without."""
     both = np.stack([values, predictor.layout.without_friction(values)])
     squares = [(residuals**2).sum(axis=2) for residuals in predictor.in_chunks(both, windows)]
     with_friction, without = np.concatenate([np.zeros((2, 0, len(STATE_NAMES))), *squares], axis=1)

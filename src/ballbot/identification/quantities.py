@@ -1,22 +1,22 @@
 """The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
-Those of a quantity that is a parameter of the robot stand beside its field in `ballbot.robot.components`.
+Those of the robot's own parameters are stated beside the fields in `ballbot.robot.components`.
 
 A row of parameters begins with the friction, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]. Other
-quantities follow in the table's order. A quantity that is not estimated has its nominal value. That is the robot's own
-value, or the neutral value of an input or a sensor without fault: a gain of 1, and 0 for all others.
+quantities follow in the order of the table. A quantity that is not estimated has its nominal value: the robot's own
+value, or the neutral value of an input or a sensor without fault, which is 1 for a gain and 0 for all others.
 
 The bounds keep the robot physical. The body's second moments S_x, S_y, S_z about its centre of mass stand for its
 inertia: J_xx = S_y + S_z, and so on in turn. Any positive second moments belong to some body, because S > 0 is the
 triangle inequality of the inertia.
 
-A user may set bounds in Python or in a TOML file:
+Users set bounds in Python or in a TOML file:
 
     coulomb = [0.0, 0.5]             # c [N m], every wheel's
     delay = [0.012, 0.012]           # held at that value [s]
 
-Keys left out keep the defaults of the table. Bounds hold for every number of a quantity, in its unit. Equal bounds hold
-it at that value, so that a value known from elsewhere, as a delay, takes part.
+Missing keys keep the defaults of the table. Bounds apply to every number of a quantity, in its unit. Equal bounds hold
+it at that value, such as a delay known from elsewhere.
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.friction_law import OWN_PARAMETERS
 from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 
-#: quantities of which the rigid body is made; what changes one of them makes another robot
+#: quantities of the rigid body
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
-#: the least second moment as a share of their sum, so that their ratios mean something
+#: least second moment as a share of their sum, so that their ratios are defined
 _THINNEST = 1e-3
 
 
 def second_moments(robot: Robot) -> Sequence[float]:
     """Return S_x, S_y, S_z [kg m^2], the integrals of x^2, y^2 and z^2 dm about the body's centre of mass.
 
-    From J = (trace S) I - S, so that S = (trace J) / 2 I - J. A body that is flat counts as a little thick.
+    From J = (trace S) I - S, so that S = (trace J) / 2 I - J. A flat body counts as slightly thick.
     """
     S = np.diag(_second_moment_matrix(robot))
     return np.maximum(S, _THINNEST * S.sum()).tolist()
@@ -61,36 +61,39 @@ def rotor_inertia(robot: Robot) -> Sequence[float]:
     return (robot.drive.reflected_inertia,)
 
 
-def with_rigid_body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Robot:
-    """Return the robot with these quantities of `RIGID` in place of its own.
+def with_rigid_body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Robot:
+    """Return the robot with these quantities of `RIGID`.
 
-    Products of inertia keep their size in proportion: S_xy is scaled by sqrt(S_x S_y) new over old, which leaves a
-    positive definite S positive definite. Of rotor and gear, both are scaled by one factor; where both are zero,
-    the rotor has it all.
+    Products of inertia scale in proportion, S_xy by the ratio of new to old sqrt(S_x S_y), which keeps a positive
+    definite S positive definite. Rotor and gear are scaled by one factor; if both are zero, the rotor has it all.
     """
     ball, body, wheels, drive = robot.ball, robot.body, robot.wheels, robot.drive
-    if "ball_inertia" in found:
-        ball = replace(ball, inertia=float(found["ball_inertia"][0]))
-    if "wheel_inertia" in found:
-        wheels = replace(wheels, inertia=float(found["wheel_inertia"][0]))
-    if "rotor_inertia" in found:
-        wanted, before = float(found["rotor_inertia"][0]), drive.reflected_inertia
+    if "ball_inertia" in quantities:
+        ball = replace(ball, inertia=float(quantities["ball_inertia"][0]))
+    if "wheel_inertia" in quantities:
+        wheels = replace(wheels, inertia=float(quantities["wheel_inertia"][0]))
+    if "rotor_inertia" in quantities:
+        wanted, before = float(quantities["rotor_inertia"][0]), drive.reflected_inertia
         factor = wanted / before if before else 1.0
         motor = factor * drive.motor_inertia if before else wanted / drive.gear_ratio**2
         drive = replace(drive, motor_inertia=motor, gear_inertia=factor * drive.gear_inertia)
-    if {"center_of_mass", "second_moment"} & found.keys():
-        body = _body(robot, found)
+    if {"center_of_mass", "second_moment"} & quantities.keys():
+        body = _body(robot, quantities)
     return robot.replace(ball=ball, body=body, wheels=wheels, drive=drive)
 
 
-def _body(robot: Robot, found: Mapping[str, NDArray[np.float64]]) -> Body:
+def _body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Body:
     S = _second_moment_matrix(robot)
-    if "second_moment" in found:
-        ratio = np.sqrt(found["second_moment"] / np.array(second_moments(robot)))
+    if "second_moment" in quantities:
+        ratio = np.sqrt(quantities["second_moment"] / np.array(second_moments(robot)))
         S = S * np.outer(ratio, ratio)
-        np.fill_diagonal(S, found["second_moment"])
+        np.fill_diagonal(S, quantities["second_moment"])
     J = np.trace(S) * np.eye(3) - S
-    height = float(found["center_of_mass"][0]) if "center_of_mass" in found else robot.body.center_of_mass
+    height = (
+        float(quantities["center_of_mass"][0])
+        if "center_of_mass" in quantities
+        else robot.body.center_of_mass
+    )
     if robot.body.inertia_about == "ball_center":
         J = J + robot.body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
     xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
@@ -104,25 +107,25 @@ def _second_moment_matrix(robot: Robot) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One line of the table."""
+    """One row of the table."""
 
     name: str  #: in options and files
     symbol: str  #: in results
     unit: str
-    #: default bounds of each of its numbers; in shares of `share_of(robot)`, where that is given
+    #: default bounds of each of its numbers, as shares of `share_of(robot)` if that is given
     bounds: Limits
     meaning: str
-    #: what its numbers belong to: "" for one number, "wheels" for one a wheel, or letters, as "xyz"
+    #: "" for one number, "wheels" for one a wheel, or letters, as "xyz", for one each
     each: str = ""
     scale: Scale = "signed"
     _: KW_ONLY
-    #: the robot's own values; None of an input or a sensor, whose nominal values are neutral
+    #: the robot's own values; None for an input or a sensor, whose nominal values are neutral
     own: Callable[[Robot], Sequence[float]] | None = None
     share_of: Callable[[Robot], Sequence[float]] | None = None
-    #: what else its estimate from balancing stands for; empty for one that is physical, None where nobody looked. By
+    #: other effects in its estimate from balancing; empty for a physical quantity, None if not measured. From
     #: `campaigns.between_logs.effective`, on the twin with single faults on and off
     stands_for: str | None = None
-    lines: tuple[str, ...] = ()  #: of a robot file, in which it stands
+    lines: tuple[str, ...] = ()  #: keys in a robot file
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
         """Return the label of each of its numbers, as "b1" or "S_x"."""
@@ -131,7 +134,7 @@ class Quantity:
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
     def parameter(self, label: str, bounds: Limits, default: float) -> Parameter:
-        """Return the one of its numbers with that label as a parameter of a fit."""
+        """Return its number with that label as a parameter of a fit."""
         return Parameter(
             name=self.name,
             symbol=label,
@@ -148,43 +151,41 @@ class Quantity:
         return 1.0 if self.scale == "ratio" else 0.0
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
-        """Return its numbers as the robot has them, or the neutral ones."""
+        """Return the robot's own values, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
         return np.full(count, self.neutral) if self.own is None else np.array(self.own(robot), dtype=float)
 
     def limits(self, robot: Robot) -> NDArray[np.float64]:
-        """Return the least and greatest value of each of its numbers (k, 2) by default.
-
-        InputError if they are equal.
-        """
+        """Return the default bounds of its numbers (k, 2); InputError if a lower and an upper one are equal."""
         count = len(self.labels(robot.wheel_count))
         unit = np.ones(count) if self.share_of is None else np.array(self.share_of(robot))
         limits = unit[:, None] * np.array(self.bounds)
         if not np.all(limits[:, 1] > limits[:, 0]):
             raise InputError(
                 f"{self.name} is zero in the robot's description, "
-                "so the search has no scale for it; give it bounds."
+                "which gives no default bounds; give it bounds."
             )
         return limits
 
 
 def _shell_inertia(robot: Robot) -> Sequence[float]:
+    """Return the inertia of the ball as a thin shell."""
     return (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),)
 
 
 def _of_robot(
-    place: str,
+    key: str,
     stands_for: str | None = None,
     *,
     name: str = "",
     bounds: Limits | None = None,
     share_of: Callable[[Robot], Sequence[float]] | None = None,
 ) -> Quantity:
-    """Return the quantity that is a parameter of the robot, with what is stated beside its field.
+    """Return the quantity of a parameter of the robot, from what is stated beside its field.
 
-    Its bounds are the usual values, unless they are given, in shares of `share_of(robot)` or of the robot's own value.
+    The bounds are its usual values, or those given as shares of `share_of(robot)` or of the robot's own value.
     """
-    stated = ROBOT_PARAMETERS[place]
+    stated = ROBOT_PARAMETERS[key]
 
     def own(robot: Robot) -> Sequence[float]:
         value = value_of(robot, stated)
@@ -201,12 +202,8 @@ def _of_robot(
         own=own,
         share_of=share_of or (own if bounds else None),
         stands_for=stands_for,
-        lines=(place,),
+        lines=(key,),
     )
-
-
-def _shell(robot: Robot) -> Sequence[float]:
-    return (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),)
 
 
 _PLAY = "play of the gears and the change from roller to roller"
@@ -270,7 +267,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         (-0.01, 0.03),
         "by which the body's angles and rates are older than x and y",
     ),
-    # as differenced encoders are
+    # of velocities from differenced encoder counts
     Quantity(
         "velocity_delay", "late_v", "s", (-0.01, 0.03), "by which x_dot and y_dot are older than x and y"
     ),
@@ -282,12 +279,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         "tilt of the IMU against the line from ball to centre of mass",
         "xy",
     ),
-    # that about z turns the heading
+    # the one about z turns the heading
     Quantity(
         "gyro_bias", "gyro", "rad/s", (-0.1, 0.1), "what the gyro reads at rest, about the body's axes", "xyz"
     ),
 )
-#: begins the dotted names of a friction law's own parameters
+#: prefix of the dotted names of a friction law's own parameters
 OWN = "friction.own."
 
 
@@ -308,9 +305,9 @@ class _ByName(Mapping[str, Quantity]):
 
 BY_NAME = _ByName()
 FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_exponent", "rolling")
-#: further terms of the friction, beside the asymmetry that a torque offset stands for
+#: further terms of the friction; a torque offset stands for the asymmetry of c
 TERMS = ("stribeck_asymmetry", "load")
-#: names that stand for several
+#: names of groups of quantities
 GROUPS = MappingProxyType(
     {
         "friction": FRICTION,
@@ -323,14 +320,9 @@ GROUPS = MappingProxyType(
 
 
 def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
-    """Return the quantities' names that these names and names of groups stand for, in the table's order.
+    """Return the quantities in a list of names and groups (a string has commas), in the order of the table.
 
-    A string has commas between the names.
-
-    Raises
-    ------
-    InputError
-        If one is neither, or the list is empty.
+    InputError if a name is neither, or the list is empty.
     """
     words = names_listed(free) if isinstance(free, str) else free
     if not words:
@@ -346,10 +338,10 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """Which quantities a row of parameters (p,) holds, and where."""
+    """The quantities in a row of parameters (p,), and their columns."""
 
     wheel_count: int
-    extra: tuple[str, ...] = ()  #: names after friction's, in the table's order
+    extra: tuple[str, ...] = ()  #: quantities after the friction, in the order of the table
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -358,7 +350,7 @@ class Layout:
 
     @property
     def own(self) -> tuple[str, ...]:
-        """Those that are a registered friction law's own."""
+        """The own parameters of a registered friction law."""
         return tuple(name for name in self.extra if f"{OWN}{name}" in OWN_PARAMETERS)
 
     @cached_property
@@ -371,20 +363,20 @@ class Layout:
         """The columns of each quantity in a row of parameters."""
         sizes = [len(BY_NAME[name].labels(self.wheel_count)) for name in self.names]
         ends = np.cumsum(sizes).tolist()
-        places = zip(self.names, sizes, ends, strict=True)
-        return {name: slice(end - size, end) for name, size, end in places}
+        columns = zip(self.names, sizes, ends, strict=True)
+        return {name: slice(end - size, end) for name, size, end in columns}
 
     def columns(self, name: str) -> slice | None:
-        """Return where a quantity stands in a row of parameters, None if it is not among them."""
+        """Return the columns of a quantity in a row of parameters, None if it is not among them."""
         return self._columns.get(name)
 
     def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return a quantity's numbers (..., k) out of rows of parameters (..., p), None if it is not among them."""
+        """Return a quantity's numbers (..., k) from rows of parameters (..., p), None if it is not among them."""
         columns = self.columns(name)
         return None if columns is None else values[..., columns]
 
     def number(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return a quantity of one number (...) out of rows of parameters (..., p) that have it."""
+        """Return a quantity of one number (...) from rows of parameters (..., p)."""
         return values[..., self._columns[name]][..., 0]
 
     def nominal(self, robot: Robot) -> NDArray[np.float64]:
@@ -392,16 +384,15 @@ class Layout:
         return np.concatenate([BY_NAME[name].nominal(robot) for name in self.names])
 
     def with_rigid_body(self, robot: Robot, values: NDArray[np.float64]) -> Robot:
-        """Return the robot with the rigid body out of parameters (p,), as far as it is among them."""
-        found = {name: part for name in RIGID if (part := self.part(name, values)) is not None}
-        return with_rigid_body(robot, found) if found else robot
+        """Return the robot with the rigid body from parameters (p,), as far as it is among them."""
+        quantities = {name: part for name in RIGID if (part := self.part(name, values)) is not None}
+        return with_rigid_body(robot, quantities) if quantities else robot
 
     def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
-        """Return the robot with friction and rigid body out of parameters (p,).
+        """Return the robot with friction and rigid body from parameters (p,).
 
-        Terms of friction that are not among them become absent. A torque that acts where none is logged stands, if
-        `asymmetric`, for Coulomb friction that is as much smaller forward as backward is larger: as far as it is no
-        more than c, beyond which it is no friction. Likewise s by direction.
+        Terms of friction that are not among them are removed. If `asymmetric`, the torque offset is a difference of
+        Coulomb friction between the directions, clipped to c, beyond which it is no friction; likewise that of s.
         """
         b, c, s, (v_s,), (delta,), (C_rr,) = (values[self._columns[name]].tolist() for name in FRICTION)
         offset = self.part("torque_offset", values) if asymmetric else None
@@ -427,7 +418,7 @@ class Layout:
     def without_friction(
         self, values: NDArray[np.float64], *, keep: Sequence[str] = ()
     ) -> NDArray[np.float64]:
-        """Return parameters (..., p) without friction but for what is kept; v_s and delta are then without effect."""
+        """Return parameters (..., p) without friction, except the quantities to `keep`."""
         result = values.copy()
         for name in (*FRICTION, *TERMS, *self.own):
             part = self.part(name, result)
@@ -449,16 +440,18 @@ def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
 
 
 def _within(values: NDArray[np.float64], sizes: Sequence[float]) -> tuple[float, ...]:
-    """Return values (n,) brought within plus and minus these sizes (n,)."""
+    """Return values (n,) clipped to plus and minus these sizes (n,)."""
     return tuple(np.clip(values, np.negative(sizes), sizes).tolist())
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """The least and the greatest value of quantities, by name; the others keep the default.
+    """Lower and upper bounds of quantities, by name; the others keep the defaults.
 
-    InputError if a name is not a quantity, or a pair is not two finite numbers in rising order or reaches below what is
-    physical.
+    InputError if a name is not a quantity, or its bounds are not finite, not in order or below what is physical.
+
+    >>> Bounds({"coulomb": (0.0, 0.5), "delay": (0.012, 0.012)}).limits["delay"]  # held at 12 ms
+    (0.012, 0.012)
     """
 
     limits: Mapping[str, Limits] = field(default_factory=dict[str, Limits])
@@ -484,9 +477,14 @@ class Bounds:
 
 
 def read_bounds(path: str | Path) -> Bounds:
-    """Read bounds from a TOML file; the module's text shows one.
+    """Read bounds from a TOML file with lines such as `coulomb = [0.0, 0.5]`, in the unit of the quantity.
 
-    InputError if the file cannot be read, is no TOML, or has a key or a value that makes no bounds.
+    InputError if the file cannot be read, is not TOML, or has an invalid key or value.
+
+    >>> from pathlib import Path
+    >>> _ = Path("bounds.toml").write_text("coulomb = [0.0, 0.5]")
+    >>> read_bounds("bounds.toml").limits
+    {'coulomb': (0.0, 0.5)}
     """
     limits: dict[str, Limits] = {}
     for key, value in read_toml(path).items():
@@ -501,18 +499,18 @@ def read_bounds(path: str | Path) -> Bounds:
         raise InputError(f"{path}: {error}") from None
 
 
-#: bounds, or the path of the TOML file that they are read from
+#: bounds, or the path of a TOML file of them
 BoundsLike = Bounds | str | Path
 
 
 def as_bounds(source: BoundsLike | None) -> Bounds:
-    """Return the bounds themselves, or those in that file; the default ones of every parameter if there are none."""
+    """Return the bounds themselves, those of a file, or the default bounds for None."""
     return Bounds() if source is None else source if isinstance(source, Bounds) else read_bounds(source)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Coordinates(ParameterSpace):
-    """The parameters of a robot in the order of its layout, friction's 3 n + 3 first."""
+    """The parameters of a robot in the order of its layout."""
 
     layout: Layout
 
@@ -522,8 +520,8 @@ def scale_between(
 ) -> Coordinates:
     """Return the coordinates of a robot's parameters.
 
-    `free` names the quantities to estimate, or groups of them. Quantities with bounds are estimated as well; the others
-    are fixed. InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
+    `free` names quantities or groups to estimate. Quantities with bounds are estimated too; the others are held.
+    InputError if a name is not a quantity or a group, or a quantity has no default bounds for this robot.
     """
     given, estimated = bounds.limits if bounds else {}, names_in(free)
     extra = tuple(name for name in BY_NAME if name not in FRICTION and (name in estimated or name in given))

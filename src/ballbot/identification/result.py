@@ -27,7 +27,7 @@ from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: logs disagree on the dry friction that varies between them by so large a share of it (standard deviation)
+#: logs disagree if the dry friction varies between them by more than this share of it (standard deviation)
 WIDELY = 0.5
 #: {b: [..], c: [..], s: [..], v_s, delta, C_rr, ..}; see `ballbot.identification.quantities`
 ParameterTable = dict[str, list[float] | float]
@@ -40,21 +40,20 @@ class Identification:
 
     #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
     robot: Robot
-    predictor: Predictor  #: predicts windows with any such parameters
-    uncertainty: Uncertainty  #: of the estimate, with the variation between logs
-    unknown: NDArray[
-        np.bool_
-    ]  #: (p,), the parameters without influence on the logs, or that these do not excite
-    variation: Variation  #: between logs, and intervals for the estimate from another one
+    predictor: Predictor  #: predicts windows by any such parameters
+    uncertainty: Uncertainty  #: of the estimate, including the variation between logs
+    #: (p,), parameters without influence on the logs, or that these do not excite
+    unknown: NDArray[np.bool_]
+    variation: Variation  #: between logs, and intervals of the estimate from another log
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
-    held_out: WindowErrors  #: on the windows that were held out
+    held_out: WindowErrors  #: on the held-out windows
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
-    #: best cost after each generation, on the windows drawn for the evolution
+    #: best cost after each generation of a genetic search, on the windows drawn for it
     evolution_cost: tuple[float, ...]
-    gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all windows fitted
-    findings: tuple[Finding, ...]  #: of the numbers
+    gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
+    findings: tuple[Finding, ...]  #: on the estimate
     other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
 
@@ -65,12 +64,12 @@ class Identification:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the parameters (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr, then the other quantities."""
+        """Labels of the parameters (p,): b1 .. bn, c1 .. cn, s1 .. sn, v_s, delta, C_rr, then other quantities."""
         return self.layout.labels
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """The parameters (p,), those of the predictions on held-out windows, SI units."""
+        """The parameters (p,), SI units."""
         return self.uncertainty.coordinates.physical(self.uncertainty.point)
 
     @property
@@ -90,40 +89,40 @@ class Identification:
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """The least and the greatest value allowed (p, 2), equal where held; SI units."""
+        """Lower and upper bounds (p, 2), SI units; equal for a parameter that is held."""
         return np.stack([self.uncertainty.coordinates.lower, self.uncertainty.coordinates.upper], axis=1)
 
     @property
     def intervals(self) -> Mapping[str, Interval]:
-        """Of 95 %, by label; none for a parameter without influence, held or refused."""
+        """95 % intervals by label; none for a parameter that is held, has no influence or is not excited."""
         return self.uncertainty.intervals
 
     @property
     def another_log(self) -> Mapping[str, Interval]:
-        """The 95 % intervals for the estimate from another log, by label."""
+        """95 % intervals of the estimate from another log, by label."""
         return self.variation.predictions
 
     @property
     def correlation(self) -> NDArray[np.float64]:
-        """Of the parameters' errors (p, p); NaN for parameters without standard error."""
+        """Correlation matrix of the parameters (p, p); NaN for parameters without a standard error."""
         return self.uncertainty.correlation
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """Of all estimates (p, p), SI units; NaN for one without standard error. The robot's file states it."""
+        """Covariance (p, p), SI units, as in the robot's file; NaN for parameters without a standard error."""
         return self.correlation * np.outer(self.errors, self.errors)
 
     @property
     def assumed_covariance(self) -> NDArray[np.float64]:
-        """As `covariance`, finite: with the variance of an even distribution over the interval of one without error."""
+        """`covariance`, with the variance of a uniform distribution over the interval where there is no error."""
         assumed = np.nan_to_num(self.covariance)
-        for place, (low, high) in ends_without_error(self.uncertainty).items():
-            assumed[place, place] = (high - low) ** 2 / 12.0
+        for index, (low, high) in ends_without_error(self.uncertainty).items():
+            assumed[index, index] = (high - low) ** 2 / 12.0
         return assumed
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The quantities of the layout without those of friction that the law does not have: held at zero."""
+        """The quantities of the layout, without those of friction that the law holds at zero."""
         zero = {name for name in FRICTION if not self.bounds[self.layout.columns(name)].any()}
         if "stribeck" in zero:
             zero |= {"stribeck_speed", "stribeck_exponent"}
@@ -131,12 +130,12 @@ class Identification:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Which states (10,) count."""
+        """Which states (10,) counted in the fit."""
         return ~np.isin(STATE_NAMES, self.excluded_states)
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether it is usable, and why not."""
+        """Whether the identification is usable, and why."""
         names, values = self.uncertainty.coordinates.names, self.values
         ended = np.zeros(len(values), dtype=bool)
         for name in ("viscous", "coulomb"):
@@ -150,7 +149,7 @@ class Identification:
             self.held_out.squares_without[:, self.counted],
             self.held_out.spans,
             lean=np.isin(STATE_NAMES, ("theta", "phi"))[self.counted],
-            at_end=[self.labels[place] for place in np.flatnonzero(ended).tolist()],
+            at_end=[self.labels[i] for i in np.flatnonzero(ended).tolist()],
             disagree=[
                 label
                 for label, name in zip(self.labels, names, strict=True)
@@ -159,7 +158,7 @@ class Identification:
         )
 
     def summary(self) -> Summary:
-        """Return the verdict, each parameter with its standard error, the error on windows held out, and warnings."""
+        """Return the verdict, each parameter with its standard error, the error on held-out windows, and warnings."""
         rows = [("parameter", "value ± standard error, or 95 % interval")]
         errors, counts = self.standard_errors, self.names
         for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
@@ -167,8 +166,8 @@ class Identification:
                 continue
             unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
             known = map(self.intervals.get, BY_NAME[name].labels(self.layout.wheel_count))
-            # the ends of a profile take the place of standard errors
-            ends = [(one.lower, one.upper) if one and one.method == "profile" else None for one in known]
+            # an interval from a profile replaces the standard error
+            ends = [(i.lower, i.upper) if i and i.method == "profile" else None for i in known]
             rows.append((symbol, estimated(value, errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.with_over_without.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
@@ -224,7 +223,7 @@ class Identification:
 
 
 def represents_sentence(names: Sequence[str]) -> str:
-    """Return which quantities stand for other effects than their own; empty if nobody looked."""
+    """Return the sentence on quantities that include other effects than their own; empty if none is known to."""
     by_effect: dict[str, list[str]] = {}
     for name in names:
         if also := BY_NAME[name].stands_for:

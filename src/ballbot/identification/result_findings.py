@@ -1,6 +1,6 @@
-"""Findings on an identification: what its logs leave open about the parameters, and what would determine them.
+"""Findings on an identification: parameters that its logs do not determine, and experiments that would.
 
-One sentence names all parameters of which the same is to be said: the wheels of a robot are alike.
+Parameters with the same finding share one sentence, as those of a robot's wheels often do.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Coordinates
 from ballbot.mechanics.parameters import MAX_WHEELS
 
-#: beyond this correlation, the logs determine two parameters' sum or ratio and not each
+#: beyond this correlation, the logs determine the sum or ratio of two parameters but not each
 LARGEST_CORRELATION = 0.9
-#: pairs named in the finding
+#: pairs named in a finding
 MOST_PAIRS = 6
-#: a standard error of this share of the bounds' width leaves a parameter all but open
+#: a parameter is poorly determined if its standard error exceeds this share of the bounds' width
 LARGEST_ERROR = 0.25
-#: a ridge: so many parameters at least, whose errors would be so many times smaller if all others were known
+#: collinear: so many parameters at least, whose errors would be so many times smaller if all others were known
 LEAST_RIDGE, LEAST_INFLATION = 3, 5.0
 
 #: the symbol of each label, as "c" of "c1"
@@ -49,11 +49,11 @@ _EXPERIMENTS = {
 }
 
 
-def _of(code: str, numbers: Mapping[str, str], sentence: str, several: str) -> list[Finding]:
-    """Return what there is to say of things with their numbers, if there are any: of one or of several of them."""
+def _of(code: str, numbers: Mapping[str, str], singular: str, plural: str) -> list[Finding]:
+    """Return the finding on parameters with their numbers, in the singular or the plural; none without parameters."""
     if not numbers:
         return []
-    text = (sentence if len(numbers) == 1 else several).format(every(numbers), every(numbers.values()))
+    text = (singular if len(numbers) == 1 else plural).format(every(numbers), every(numbers.values()))
     return [warning(code, text)]
 
 
@@ -65,10 +65,10 @@ def parameter_findings(
     at_bound: NDArray[np.bool_],
     other: OtherOptimum | None,
 ) -> list[Finding]:
-    """Return what the logs leave open about the parameters (p,)."""
+    """Return findings on the parameters (p,) that the logs do not determine."""
     labels, values = coordinates.labels, coordinates.physical(uncertainty.point)
     errors = uncertainty.scaled_errors
-    ends: dict[tuple[str, str], dict[str, str]] = {}  # parameters by their bound and the advice
+    ends: dict[tuple[str, str], dict[str, str]] = {}  # parameters by bound and advice
     for i in np.flatnonzero(at_bound).tolist():
         # a search ends beside its bound, not on it
         lowest = coordinates.scaled(values)[i] < 0.5
@@ -105,7 +105,7 @@ def parameter_findings(
     ]
 
 
-#: what to say of parameters without a limit on either side, or on one
+#: sentences on parameters without a limit on either side, or on one
 _UNLIMITED = {
     "either": "not limited by these logs on either side: its value means nothing.",
     "zero": "not limited by these logs: any value fits, zero included.",
@@ -115,7 +115,7 @@ _UNLIMITED = {
 
 
 def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
-    """Return findings on the parameters that the logs limit on one side only, or not at all."""
+    """Return findings on parameters that the logs limit on one side only, or not at all."""
     groups: dict[str, dict[str, str]] = {side: {} for side in _UNLIMITED}
     for label, known in intervals.items():
         low, high = math.isfinite(known.lower), math.isfinite(known.upper)
@@ -131,36 +131,36 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
 
 
 def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
-    """Return findings that name the parameters that the logs cannot separate, and experiments that would.
+    """Return findings on parameters that the logs cannot separate, and experiments that would.
 
-    They are pairs, and a ridge of more than two each of which the others can stand in for: the diagonal of the inverse
-    is the factor by which knowing all others would reduce a parameter's variance.
+    They are pairs, and sets of three or more that are collinear: the diagonal of the inverse correlation matrix is the
+    factor by which a parameter's variance would shrink if all others were known.
     """
     rows, columns = np.nonzero(np.triu(np.abs(correlation), 1) > LARGEST_CORRELATION)
     strongest = np.argsort(-np.abs(correlation[rows, columns]), kind="stable")
     named = [(labels[rows[k]], labels[columns[k]], correlation[rows[k], columns[k]]) for k in strongest]
-    found = []
+    sentences = []
     if named:
         pairs = [f"{first} and {second} ({value:+.2f})" for first, second, value in named[:MOST_PAIRS]]
         more = f", and {len(named) - MOST_PAIRS} pairs more" if len(named) > MOST_PAIRS else ""
-        found += [
+        sentences += [
             f"Poorly separated by these logs, by their correlation: {', '.join(pairs)}{more}; "
             "trust the combined effect of such a pair, not each value.",
             *(_experiment(first, second) for first, second, _ in named),
         ]
-    places = np.flatnonzero(np.isfinite(correlation.diagonal()))
-    variance = np.linalg.pinv(correlation[np.ix_(places, places)], hermitian=True).diagonal()
-    inflation = np.sqrt(np.maximum(variance, 1.0))  # less is a rounding error: knowing the others cannot harm
-    together = [labels[i] for i in places[inflation > LEAST_INFLATION]]
+    known = np.flatnonzero(np.isfinite(correlation.diagonal()))
+    variance = np.linalg.pinv(correlation[np.ix_(known, known)], hermitian=True).diagonal()
+    inflation = np.sqrt(np.maximum(variance, 1.0))  # less than 1 is a rounding error
+    together = [labels[i] for i in known[inflation > LEAST_INFLATION]]
     if len(together) >= LEAST_RIDGE:
         least = inflation[inflation > LEAST_INFLATION].min()
-        found += [
+        sentences += [
             f"{every(together)} are nearly collinear and can "
             f"replace one another: each would be known at least {least:.0f} times better "
             "if the others were known. Fix some of them at values measured otherwise.",
             *(_experiment(first, second) for first, second in combinations(together, 2)),
         ]
-    return [warning("correlated", text) for text in dict.fromkeys(found) if text]
+    return [warning("correlated", text) for text in dict.fromkeys(sentences) if text]
 
 
 def _experiment(first: str, second: str) -> str:
@@ -172,24 +172,24 @@ def _experiment(first: str, second: str) -> str:
 def optimum_findings(
     coordinates: Coordinates, point: NDArray[np.float64], other: OtherOptimum | None
 ) -> list[Finding]:
-    """Return a finding on another optimum than that at scaled parameters (p,), and on where they differ most."""
+    """Return the finding on another optimum than that at scaled parameters (p,)."""
     if other is None:
         return []
-    place = int(np.abs(coordinates.scaled(other.values) - point).argmax())
-    unit = coordinates.parameters[place].unit
-    found, elsewhere = (
+    index = int(np.abs(coordinates.scaled(other.values) - point).argmax())
+    unit = coordinates.parameters[index].unit
+    used, elsewhere = (
         f"{value:.3g} {unit}".removesuffix(" 1")
-        for value in (coordinates.physical(point)[place], other.values[place])
+        for value in (coordinates.physical(point)[index], other.values[index])
     )
     text = (
-        f"The fit has two optima, which differ most in {coordinates.labels[place]}: {found} in the one that is "
-        f"taken, {elsewhere} in the other, where errors are {100.0 * np.expm1(other.rise):.2g} % larger."
+        f"The fit has two optima, which differ most in {coordinates.labels[index]}: {used} in the one that is "
+        f"used, {elsewhere} in the other, where errors are {100.0 * np.expm1(other.rise):.2g} % larger."
     )
     return [warning("two-optima", text)]
 
 
 def prediction_findings(ratios: Mapping[str, float], *, of: str = "held-out windows") -> list[Finding]:
-    """Return a finding on the states that friction does not help to predict, from errors with over errors without."""
+    """Return the finding on states that friction does not help to predict, from errors with over those without."""
     than = f"not predicted better with friction than without ({{1}} times the error on {of})."
     worse = {state: f"{ratio:.2f}" for state, ratio in ratios.items() if not ratio < 1.0}
     return _of("not-predicted", worse, f"{{0}} is {than}", f"{{0}} are {than}")

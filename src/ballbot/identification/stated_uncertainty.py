@@ -1,13 +1,13 @@
-"""The standard deviations, correlations and intervals that an identified robot's file states.
+"""The standard deviations, correlations and intervals in the file of an identified robot.
 
-The robot's numbers y follow from the parameters p that were estimated. With the covariance C of these and the
-derivatives G = dy/dp, the delta method gives the numbers' covariance G C G^T. A number that depends on a parameter that
-was estimated without a standard error has none either: its standard deviation is infinite, and its interval is what it
-takes on over that parameter's interval or, lacking one, its range. A number that depends on no estimated parameter has
-no standard deviation, and counts as exact.
+The robot's numbers y follow from the estimated parameters p. With the covariance C of p and the derivatives G = dy/dp,
+the delta method gives the covariance G C G^T of y. A number that depends on a parameter without a standard error has
+none either: its standard deviation is infinite, and its interval is the range of its values over that parameter's
+interval or, if there is none, its bounds. A number that depends on no estimated parameter has no standard deviation,
+and counts as exact.
 
-A robot that is written and read again has the same covariance within the digits of its file: deviations have four, and
-correlations five decimals.
+A robot that is written and read again has the same covariance within the digits of its file: four digits of standard
+deviations, and five decimals of correlations.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
 
-#: derivatives are differences over this share of a deviation
+#: finite difference for derivatives, in standard deviations
 _STEP = 0.1
-#: a number that changes by less, relative to its size, does not depend on a parameter
+#: least relative change of a number that depends on a parameter
 _UNCHANGED = 1e-12
 
 
 def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float]]:
-    """Return the interval or, lacking one, the range of each estimated parameter without a standard error, by place."""
+    """Return the interval, or else the bounds, of each estimated parameter without a standard error, by index."""
     space, ends = uncertainty.coordinates, dict[int, tuple[float, float]]()
     values = space.physical(uncertainty.point)
     for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(uncertainty.standard_errors)).tolist():
@@ -47,11 +47,10 @@ def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float
 def found_robot(
     robot: Robot, layout: Layout, uncertainty: Uncertainty, *, log_count: int, asymmetric: bool = False
 ) -> Robot:
-    """Return the robot with friction and rigid body out of an estimate; its sources state the standard errors.
+    """Return the robot with friction and rigid body from an estimate; its sources state the standard errors.
 
-    Gains, offsets, delays and biases belong to motors and sensors, of which a robot's description has no such
-    numbers; they are in the result alone, and so is T_p. With the laws "asymmetric" and "directed" the offsets
-    are friction.
+    Gains, offsets, delays, biases and T_p are only in the result: a robot file has no such numbers. With the laws
+    "asymmetric" and "directed" the offsets are friction.
     """
     values, errors = uncertainty.coordinates.physical(uncertainty.point), uncertainty.standard_errors
     logs, sources = "1 log" if log_count == 1 else f"{log_count} logs", dict[str, str]()
@@ -86,37 +85,36 @@ def with_uncertainty(
     names: Collection[str],
     ends: Mapping[int, tuple[float, float]] = MappingProxyType({}),
 ) -> Robot:
-    """Return a robot with the standard deviations, correlations and intervals of the numbers that parameters determine.
+    """Return the robot with standard deviations, correlations and intervals of its parameters `names`, dotted.
 
-    `found` is the robot of the parameters `values` (p,), SI units, and `robot_of` gives that of others. `covariance`
-    is zero or NaN for parameters without a standard error; `ends` are those of `ends_without_error`. It is stated of
-    the robot's parameters `names`, dotted.
+    `robot_of` returns the robot of estimated parameters (p,), SI units, and `found` that of `values`. `covariance`
+    (p, p) is zero or NaN for parameters without a standard error, whose `ends` `ends_without_error` returns.
     """
     names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
     covariance, numbers = np.nan_to_num(covariance), _numbers(found, names)
 
-    def with_one(place: int, value: float) -> NDArray[np.float64] | None:
+    def with_value(index: int, value: float) -> NDArray[np.float64] | None:
         """Return the numbers with another value of one parameter; None if no robot has it."""
         moved = values.copy()
-        moved[place] = value
+        moved[index] = value
         try:
             return _numbers(robot_of(moved), names)
         except InputError:
             return None
 
     G = np.zeros((len(numbers), len(values)))
-    for place in np.flatnonzero(covariance.diagonal() > 0.0).tolist():
-        step, own = _STEP * float(np.sqrt(covariance[place, place])), float(values[place])
-        sides = [(by, at) for by in (step, -step) if (at := with_one(place, own + by)) is not None]
-        sides += [(0.0, numbers)] * (len(sides) == 1)  # one-sided next to what no robot has
+    for index in np.flatnonzero(covariance.diagonal() > 0.0).tolist():
+        step, value = _STEP * float(np.sqrt(covariance[index, index])), float(values[index])
+        sides = [(by, at) for by in (step, -step) if (at := with_value(index, value + by)) is not None]
+        sides += [(0.0, numbers)] * (len(sides) == 1)  # one-sided if no robot has the other value
         if sides:
             (ahead, high), (behind, low) = sides
             differs = np.abs(high - low) > _UNCHANGED * np.abs(high)
-            G[:, place] = np.where(differs, (high - low) / (ahead - behind), 0.0)
+            G[:, index] = np.where(differs, (high - low) / (ahead - behind), 0.0)
     spread = G @ covariance @ G.T
     sizes = np.sqrt(np.maximum(spread.diagonal(), 0.0))
-    at_ends = [with_one(place, end) for place, both in ends.items() for end in both]
-    reached = np.stack([numbers, *(one for one in at_ends if one is not None)])
+    at_ends = [with_value(index, end) for index, interval in ends.items() for end in interval]
+    reached = np.stack([numbers, *(row for row in at_ends if row is not None)])
     least, most = reached.min(axis=0), reached.max(axis=0)
     unknown = most - least > _UNCHANGED * np.abs(numbers)
     least, most = least - HALF_WIDTH * sizes, most + HALF_WIDTH * sizes
@@ -124,11 +122,10 @@ def with_uncertainty(
     stated, labels = dict[str, Value](), list[str]()
     for name in names:
         value, first = value_of(found, BY_NAME[name]), len(labels)
-        several = isinstance(value, tuple)
-        labels += [f"{name}[{i}]" for i in range(len(value))] if several else [name]
-        rounded = tuple(float(f"{one:.4g}") for one in sizes[first : len(labels)])
-        if any(one > 0.0 for one in rounded):
-            stated[name] = rounded if several else rounded[0]
+        labels += [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
+        rounded = tuple(float(f"{size:.4g}") for size in sizes[first : len(labels)])
+        if any(size > 0.0 for size in rounded):
+            stated[name] = rounded if isinstance(value, tuple) else rounded[0]
     intervals = {label: (float(least[i]), float(most[i])) for i, label in enumerate(labels) if unknown[i]}
     kept = np.flatnonzero((sizes > 0.0) & ~unknown)
     R = spread[np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])

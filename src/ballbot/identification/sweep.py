@@ -1,20 +1,20 @@
-"""Balancing logs and a sweep of the free wheels in one estimate.
+"""One estimate from balancing logs and a sweep of the free wheels.
 
-A sweep determines b and c of each wheel far better than balancing does, but in units of the torque that its log has:
-ratios, as speed and dry friction for each unit of duty. A data sheet, or the balancing logs, give the scale. With g_i
-the gain of motor i, torque that acts for each N m logged (1 if it is not estimated), and b', c' the sweep's numbers,
+A sweep determines b and c of each wheel far better than balancing does, but relative to the torque in its log. A data
+sheet, or the balancing logs, give the scale of that torque. With g_i the gain of motor i, which is the acting torque
+over the logged one (1 if it is not estimated), and b', c' the values of the sweep,
 
     b_i - g_i b'_i = 0 +- g_i (error of b'_i)        c_i - g_i c'_i = 0 +- g_i (error of c'_i)
 
-are two more measurements a wheel. Logs and sweep being independent, the best linear estimate from both is that of
-generalised least squares: with x and C what the logs gave and their covariance, H the derivatives of the left sides r
-and S their covariance by the sweep,
+are two more measurements a wheel. Logs and sweep are independent, so generalised least squares gives the best linear
+estimate from both: with x and C the estimate from the logs and its covariance, r the left-hand sides, H their
+derivatives and S their covariance from the sweep,
 
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
-Friction under the robot's weight is not always that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` of its errors is left out, and a finding reports it. Another finding compares all of them
-at once (`ballbot.identification.agreement`).
+Friction under the robot's weight may differ from that of a free wheel. A measurement that contradicts the logs by more
+than `CONTRADICTS` standard errors is left out, with a warning. Another warning compares all of them at once
+(`ballbot.identification.agreement`).
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
 from ballbot.identification.agreement import StageEstimate, agreement_findings
 from ballbot.identification.quantities import Coordinates, Layout
 
-#: largest difference between sweep and logs, in standard errors of that difference
+#: largest difference between sweep and logs, in its standard errors
 CONTRADICTS = 3.0
 _SYMBOLS = ("b", "c")
 _QUANTITIES = ("viscous", "coulomb")
 
 
 def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> StageEstimate:
-    """Return free wheels' b [N m s/rad] and c [N m] (n, 2), by the torque that the sweep's log has.
+    """Return the estimate of a sweep from b [N m s/rad] and c [N m] of each free wheel (n, 2).
 
-    Their covariances (n, 2, 2) are NaN if a number has no standard error.
+    Their covariances (n, 2, 2) are NaN for a value without a standard error.
     """
     n = len(values)
     C = np.zeros((2 * n, 2 * n))
@@ -54,17 +54,17 @@ def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> S
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
-    """Return the friction in a results.json of `ballbot identify-driveline`.
+    """Read the friction from a results.json of `ballbot identify-driveline`.
 
-    InputError if the file cannot be read, is not such a file, or is of a robot with another number of wheels.
+    InputError if the file cannot be read, is another file, or has another number of wheels.
     """
     results = cast("dict[str, dict]", read_results(path))
     try:
         tables = [results[name] for name in ("parameters", "standard_errors")]
         values, errors = (np.array([table[s] for s in _SYMBOLS], dtype=float).T for table in tables)
-        places = [results["correlation"]["labels"].index(symbol) for symbol in _SYMBOLS]
+        rows = [results["correlation"]["labels"].index(symbol) for symbol in _SYMBOLS]
         correlations = np.array(results["correlation"]["matrices"], dtype=float)
-        correlations = correlations[:, places][:, :, places]
+        correlations = correlations[:, rows][:, :, rows]
     except (ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(
             f"{path} is not a results.json of `ballbot identify-driveline`. Give that file with --sweep."
@@ -81,10 +81,10 @@ def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
 def with_sweep(
     coordinates: Coordinates, uncertainty: Uncertainty, sweep: StageEstimate
 ) -> tuple[Uncertainty, tuple[Finding, ...]]:
-    """Return the estimate from logs and a sweep together, within bounds, with its uncertainty, and findings.
+    """Return the estimate from logs and sweep together, within the bounds, and findings.
 
-    Of two errors of the logs, clustered and by bootstrap, the larger counts. If no value of the sweep could be used,
-    all is as it was.
+    The larger of the logs' two errors counts, clustered or bootstrap. If no value of the sweep can be used, the
+    uncertainty is unchanged.
     """
     values, slopes = coordinates.physical(uncertainty.point), coordinates.slopes(uncertainty.point)
     logs = np.fmax(uncertainty.scaled_errors, uncertainty.bootstrap) * slopes
@@ -113,42 +113,45 @@ def with_sweep(
 def combine(
     layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: StageEstimate
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Finding, ...]]:
-    """Return the estimate from logs and sweep together, its covariance, and findings; `values` itself if none is used.
+    """Return the estimate from logs and sweep together, its covariance, and findings.
 
-    `covariance` (p, p) is of the logs' `values` (p,); NaN for parameters without standard error, which the sweep does
-    not move.
+    `covariance` (p, p) is that of the logs' `values` (p,), NaN for parameters without a standard error, which the sweep
+    does not change. If nothing of the sweep is used, `values` itself is returned.
     """
     known, n = np.isfinite(covariance.diagonal()), layout.wheel_count
-    C, places = np.where(np.outer(known, known), covariance, 0.0), np.arange(len(values))
-    at = np.concatenate([places[layout.columns(name)] for name in _QUANTITIES])
-    # b of all wheels, then c: the sweep's numbers, and the torque that acts for each N m of its log
-    sweep = sweep.among([layout.labels[place] for place in at])
+    C, indices = np.where(np.outer(known, known), covariance, 0.0), np.arange(len(values))
+    at = np.concatenate([indices[layout.columns(name)] for name in _QUANTITIES])
+    # b of all wheels, then c: the sweep's values, and the gain from its torque to the acting one
+    sweep = sweep.among([layout.labels[i] for i in at])
     numbers, scale, H = sweep.values, np.ones(2 * n), np.zeros((2 * n, len(values)))
     H[np.arange(2 * n), at] = 1.0
     if (gains := layout.columns("torque_gain")) is not None:
-        gain_of = np.tile(places[gains], 2)
+        gain_of = np.tile(indices[gains], 2)
         scale = values[gain_of]
         H[np.arange(2 * n), gain_of] = np.where(known[gain_of], -numbers, 0.0)
     S = sweep.covariance
     used = np.flatnonzero(known[at] & np.isfinite(S.diagonal()))
-    labels, theirs = [layout.labels[place] for place in at[used]], (scale * numbers)[used]
+    labels, theirs = [layout.labels[i] for i in at[used]], (scale * numbers)[used]
     H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs
     of_logs = H @ C @ H.T
     stages = zip(("the sweep", "the balancing logs"), (theirs, theirs + r), (S, of_logs), strict=True)
     findings = agreement_findings(
-        *(StageEstimate(source=one, labels=tuple(labels), values=x, covariance=P) for one, x, P in stages)
+        *(
+            StageEstimate(source=source, labels=tuple(labels), values=x, covariance=P)
+            for source, x, P in stages
+        )
     )
     apart = np.abs(r) / np.sqrt((of_logs + S).diagonal())
     agrees = apart <= CONTRADICTS
     for row in np.flatnonzero(~agrees):
         text = (
             f"{labels[row]} of the sweep, {theirs[row]:.3g}, and of the balancing logs, {theirs[row] + r[row]:.3g}, "
-            f"differ by {apart[row]:.1f} of their standard errors, so the value of the sweep is not used. A wheel "
-            "under the robot's weight may have other friction."
+            f"differ by {apart[row]:.1f} standard errors, so the value of the sweep is not used. A wheel under the "
+            "robot's weight may have other friction."
         )
         findings.append(warning("sweep", text))
     if not agrees.any():
-        findings.append(warning("sweep", "Nothing of the sweep could be combined with these logs."))
+        findings.append(warning("sweep", "No value of the sweep could be combined with these logs."))
         return values, covariance, tuple(findings)
     H, S, r = H[agrees], S[np.ix_(agrees, agrees)], r[agrees]
     K = np.linalg.solve(H @ C @ H.T + S, H @ C).T

@@ -1,21 +1,21 @@
-"""The body's inertia from a free swing: the swing within a recording, the pendulum that moves as it, and what follows.
+"""The body's inertia from a free swing, by fitting a pendulum to it.
 
     angle'' = -omega_n^2 sin(angle) - beta angle' - kappa sgn(angle')
 
 A pendulum is an axis under gravity (`ballbot.identification.axis`): beta = b / I and kappa = c / I with the pivot's
 viscous friction b [N m s/rad], its dry friction c [N m] and the inertia I about the pivot; omega_n^2 = m g r / I. The
 period grows with the amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and
-E. Lifshitz, Mechanics, section 11), so that the shape of large swings distinguishes radians from degrees.
+E. Lifshitz, Mechanics, section 11), so that large swings distinguish radians from degrees.
 
 The experiment (`pendulum_experiment`) has six parameters: omega_n^2, beta, kappa, the first angle and rate, and the
-sensor's zero. Its residuals are the sensor's values by the pendulum less those recorded, in blocks of one swing, as
-those of neighbouring samples go together. The inertia follows from the frequency:
+sensor's zero. Its residuals are predicted less recorded sensor values, in blocks of one swing, because errors of
+neighbouring samples depend on each other. The inertia follows from the frequency:
 
     I_pivot = m g r / omega_n^2        I_com = I_pivot - m r^2        J_0 = I_com + m l^2
 
 m the hanging mass, r from the pivot to its centre of mass, l from the ball's centre to it (thesis, Appendix III, which
-hung the body at the ball's centre, r = l). The causes (frequency, m, r, l) count as independent; with the derivative
-d_i of a result by each, its variance is the sum of (d_i s_i)^2.
+hung the body at the ball's centre, r = l). The errors of frequency, m, r and l count as independent; with the
+derivative d_i of a result by each, its variance is the sum of (d_i s_i)^2.
 """
 
 from __future__ import annotations
@@ -47,39 +47,40 @@ from ballbot.rounding import plus_minus
 
 Kind = Literal["angle", "rate"]
 
-#: a recording's smallest count of whole swings, and of samples in a swing
+#: least number of swings in a recording, and of samples in a swing
 _LEAST_SWINGS, _LEAST_SAMPLES = 4.0, 8.0
-#: swings smaller than this share of the largest are left out: friction of a pivot almost at rest differs
+#: swings smaller than this share of the largest are left out, as a pivot almost at rest has other friction
 _SMALLEST = 0.05
 #: the largest swing is the first that reaches this share of the largest
 _AS_LARGE = 0.97
-#: a pendulum has no angle beyond this, or the angle is in degrees [rad]
+#: largest angle of a pendulum; a larger one is in degrees [rad]
 _LARGEST_ANGLE = 3.0
-#: a pendulum has no rate over 2 pi / period beyond this: let go at 2 rad, it has 2.3
+#: largest rate of a pendulum, over 2 pi / period: released at 2 rad, it has 2.3
 _LARGEST_RATE = 2.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Swing:
-    """A free swing, from the middle on: the body let go and touched by nothing until the last row."""
+    """A free swing, from a pass through the middle on, untouched until the last row."""
 
     t: NDArray[np.float64]  #: (n,) [s]
-    values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], about no particular zero
+    values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], with any offset
     kind: Kind
-    period: float  #: of the swings as they are, roughly [s]
-    source: str  #: the sensor or file that it was measured with, in words
+    period: float  #: approximate [s]
+    source: str  #: sensor or file, in words
 
     @property
     def swings(self) -> float:
-        """How many times the body swung forth and back."""
+        """How many times the body swung back and forth."""
         return float(self.t[-1] - self.t[0]) / self.period
 
 
 def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
-    """Return the free swing in a log of the hanging body, before, during and after it.
+    """Return the free swing in a log of the hanging body.
 
-    It is in a column, an angle [rad] or a rate [rad/s] by its name; without one in the gyro about its main axis, or in
-    that of theta, phi and psi that swings most. InputError if the log has none of these, or no free swing in it.
+    It is taken from `column`, an angle [rad] or a rate [rad/s] by its name; by default from the gyro about its main
+    axis, or from the one of theta, phi and psi that swings most. InputError if the log has none of these, or no free
+    swing.
     """
     gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
     if column is None and gyro:
@@ -100,10 +101,10 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
 
 
 def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind, source: str) -> Swing:
-    """Return the free swing within a recording: from the body's first way through the middle after its largest swing.
+    """Return the free swing within a recording, from the first pass through the middle after the largest swing.
 
-    Values (n,) [rad] or [rad/s], about any zero, at increasing times (n,) [s], measured with `source`, in words.
-    InputError if nothing swings, swings or samples are too few, or no pendulum has such an angle.
+    The values (n,) [rad] or [rad/s] may have an offset; the times (n,) [s] increase; `source` is the sensor in words.
+    InputError if nothing swings, there are too few swings or samples, or the angle is too large for a pendulum.
     """
     t = real_array(t, ("n",), "The time of a swing")
     values = real_array(values, t.shape, "The row of a swing's values")
@@ -149,12 +150,12 @@ def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
     even = np.interp(np.arange(t[0], t[-1], h), t, centred)
     count = 8 * len(even)
     power = np.abs(np.fft.rfft((even - even.mean()) * np.hanning(len(even)), count))
-    # a line below two swings in the whole recording is a drift
+    # fewer than two periods in the recording are a drift
     lowest = int(np.ceil(2.0 * count / len(even)))
     return count * h / float(lowest + np.argmax(power[lowest:]))
 
 
-#: step of the simulation in radians of swing
+#: simulation step, in radians of phase
 _STEP = 0.03
 
 
@@ -168,8 +169,8 @@ def pendulum_motion(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return angle [rad] and rate [rad/s] (n,) at times t (n,) of a pendulum from `angle` and `rate` at t_0.
 
-    With omega_n^2 (`stiffness`) [1/s^2], beta [1/s] and kappa [1/s^2]. The axis's steps are of order two in gravity, so
-    that the motion in steps half as long removes the error's first term (L. F. Richardson 1911).
+    `stiffness` is omega_n^2 [1/s^2], `viscous` beta [1/s] and `dry` kappa [1/s^2]. The axis's steps are of second order
+    in gravity, and extrapolation with steps of half the length removes that term of the error (L. F. Richardson 1911).
     """
     pendulum = Axis(
         values={"mass": 1.0, "gravity_sine": stiffness, "viscous": viscous, "coulomb": dry, "stribeck": 0.0}
@@ -178,28 +179,28 @@ def pendulum_motion(
     rows = max(1, math.ceil(span * math.sqrt(max(abs(stiffness), 1e-12)) / _STEP))
     start, first = np.array([[angle, rate]]), np.array([0])
 
-    def followed(count: int) -> NDArray[np.float64]:
+    def simulated(count: int) -> NDArray[np.float64]:
         return pendulum.windows(np.zeros(count), span / count, first, np.array([count]), start)
 
-    states = np.concatenate([start, (4.0 * followed(2 * rows)[1::2] - followed(rows)) / 3.0])
-    course = CubicHermiteSpline(t[0] + span / rows * np.arange(rows + 1), *states.T)
-    return course(t), course(t, 1)
+    states = np.concatenate([start, (4.0 * simulated(2 * rows)[1::2] - simulated(rows)) / 3.0])
+    motion = CubicHermiteSpline(t[0] + span / rows * np.arange(rows + 1), *states.T)
+    return motion(t), motion(t, 1)
 
 
 def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
-    """Return the pendulum as an experiment, and the values to start from (6,): the spectrum's frequency, no friction.
+    """Return the experiment, and start values (6,) with the frequency of the spectrum and no friction.
 
-    The estimated friction may be negative: without friction, its interval then contains zero.
+    Friction may be estimated below zero, so that its interval contains zero if there is none.
     """
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
     zero, angular = float(first.min()) + size, swing.kind == "angle"
     amplitude = min(size if angular else size / omega, 2.5)
     omega *= 2.0 / math.pi * float(ellipk(math.sin(0.5 * amplitude) ** 2))  # of small swings
-    # the recording begins in the middle: there the angle is zero, or the rate
-    way = float(np.sign(np.sum(first[: len(first) // 4] - zero)))
-    angle, rate = (0.0, way * omega * amplitude) if angular else (-way * amplitude, 0.0)
-    # viscous or dry friction that leaves a body its least count of swings, from the largest to the smallest
+    # the recording starts in the middle of a swing, where the recorded angle or rate is zero
+    direction = float(np.sign(np.sum(first[: len(first) // 4] - zero)))
+    angle, rate = (0.0, direction * omega * amplitude) if angular else (-direction * amplitude, 0.0)
+    # bounds: friction with which the least number of swings remain
     viscous = omega * math.log(1.0 / _SMALLEST) / (math.pi * _LEAST_SWINGS)
     dry = omega**2 * amplitude / (4.0 * _LEAST_SWINGS)
     parameters = (
@@ -224,9 +225,9 @@ def _sensed(p: NDArray[np.float64], swing: Swing) -> tuple[NDArray[np.float64], 
     return angles, (angles if swing.kind == "angle" else rates) + zero
 
 
-#: swings that are fitted first, so that the whole recording is not fitted a whole swing off
+#: swings that are fitted first, so that the fit to the complete recording is not a swing off
 _FIRST_SWINGS = 3.0
-#: a fit that leaves more than this share of the swing is refused
+#: largest relative residual of a fit that is accepted
 _WORST = 0.3
 
 
@@ -236,7 +237,7 @@ class SwingFit:
 
     swing: Swing
     values: NDArray[np.float64]  #: (6,) omega_n^2, beta, kappa, first angle, first rate and zero
-    half_widths: NDArray[np.float64]  #: (6,) half of their 95 % intervals, clustered by swings
+    half_widths: NDArray[np.float64]  #: (6,) half widths of their 95 % intervals, clustered by swing
     predicted: NDArray[np.float64]  #: (n,) the sensor's value by the fit [rad] or [rad/s]
     amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
 
@@ -247,12 +248,12 @@ class SwingFit:
 
     @property
     def frequency_half_width(self) -> float:
-        """Half of its 95 % interval [rad/s]."""
+        """Half width of its 95 % interval [rad/s]."""
         return 0.5 * float(self.half_widths[0]) / self.frequency
 
     @property
     def residual(self) -> float:
-        """Root mean square of the fit's residual, as a share of the recording's."""
+        """Root mean square residual, relative to that of the recording."""
         values = self.swing.values - self.values[5]
         return float(np.sqrt(np.mean((self.swing.values - self.predicted) ** 2) / np.mean(values**2)))
 
@@ -260,13 +261,18 @@ class SwingFit:
 def fit_swing(swing: Swing) -> SwingFit:
     """Fit a pendulum to a free swing.
 
-    InputError if the recording is not that of a free pendulum: the residual of the fit is a third of the motion.
+    InputError if the residual exceeds 30 % of the motion, so that the recording is not that of a free pendulum.
+
+    >>> t = 0.01 * np.arange(3000)
+    >>> swing = swing_of(t, 0.2 * np.exp(-0.02 * t) * np.cos(4.0 * t), kind="angle", source="a camera")
+    >>> round(fit_swing(swing).frequency, 2)  # [rad/s]
+    4.01
     """
-    found = _fitted(swing)
-    if found.residual < _WORST:
-        return found
+    result = _fitted(swing)
+    if result.residual < _WORST:
+        return result
     raise InputError(
-        f"{swing.source} is not a free swing: a pendulum leaves {100.0 * found.residual:.0f} % of it unexplained; cut "
+        f"{swing.source} is not a free swing: a pendulum leaves {100.0 * result.residual:.0f} % of it unexplained; cut "
         "the recording to where nothing touches the body, and check that it is in "
         f"{'rad' if swing.kind == 'angle' else 'rad/s'}, not in degrees."
     )
@@ -281,16 +287,16 @@ def _fitted(swing: Swing) -> SwingFit:
         part, _ = pendulum_experiment(replace(swing, t=swing.t[rows], values=swing.values[rows]))
         point = descend(part, point, free=space.free, most_steps=30, most_renewals=0).point
         until *= 2.0
-    found = fit(experiment, point)
-    # a swing is a cluster, and the errors are those of a jackknife over them
+    result = fit(experiment, point)
+    # errors are clustered by swing
     quantile = stdtrit(len(experiment.block_log) - 1, 0.975)
-    angles, predicted = _sensed(found.values, swing)
+    angles, predicted = _sensed(result.values, swing)
     ends = swing.t <= swing.t[0] + swing.period, swing.t >= swing.t[-1] - swing.period
     first, last = (float(np.abs(angles[rows]).max()) for rows in ends)
     return SwingFit(
         swing=swing,
-        values=found.values,
-        half_widths=quantile * found.errors,
+        values=result.values,
+        half_widths=quantile * result.errors,
         predicted=predicted,
         amplitudes=(first, last),
     )
@@ -298,32 +304,32 @@ def _fitted(swing: Swing) -> SwingFit:
 
 _CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 
-#: the shape of smaller swings does not distinguish radians from degrees [rad]
+#: smaller swings do not distinguish radians from degrees [rad]
 _LARGE = 0.25
-#: one unit fits better than another if it leaves less than this share of the other's residual
+#: one unit fits better than another if its residual is below this share of the other's
 _BETTER = 0.8
-#: a finding reports a file's inertia that is off by more than the first factor; beyond the second, a unit is wrong
+#: an inertia in the file that is off by more than the first factor is reported; beyond the second, a unit is wrong
 _LIKE_FILE, _POSSIBLE = 1.25, 10.0
-#: a pendulum that leaves more of the motion than this is not the whole story
+#: a larger relative residual is reported
 _MUCH_LEFT = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class SwingQuantity:
-    """A number that a swing gives."""
+    """A result of a swing with its standard deviation."""
 
     value: float
     deviation: float
 
     @reported
     def half_width(self) -> float:
-        """Half of the 95 % interval."""
+        """Half width of the 95 % interval."""
         return HALF_WIDTH * self.deviation
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SwingInertia:
-    """The body's inertia about the axis of its swing [kg m^2], with what it follows from."""
+    """The body's inertia about the axis of its swing [kg m^2], with its sources."""
 
     robot: Robot
     fit: SwingFit
@@ -333,7 +339,7 @@ class SwingInertia:
     about_ball_center: SwingQuantity
 
     def findings(self) -> Iterator[Finding]:
-        """Yield the evidence against it."""
+        """Yield findings against the result."""
         swing, mass, (first, _) = self.fit.swing, self.robot.body.mass, self.fit.amplitudes
         name = swing.source
         if first > _LARGE:
@@ -352,7 +358,7 @@ class SwingInertia:
             )
             yield warning("swing-fit", text, name)
         value = self.about_ball_center.value
-        nearest = min(self._of_file, key=lambda one: abs(math.log(value / one)))
+        nearest = min(self._of_file, key=lambda inertia: abs(math.log(value / inertia)))
         ratio = value / nearest
         off = max(ratio, 1.0 / ratio)
         if off > _LIKE_FILE:
@@ -370,11 +376,11 @@ class SwingInertia:
         return np.diag(self.robot.body.inertia_about_ball_center())[:2].tolist()
 
     def notes(self) -> list[Finding]:
-        """Return what it means in sentences, the inertia first."""
-        one, (about_x, about_y) = self.about_ball_center, self._of_file
+        """Return the result in sentences, the inertia first."""
+        inertia, (about_x, about_y) = self.about_ball_center, self._of_file
         text = (
-            f"The body's inertia about the ball's centre is {plus_minus(one.value, one.half_width)} kg m^2 (95 %); "
-            f"the file has {about_x:.4g} about x and {about_y:.4g} about y."
+            f"The body's inertia about the ball's centre is {plus_minus(inertia.value, inertia.half_width)} kg m^2 (95 "
+            f"%); the file has {about_x:.4g} about x and {about_y:.4g} about y."
         )
         stated = self.pivot["deviation"] or self.robot.standard_deviations.keys() & {"body.mass"}
         swing_only = (
@@ -384,19 +390,19 @@ class SwingInertia:
 
     @property
     def _numbers(self) -> dict[str, tuple[float, float]]:
-        """Frequency [rad/s], viscous [N m s/rad] and dry friction [N m] of the pivot, with halves of 95 % intervals."""
+        """Frequency [rad/s], viscous [N m s/rad] and dry friction [N m] of the pivot, with 95 % half widths."""
         fit, inertia = self.fit, self.about_pivot.value
         viscous, dry = (inertia * np.array([fit.values[1:3], fit.half_widths[1:3]]).T).tolist()
         frequency = (fit.frequency, fit.frequency_half_width)
         return {"frequency": frequency, "viscous": tuple(viscous), "dry": tuple(dry)}
 
     def rows(self) -> list[list[str]]:
-        """Return the rows of the printed table: quantity, value with half width of 95 %, unit."""
+        """Return the rows of the printed table: quantity, value with 95 % half width, unit."""
         (frequency, half), viscous, dry = self._numbers.values()
         period = 2.0 * np.pi / frequency
         inertias = [
-            (f"inertia about the {name}", (one.value, one.half_width), "kg m^2")
-            for name, one in (
+            (f"inertia about the {name}", (about.value, about.half_width), "kg m^2")
+            for name, about in (
                 ("pivot", self.about_pivot),
                 ("centre of mass", self.about_center_of_mass),
                 ("ball's centre", self.about_ball_center),
@@ -412,7 +418,7 @@ class SwingInertia:
         return [[name, plus_minus(*number), unit] for name, number, unit in rows]
 
     def to_dict(self, findings: Sequence[Finding] = ()) -> dict[str, object]:
-        """Return the entries of results.json, SI units; half widths are of 95 %."""
+        """Return the entries of results.json, SI units; half widths are those of 95 % intervals."""
         fit, numbers = self.fit, self._numbers
         results = {
             "findings": finding_results([*findings, *self.notes()]),
@@ -436,16 +442,16 @@ def inertia_of_swing(
 ) -> SwingInertia:
     """Return the inertia of the body that swung, with its uncertainty.
 
-    The robot gives the hanging mass, l and g, and their standard deviations. The pivot is at a distance r [m] from the
-    centre of mass, with a standard deviation [m] of zero by default; or, without a distance, where the ball's centre
-    would be: r = l, with the deviation in the robot's file by default.
+    Hanging mass, l and g with their standard deviations are those of the robot. The pivot is at `distance` r [m] from
+    the centre of mass, with a standard `deviation` [m] of zero by default. Without a distance, the pivot is at the
+    ball's centre, r = l, by default with the deviation in the robot's file.
 
-    InputError if the distance is not above zero or leaves nothing for the body about its own centre of mass, or the
-    deviation is below zero.
+    InputError if the distance is not above zero or so long that the inertia about the centre of mass is not above
+    zero, or if the deviation is below zero.
     """
     stated, height, there = robot.standard_deviations, robot.body.center_of_mass, distance is None
     of_mass, of_height = (
-        float(np.asarray(stated.get(f"body.{one}", 0.0))) for one in ("mass", "center_of_mass")
+        float(np.asarray(stated.get(f"body.{name}", 0.0))) for name in ("mass", "center_of_mass")
     )
     pivot = {
         "distance": height if distance is None else distance,
@@ -459,7 +465,7 @@ def inertia_of_swing(
         )
 
     def inertias(omega: float, m: float, r: float, height: float) -> NDArray[np.float64]:
-        """Return those about the pivot, the centre of mass and the ball's centre."""
+        """Return the inertias about the pivot, the centre of mass and the ball's centre."""
         about = m * robot.gravity * r / omega**2  # (Appendix III)
         return about + m * np.array([0.0, -(r**2), height**2 - r**2])
 
@@ -471,14 +477,14 @@ def inertia_of_swing(
             "kg m^2 about the centre of mass, which no body has; the distance must be below "
             f"{robot.gravity / at[0] ** 2:.4g} m. {_CHECK_UNITS}"
         )
-    # one standard deviation of each cause by itself; if r is l they are one
-    causes = np.diag(
+    # one standard deviation of each source; r and l change together if they are the same
+    sources = np.diag(
         [fit.frequency_half_width / HALF_WIDTH, of_mass, pivot["deviation"], 0.0 if there else of_height]
     )
-    causes[2, 3] = pivot["deviation"] if there else 0.0
-    changes = [0.5 * (inertias(*(at + cause)) - inertias(*(at - cause))) for cause in causes]
+    sources[2, 3] = pivot["deviation"] if there else 0.0
+    changes = [0.5 * (inertias(*(at + source)) - inertias(*(at - source))) for source in sources]
     numbers = zip(values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
-    about_pivot, own, about_ball = (SwingQuantity(value=one, deviation=error) for one, error in numbers)
+    about_pivot, own, about_ball = (SwingQuantity(value=value, deviation=error) for value, error in numbers)
     return SwingInertia(
         robot=robot,
         fit=fit,

@@ -1,17 +1,17 @@
-"""How a body turned by a log and by cameras, and the clock and the rotation that join the two.
+"""The rotation of a body from a log and from cameras, and the clock offset and frame rotation between the two.
 
     t_camera = offset + (1 + rate) t_log
     e_k = R (C(t_k + h) - C(t_k)) - (L(s_k + h) - L(s_k)) + b h,      s = (t - offset) / (1 + rate)
 
-The turning is kept as running totals in the body's own frame: the integral of w dt by a gyro, the sum of
-log(R_k^T R_k+1) by orientations, whose noise cancels between neighbours. L is the log's, C the cameras'; R takes the
-marker frame to the log's body frame, b is the gyro's bias.
+C and L are running totals of the turning in the body frame, from the cameras and from the log: the integral of w dt
+from a gyro, and the sum of log(R_k^T R_k+1) from orientations, whose noise cancels between neighbours. R rotates the
+marker frame to the log's body frame, and b is the bias of the gyro.
 
-The fit starts from the clocks under which both turn equally fast, which needs no frame: the speeds are correlated over
-every shift and over rates up to 1 %, each overlap normalised by the samples that both have (D. Padfield, IEEE Trans.
-Image Processing 21 (2012) 2706-2718). A motion that repeats itself gives several peaks: all are fitted, and the
-likeliest is kept. R starts from the closed form of Wahba's problem. Large errors count less (Huber). Standard errors
-are clustered by blocks of time, because errors depend on each other over seconds.
+The fit starts from clocks with which both turn equally fast, which needs no frame: the speeds are correlated over all
+shifts and over rates up to 1 %, with each overlap normalised by the samples that both have (D. Padfield, IEEE Trans.
+Image Processing 21 (2012) 2706-2718). A periodic motion gives several peaks; all are fitted, and the most
+likely one is kept. R starts from the closed solution of Wahba's problem. Large errors count less (Huber). Standard
+errors are clustered by blocks of time, because errors depend on each other over seconds.
 """
 
 from __future__ import annotations
@@ -35,47 +35,47 @@ from ballbot.log.pose import Poses
 
 GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
 ANGLE_NAMES = ("theta", "phi", "psi")
-#: shorter intervals between rows, and those of two lost rows, are no gap [s]
+#: shorter intervals between rows, and those with two lost rows, are not gaps [s]
 _LONGEST_BRIDGE = 0.06
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Turning:
-    """Running totals of a body's turning, in its own frame."""
+    """Running totals of a body's rotation, in the body frame."""
 
-    t: NDArray[np.float64]  #: (N,) [s], on its own clock
+    t: NDArray[np.float64]  #: (N,) [s], on the clock of its source
     total: NDArray[np.float64]  #: (N, 3) [rad]
-    missing: NDArray[np.float64]  #: (N,) running number of steps over which the turning is not known
+    missing: NDArray[np.float64]  #: (N,) running number of steps with unknown rotation
 
     @staticmethod
     def of(t: NDArray[np.float64], steps: NDArray[np.float64], known: NDArray[np.bool_]) -> Turning:
-        """Return the totals of steps (N - 1, 3) [rad] between times (N,) [s]; those not `known` are missing."""
+        """Return the totals of steps (N - 1, 3) [rad] between times (N,) [s]; unknown steps are missing."""
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(np.where(known[:, None], steps, 0.0), axis=0)])
         return Turning(t=t, total=total, missing=np.concatenate([[0.0], np.cumsum(~known)]))
 
     @staticmethod
     def of_rates(t: NDArray[np.float64], rate: NDArray[np.float64]) -> Turning:
-        """Return the totals of rates (N, 3) [rad/s]; those that are NaN are missing."""
-        known = _whole_rows(rate)
+        """Return the totals of rates (N, 3) [rad/s]; NaN are missing."""
+        known = _complete_rows(rate)
         rate = np.where(known[:, None], rate, 0.0)
         return Turning.of(
             t, 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None], known[1:] & known[:-1] & ~_gaps(t)
         )
 
     def over(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return how the body turned (k, 3) [rad] from some times (k,) to others."""
-        columns = [np.interp(end, self.t, one) - np.interp(start, self.t, one) for one in self.total.T]
+        """Return the rotation (k, 3) [rad] from times `start` (k,) to `end`."""
+        columns = [np.interp(end, self.t, total) - np.interp(start, self.t, total) for total in self.total.T]
         return np.column_stack(columns)
 
     def covers(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return over which of the times (k,) from start to end the turning is known throughout."""
+        """Return for which intervals (k,) the rotation is known throughout."""
         after = self.missing[np.clip(np.searchsorted(self.t, end), 0, len(self.t) - 1)]
         before = self.missing[np.clip(np.searchsorted(self.t, start, side="right") - 1, 0, len(self.t) - 1)]
         return (start >= self.t[0]) & (end <= self.t[-1]) & (before == after)
 
 
 def log_turning(log: Log) -> Turning:
-    """Return the turning of a log: its gyro's, or, without one, that of its angles.
+    """Return the rotation of a log from its gyro or, without one, from its angles.
 
     InputError if it has neither, or hardly any values of them.
     """
@@ -88,19 +88,19 @@ def log_turning(log: Log) -> Turning:
 
 
 def has_gyro(log: Log) -> bool:
-    """Return whether a log's turning is its gyro's."""
+    """Return whether the log has a gyro."""
     return all(name in log for name in GYRO_NAMES)
 
 
 def log_rotations(log: Log) -> tuple[Rotation, NDArray[np.bool_]]:
-    """Return the log's orientations, body to world, and where (N,) they are known; elsewhere the one before."""
+    """Return the log's orientations, body to world, and which (N,) are known; unknown ones repeat the last."""
     angles, known = _columns(log, ANGLE_NAMES)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
     return Rotation.from_euler("XYZ", angles[last]), known
 
 
 def poses_turning(poses: Poses) -> Turning:
-    """Return the turning of poses that were all seen; steps over gaps are missing."""
+    """Return the rotation of poses that were all seen; steps over gaps are missing."""
     return Turning.of(poses.t, _steps(poses.rotations), ~_gaps(poses.t))
 
 
@@ -117,14 +117,14 @@ def _steps(rotations: Rotation) -> NDArray[np.float64]:
     return (rotations[:-1].inv() * rotations[1:]).as_rotvec()
 
 
-def _whole_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _complete_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(values).all(axis=1))
 
 
 def _columns(log: Log, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return columns (N, k) and which rows (N,) have all their values; InputError if hardly any has."""
+    """Return columns (N, k) and which rows (N,) are complete; InputError if hardly any is."""
     values = np.column_stack([log[name] for name in names])
-    known = _whole_rows(values)
+    known = _complete_rows(values)
     if known.sum() < 10:
         raise InputError(
             f"The log's {', '.join(names)} have values in only {known.sum()} of {len(known)} rows."
@@ -132,15 +132,15 @@ def _columns(log: Log, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArr
     return values, known
 
 
-#: of the grid of the search [s]; far below the span, so that a peak is not missed
+#: step of the search grid [s], short enough not to miss a peak
 _STEP = 0.02
-#: over which the speed of turning is a mean [s]: it calms the cameras' noise and forgives a clock a little wrong
+#: averaging time of the turning speed [s], which reduces camera noise and tolerates a slightly wrong clock rate
 _MEAN = 0.2
-#: largest rate searched [s/s]: the worst clock without a quartz, a microcontroller's own
+#: largest clock rate searched [s/s]: that of a microcontroller without a crystal
 _LARGEST_RATE = 0.01
-#: least that must overlap [s]
+#: least overlap [s]
 _LEAST_OVERLAP = 4.0
-#: peaks that are fitted, and how far apart they are [s]
+#: peaks that are fitted, and their least distance [s]
 _PEAKS = 4
 _APART = 0.3
 
@@ -150,7 +150,7 @@ class Clock:
     """t_camera = offset + (1 + rate) t_log."""
 
     offset: float  #: the cameras' time at the log's zero [s]
-    rate: float  #: how much faster the cameras' clock runs [s/s]
+    rate: float  #: by which the cameras' clock runs faster [s/s]
 
     def to_log(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return times of the cameras' clock as times of the log's."""
@@ -162,10 +162,10 @@ class Clock:
 
 
 def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
-    """Return up to four clocks under which log and cameras turn alike, the likeliest first."""
+    """Return up to four clocks with which log and cameras turn alike, the most likely first."""
     start, end = float(log.t[0]), float(log.t[-1])
     speeds, known = _speeds(log, np.arange(start, end, _STEP))
-    # a rate wrong by half a step dephases the ends by a quarter of the mean's length
+    # a rate off by half a step shifts the ends by a quarter of the averaging time
     count = int(np.ceil(_LARGEST_RATE * (end - start) / _MEAN))
     peaks: list[tuple[float, float, Clock]] = []
     for rate in np.linspace(-_LARGEST_RATE, _LARGEST_RATE, 2 * count + 1):
@@ -188,7 +188,7 @@ def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
 
 
 def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the mean speeds of turning (k,) [rad/s] about times (k,), and 1 where they are known, else 0."""
+    """Return the mean turning speeds (k,) [rad/s] around times (k,), and 1 where they are known, else 0."""
     start, end = t - 0.5 * _MEAN, t + 0.5 * _MEAN
     known = turning.covers(start, end)
     return np.where(known, np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, 0.0), known.astype(
@@ -199,7 +199,7 @@ def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float6
 def _scores(
     a: NDArray[np.float64], a_known: NDArray[np.float64], b: NDArray[np.float64], b_known: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return how sure (len(a) + len(b) - 1,) each shift of `a` along `b` is: z-scored correlation, -inf where short."""
+    """Return the z-score (len(a) + len(b) - 1,) of the correlation of `a` and `b` by shift; -inf with short overlap."""
     size = fft.next_fast_len(len(a) + len(b) - 1, real=True)
 
     def shifted(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
@@ -215,12 +215,12 @@ def _scores(
         spread_b = shifted(A1, B2) - sum_b**2 / n
         correlation = covariance / np.sqrt(spread_a * spread_b)
     useful = (n * _STEP >= _LEAST_OVERLAP) & (spread_a > 1e-9) & (spread_b > 1e-9) & np.isfinite(correlation)
-    # Fisher's z over its standard error: a long overlap counts for more than a short accidental match
+    # Fisher's z over its standard error: a long overlap counts more than a short accidental match
     z = np.arctanh(np.clip(np.where(useful, correlation, 0.0), -0.9999, 0.9999)) * np.sqrt(np.maximum(n, 1.0))
     return np.where(useful, z, -np.inf)
 
 
-#: length of a block [s], and how many there are at least
+#: length of a block [s], and least number of blocks
 _BLOCK = 5.0
 _LEAST_BLOCKS = 8
 
@@ -228,40 +228,40 @@ _LEAST_BLOCKS = 8
 def fit_in_blocks(
     J: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the parameters (p,) with which J (n, c, p) explains the values (n, c), and their 95 % half widths (p,)."""
+    """Return the parameters (p,) that fit values (n, c) by J (n, c, p), and their 95 % half widths (p,)."""
     blocks, quantile = _blocks(times)
     fit = fit_linear(J.reshape(-1, J.shape[2]), values.ravel(), np.repeat(blocks, values.shape[1]))
     return fit.values, quantile * fit.errors
 
 
 def _blocks(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
-    """Return the block (n,) that each of increasing times (n,) [s] is in, and Student's t for 95 % with as many."""
+    """Return the block (n,) of each of increasing times (n,) [s], and Student's t for 95 % with as many blocks."""
     length = max(min(_BLOCK, (times[-1] - times[0]) / _LEAST_BLOCKS), 1e-9)
     blocks = np.unique(((times - times[0]) / length).astype(np.int64), return_inverse=True)[1]
     return blocks.astype(np.int64), float(scipy.stats.t.ppf(0.975, max(int(blocks.max()), 1)))
 
 
-#: increments are over this [s]: long beside the cameras' noise, short beside a gyro's drift
+#: duration of an increment [s], long enough for the cameras' noise and short enough for the gyro's drift
 SPAN = 0.5
-#: increments at the most; more only repeat one another
+#: largest and least number of increments
 _MOST = 12000
 _LEAST = 60
-#: errors beyond so many standard deviations count less (Huber); weights are renewed so often
+#: errors beyond so many standard deviations count less (Huber); number of updates of the weights
 _TUNING = 2.5
 _REWEIGHTED = 2
-#: rates are slopes over this, to either side [s]
+#: rates are slopes over so long to either side [s]
 _SLOPE = 0.01
-#: standard error of a rotation from which it counts as not determined [rad]
+#: standard error beyond which a rotation is not determined [rad]
 _UNDETERMINED = 0.1
-#: another clock is reported if its likelihood exceeds this share of the best's
+#: another clock is reported if its log-likelihood gain exceeds this share of the best one's
 _RIVAL = 0.5
-#: clocks nearer than this in the log's middle are the same [s]
+#: clocks that differ by less in the middle of the log are the same [s]
 _SAME = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionFit:
-    """The clock and the rotation, with 95 % half widths by blocks of time."""
+    """Clock and rotation, with 95 % half widths clustered by blocks of time."""
 
     clock: Clock
     body_marker: Rotation  #: marker frame to the log's body frame
@@ -270,32 +270,32 @@ class MotionFit:
     rate_half_width: float  #: [s/s]
     rotation_errors: NDArray[np.float64]  #: (3,) standard errors about the body's axes [rad]
     quantile: float  #: Student's t for 95 %, with as many blocks
-    error: float  #: rms of an increment's error, a component [rad]
-    motion: float  #: rms of an increment, a component [rad]
+    error: float  #: rms error of a component of an increment [rad]
+    motion: float  #: rms of a component of an increment [rad]
     increments: int
-    axis_error: float  #: standard error of the rotation about the axis that the motion determines least [rad]
+    axis_error: float  #: standard error of the rotation about the least determined axis [rad]
 
     @property
     def rotation_half_width(self) -> NDArray[np.float64]:
-        """Half of the 95 % intervals of `body_marker` (3,) about the body's axes [rad]."""
+        """95 % half widths of `body_marker` (3,) about the body's axes [rad]."""
         return self.quantile * self.rotation_errors
 
     @property
     def share(self) -> float:
-        """The share of the turning that is common to log and cameras."""
+        """Share of the rotation that log and cameras have in common."""
         return 1.0 - (self.error / self.motion) ** 2
 
     @property
     def gain(self) -> float:
-        """The logarithm of the likelihood over that of no relation."""
+        """Log-likelihood ratio to no relation between log and cameras."""
         return -self.increments * float(np.log(self.error / self.motion))
 
 
 def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tuple[MotionFit, Clock | None]:
-    """Return the likeliest clock and rotation, and the clock of another fit that is nearly as likely.
+    """Return the most likely clock and rotation, and the clock of another fit that is nearly as likely.
 
-    `least_share` is that of the turning that is common to both if they are of the same run. Raise InputError if they
-    are not, or turn about one axis only.
+    `least_share` is the least common share of the rotation in the same run. InputError if the two are of different
+    runs, or turn about one axis only.
     """
     fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
     fits.sort(key=lambda fit: -fit.gain)
@@ -322,7 +322,7 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
     return best, next(rivals, None)
 
 
-#: changes of the clock from where the fit starts, of the rotation, and the gyro's bias
+#: changes of clock and rotation from the start of the fit, and the bias of the gyro
 _PARAMETERS = (
     Parameter.about("offset in the middle", 0.0, "s", within=2.0),
     Parameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
@@ -333,30 +333,30 @@ _PARAMETERS = (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Pairs:
-    """Increments (n,) by both, and where the fit of the parameters x (8,) of `_PARAMETERS` starts."""
+    """Increments (n,) from log and cameras, and the start of the fit of x (8,), the values of `_PARAMETERS`."""
 
     log: Turning
-    start: NDArray[np.float64]  #: (n,) of each, cameras' clock [s]
+    start: NDArray[np.float64]  #: (n,), on the cameras' clock [s]
     end: NDArray[np.float64]
-    turned: NDArray[np.float64]  #: (n, 3) by the cameras [rad]
+    turned: NDArray[np.float64]  #: (n, 3), from the cameras [rad]
     clock: Clock
     middle: float  #: of the log's times [s]
     body_marker: Rotation
 
     @staticmethod
     def shared(log: Turning, cameras: Turning, clock: Clock) -> _Pairs | None:
-        """Return the increments over `SPAN` that both have by a clock; None if they are too few."""
+        """Return the increments over `SPAN` that both have with a clock; None if there are too few."""
         starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
         ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
         starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
         start, end = cameras.t[starts], cameras.t[ends]
-        # a margin, for the clock moves
+        # a margin, as the fit changes the clock
         usable = log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
         usable &= cameras.missing[ends] == cameras.missing[starts]
         if usable.sum() < _LEAST:
             return None
         start, end, turned = start[usable], end[usable], (cameras.total[ends] - cameras.total[starts])[usable]
-        # a constant rate, the gyro's bias, is no motion
+        # without the constant rate of the gyro's bias
         logged = _centred(log.over(clock.to_log(start), clock.to_log(end)))
         return _Pairs(
             log=log,
@@ -376,18 +376,18 @@ class _Pairs:
     def _at(
         self, x: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return start and end (n,) by the log's clock, and the cameras' turning (n, 3) in its frame."""
+        """Return start and end (n,) on the log's clock, and the cameras' increments (n, 3) in its frame."""
         clock = self.clock_of(x)
         rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
         return clock.to_log(self.start), clock.to_log(self.end), rotated
 
     def errors(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return e (n, 3) of the module's text."""
+        """Return the errors e (n, 3)."""
         s0, s1, rotated = self._at(x)
         return rotated - self.log.over(s0, s1) + np.outer(s1 - s0, x[5:])
 
     def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return its derivatives (n, 3, 8)."""
+        """Return the derivatives of the errors (n, 3, 8)."""
         s0, s1, v = self._at(x)
         w0, w1 = (self.log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
         J = np.zeros((len(s0), 3, 8))
@@ -399,7 +399,7 @@ class _Pairs:
         return J
 
     def experiment(self, weights: NDArray[np.float64]) -> Residuals:
-        """Return the experiment with these weights (n,) of squares."""
+        """Return the experiment with weights (n,) of the squared errors."""
         blocks, _ = _blocks(self.start)
         root = np.sqrt(weights)[:, None]
         return residuals_without_states(
@@ -411,7 +411,7 @@ class _Pairs:
 
 
 def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
-    """Return the fit that starts from a clock; None if the two share too little."""
+    """Return the fit that starts from a clock; None if log and cameras have too little in common."""
     pairs = _Pairs.shared(log, cameras, clock)
     if pairs is None:
         return None
@@ -420,20 +420,20 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     for _ in range(_REWEIGHTED):
         x = fit(pairs.experiment(weights), space.scaled(x)).values
         weights = _huber_weights(pairs.errors(x))
-    found = fit(pairs.experiment(weights), space.scaled(x))
-    if at_bound(found.finished.point)[1]:  # clocks that differ so much are not of one run
+    result = fit(pairs.experiment(weights), space.scaled(x))
+    if at_bound(result.finished.point)[1]:  # clock rates that differ so much are not of one run
         return None
-    x, residuals, (_, quantile) = found.values, pairs.errors(found.values), _blocks(pairs.start)
-    # from the offset at the middle and the rate to the offset at the log's zero
+    x, residuals, (_, quantile) = result.values, pairs.errors(result.values), _blocks(pairs.start)
+    # the offset at the log's zero, from that in the middle and the rate
     to_zero = np.array([1.0, -pairs.middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
     return MotionFit(
         clock=pairs.clock_of(x),
         body_marker=body_marker,
         bias=x[5:],
-        offset_half_width=float(quantile * np.sqrt(to_zero @ found.covariance[:2, :2] @ to_zero)),
-        rate_half_width=float(quantile * found.errors[1]),
-        rotation_errors=found.errors[2:5],
+        offset_half_width=float(quantile * np.sqrt(to_zero @ result.covariance[:2, :2] @ to_zero)),
+        rate_half_width=float(quantile * result.errors[1]),
+        rotation_errors=result.errors[2:5],
         quantile=quantile,
         error=float(np.sqrt(np.mean(residuals**2))),
         motion=float(np.sqrt(np.mean(_centred(pairs.turned) ** 2))),
@@ -452,11 +452,11 @@ def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:
-    """Return the standard error [rad] of a rotation about the axis that the motion (n, 3) determines least.
+    """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least.
 
-    If all turning is about one axis, a rotation about it changes the residuals hardly, and clustered errors do not show
-    this. The motion about the other two axes that log and cameras have in common, without their noise, determines it:
-    the singular values of the covariance between the two. One independent increment is counted for each `SPAN`.
+    If all motion is about one axis, a rotation about it hardly changes the residuals, which clustered errors do not
+    show. The motion about the other two axes that log and cameras have in common determines it, as the singular values
+    of their covariance show. One independent increment is counted for each `SPAN`.
     """
     turned = _centred(turned)
     U, shared, Vt = np.linalg.svd((turned - _centred(residuals)).T @ turned / len(turned))

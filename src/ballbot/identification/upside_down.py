@@ -1,18 +1,19 @@
 """Friction of drivelines and ball-wheel contacts from a robot clamped upside down, the ball on its wheels (thesis 3.2).
 
-The momentum of the ball and the drivelines changes by the motors' torques and the friction alone, whatever slips
-between wheels and ball, since contact forces act on both:
+Contact forces act on both wheels and ball, so whatever slips between them, the momentum of ball and drivelines changes
+by the torques of the motors and the friction only:
 
     d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
 
-w is what the encoders measure, or A Omega in a log without them. The experiment (`momentum_balance`) has b, c and s of
-each wheel and v_s; its residuals are this equation's over pieces of 0.05 s, in blocks of a window. While a wheel is
-slow, the sign of its speed is uncertain and its friction no function of it: the directions in which it pushes are then
-left out. So are rows at the limit of speed or torque, where the torque that acts is not the one logged. The thesis's
-exponent delta is 1, as of the sweep (`ballbot.identification.driveline`): a log of a minute leaves it anywhere.
+w is measured by the encoders, or A Omega in a log without them. The parameters of the experiment (`momentum_balance`)
+are b, c and s of each wheel, and v_s. Its residuals are those of the integrated equation over pieces of 0.05 s, in
+blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a function of speed; the
+directions in which it acts are then left out. So are rows at the limit of speed or torque, where the logged torque does
+not act. The exponent delta of the thesis is 1, as for the sweep (`ballbot.identification.driveline`): a log of a minute
+does not determine it.
 
-Standard errors are clustered by window and widened by `WIDENED`. Windows held out validate the friction: from the
-camera's mean over the samples about a window's first row, the ball is simulated with it and without.
+Standard errors are clustered by window and widened by `WIDENED`. Held-out windows validate the friction: the ball is
+simulated with and without it, from the mean of the samples around a window's first row.
 """
 
 from __future__ import annotations
@@ -48,28 +49,28 @@ from ballbot.summary import Summary, estimated, first_texts, listed, plotted, su
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: samples on either side of a window's first that its start is the mean of
+#: the initial state of a window is the mean over so many samples on either side of its first
 NEIGHBOURS = 4
-#: samples on either side of a row that its momentum and torques are the mean of
+#: momentum and torques of a row are the means over so many samples on either side
 SMOOTHED = 2
 #: length of the pieces that the residuals are integrals over [s]
 PIECE = 0.05
-#: a wheel that turns more slowly is left out [rad/s]
+#: least speed of a wheel that counts [rad/s]
 SLOW = 0.1
-#: share of the supply's speed limit from which on the torque that acts is not the one logged
+#: above this share of the supply's speed limit, the logged torque does not act
 AT_LIMIT = 0.95
 #: v_s is between these speeds [rad/s]
 SHAPES = (0.05, 5.0)
-#: Student's quantile for 95 % and the fewest windows that a fit takes
+#: Student's quantile for 95 % with the least number of windows
 QUANTILE = 2.1
-#: standard errors and intervals are so many times those clustered by window: then 95 % of the intervals of twins with
-#: the seeds 101 to 110 have the true b and c. `python -m campaigns.evidence upside_down` looks at others.
+#: factor on clustered standard errors, with which 95 % of the intervals from twins with the seeds 101 to 110 contain
+#: the true b and c; `python -m campaigns.evidence upside_down` checks others
 WIDENED = 2.0
 _SOURCE = "identified: a log upside down"
 
 
 class _BallLog:
-    """The rows of a log of the ball upon a robot's wheels."""
+    """The rows of a log of the ball on the clamped robot."""
 
     def __init__(self, robot: Robot, log: Log) -> None:
         names = torque_names(robot.wheel_count)
@@ -79,21 +80,21 @@ class _BallLog:
         self.wheel_speeds = np.column_stack(speeds) if speeds else self.omega @ A.T  # (N, n) [rad/s]
         drive = robot.drive
         fastest = AT_LIMIT * drive.top_speed
-        # rows (N,) at which a motor cannot give the torque that is logged
+        # rows (N,) in which a motor cannot give the logged torque
         beyond = (np.abs(self.wheel_speeds) > fastest) | (np.abs(self.torques) > drive.torque_limit)
-        # rows (N,) that are complete and on time, without a spike, and not at a limit
+        # rows (N,) that are complete, evenly spaced, without spike and not at a limit
         valid = np.isfinite(np.hstack([self.torques, self.omega])).all(axis=1) & ~beyond.any(axis=1)
         self.valid = np.asarray(valid, dtype=np.bool_)
         self.valid &= ~spiked_rows(log, (*names, *BALL_NAMES))
         self.valid[:-1] &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
 
     def tiles(self, samples: int) -> range:
-        """Return the rows at which windows start, end to end."""
+        """Return the first rows of windows that lie end to end."""
         return range(NEIGHBOURS, len(self.omega) - samples - NEIGHBOURS, samples)
 
 
 def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
-    """Return the wheels' speeds as logged, or as the slopes of their angles over 50 ms; none if neither is there."""
+    """Return the logged wheel speeds, or the slopes of wheel angles over 50 ms; an empty list without both."""
     names, angles = wheel_speed_names(count), wheel_angle_names(count)
     if all(name in log for name in names):
         return [log[name] for name in names]
@@ -110,7 +111,7 @@ def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
 class BallWindows:
     """w windows of m samples each."""
 
-    initial: NDArray[np.float64]  #: (w, 3), Omega at the starts [rad/s]
+    initial: NDArray[np.float64]  #: (w, 3), initial Omega [rad/s]
     torques: NDArray[np.float64]  #: (w, m, n) [N m]
     measured: NDArray[np.float64]  #: (w, m, 3), Omega after each sample [rad/s]
     spans: tuple[Span, ...]  #: (w,)
@@ -120,12 +121,12 @@ class BallWindows:
         return len(self.initial)
 
     def take(self, rows: NDArray[np.int64]) -> BallWindows:
-        """Return the windows of those numbers."""
+        """Return the windows in these rows."""
         columns = {name: getattr(self, name)[rows] for name in ("initial", "torques", "measured")}
         return replace(self, **columns, spans=tuple(self.spans[row] for row in rows))
 
     def predicted(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
-        """Return the Omega (w, m, 3) that a friction predicts."""
+        """Return the predicted Omega (w, m, 3) [rad/s] with a friction."""
         return simulate_balls(
             ClampedBall.of_robot(robot),
             friction=friction,
@@ -136,9 +137,9 @@ class BallWindows:
 
 
 def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
-    """Cut logs into windows of a duration [s]; those with a gap, a missing value or a row at a limit are left out.
+    """Cut logs into windows of a duration [s], without gaps, missing values and rows at a limit.
 
-    InputError if there is no log, a column is missing, the sample times differ, or the window is no length or longer
+    InputError if there is no log, a column is missing, the sample times differ, or the duration is invalid or longer
     than every log.
     """
     sample_time = common_sample_time(logs, duration=duration)
@@ -176,9 +177,9 @@ def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def momentum_balance(
     robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]
 ) -> Residuals:
-    """Return the experiment of the module's text on windows of a duration [s], end to end, `without` some of these.
+    """Return the experiment on windows of a duration [s], end to end, `without` some of them.
 
-    Its residuals [N m s] are of pieces of `PIECE` in which a wheel turns, and no row is missing or at a limit.
+    Its residuals [N m s] are of pieces of `PIECE` seconds in which a wheel turns and no row is missing or at a limit.
     """
     ball, h = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
     A, J, n = ball.A, robot.ball.inertia * np.eye(3), robot.wheel_count
@@ -203,7 +204,7 @@ def momentum_balance(
                     continue
                 if not begins or begins[-1] != begin:
                     begins.append(begin)
-                # onto the directions in which only wheels push that turn throughout the piece
+                # onto the directions in which only wheels act that turn throughout the piece
                 projector = np.eye(3) - np.linalg.pinv(A[~turning]) @ A[~turning]
                 change = momentum[k + length] - momentum[k] - impulse[k : k + length].sum(axis=0)
                 speeds = 0.5 * (w[k : k + length] + w[k + 1 : k + length + 1])
@@ -213,7 +214,7 @@ def momentum_balance(
     speeds, window = speeds.reshape(-1, length, n), window.astype(np.int64)
 
     def impulses(v_s: float) -> NDArray[np.float64]:
-        """Return the momentum (3 m, 4 n) that b, c, s of each wheel take, each being one, and what s takes by v_s."""
+        """Return the impulse (3 m, 4 n) of b, c and s of each wheel, each 1, and the derivative of that of s by v_s."""
         signs, fading = np.sign(speeds), np.exp(-np.abs(speeds) / v_s)
         parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
         sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
@@ -223,15 +224,17 @@ def momentum_balance(
         X = impulses(values[-1])
         return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
 
-    # friction is below the torques that turn the ball, and that at its usual speed
+    # friction is below the largest torque, and so is its viscous part at the usual speed
     usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
     bounds = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
     return residuals_without_states(
         lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
         parameters=tuple(
-            one.parameter(label, bounds.get(one.name, SHAPES), 0.0 if one.name in bounds else 1.0)
-            for one in QUANTITIES
-            for label in one.labels(n)
+            quantity.parameter(
+                label, bounds.get(quantity.name, SHAPES), 0.0 if quantity.name in bounds else 1.0
+            )
+            for quantity in QUANTITIES
+            for label in quantity.labels(n)
         ),
         dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
         block=np.repeat(window, 3),
@@ -243,13 +246,13 @@ def momentum_balance(
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpsideDown:
-    """Driveline and ball-wheel friction of a robot without its weight on the ball; p = 3 n + 1 parameters."""
+    """Friction of drivelines and ball-wheel contacts without the robot's weight on the ball; p = 3 n + 1 parameters."""
 
-    robot: Robot  #: with the friction found; rolling friction as it was, which has no part here
+    robot: Robot  #: with the identified friction; its rolling friction is unchanged
     verdict: Verdict  #: whether the friction is usable
     estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
-    #: root mean square error (3,) [rad/s] of Omega on the windows held out: with the friction "found", that of the
-    #: "robot file" where it has any, and "none"
+    #: root mean square error (3,) [rad/s] of Omega on held-out windows: with the friction "found", with that of the
+    #: "robot file" if it has any, and with "none"
     held_out: Mapping[str, NDArray[np.float64]]
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
@@ -263,14 +266,14 @@ class UpsideDown:
 
     @property
     def standard_errors(self) -> ParameterTable:
-        """Alike; NaN of a friction of zero."""
+        """Standard errors, as `parameters`; NaN for a friction of zero."""
         return _by_symbol(self.estimate.errors)
 
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
-        """Of 95 %, by label, of those with a standard error."""
-        found = self.estimate
-        numbers = zip(found.labels, found.values.tolist(), found.errors.tolist(), strict=True)
+        """95 % intervals by label, of parameters with a standard error."""
+        own = self.estimate
+        numbers = zip(own.labels, own.values.tolist(), own.errors.tolist(), strict=True)
         return {
             label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
             for label, value, error in numbers
@@ -278,12 +281,14 @@ class UpsideDown:
         }
 
     def summary(self) -> Summary:
-        """Return the verdict, each parameter with its standard error, errors held out, and warnings."""
+        """Return the verdict, each parameter with its standard error, held-out errors, and warnings."""
         rows = [
-            (one.symbol, estimated(self.parameters[one.symbol], self.standard_errors[one.symbol], one.unit))
-            for one in QUANTITIES
+            (q.symbol, estimated(self.parameters[q.symbol], self.standard_errors[q.symbol], q.unit))
+            for q in QUANTITIES
         ]
-        rows += [(f"error, {key}", f"{listed(one, 'rad/s')}, held out") for key, one in self.held_out.items()]
+        rows += [
+            (f"error, {key}", f"{listed(rmse, 'rad/s')}, held out") for key, rmse in self.held_out.items()
+        ]
         windows = f"{len(self.fit_windows)} fitted, {len(self.held_out_windows)} held out, {self.window:g} s"
         return Summary(
             title=f"Friction of the robot {self.robot.name} upside down: value ± standard error",
@@ -334,23 +339,37 @@ def identify_upside_down(
     held_out: float = 0.25,
     run: Run = DEFAULT_RUN,
 ) -> UpsideDown:
-    """Find b, c, s of each wheel and v_s from the robot clamped upside down.
+    """Identify b, c, s of each wheel and v_s from the robot clamped upside down.
 
-    InputError if the logs cannot give the parameters, or an option makes no sense.
+    InputError if the logs do not determine the parameters, or an option is invalid.
 
     Parameters
     ----------
     robot : Robot, preset or robot file
-        Its own friction is not used but to be compared with.
+        Its friction is only compared with the result.
     logs : Log or log file, or several in a list or a mapping
-        With u1 .. un and ball_omega_x, _y, _z in the robot's frame, of one sample time. Wheel speeds or angles, if
-        they are logged, are used.
+        With u1 .. un and ball_omega_x, _y, _z in the robot's frame, at one sample time. Logged wheel speeds or angles
+        are used.
     window : float
-        Length of the windows [s] that are held out and predicted, and by which errors are clustered.
+        Length of the windows [s], which cluster errors, and are held out and predicted.
     held_out : float
-        Share of the windows kept from the fit.
+        Share of the windows that the fit does not see.
     run : Run, optional
-        Its seed chooses the windows held out.
+        Its seed draws the held-out windows.
+
+    Examples
+    --------
+    >>> robot = Robot.load("alten").replace({"friction.coulomb": 0.1})
+    >>> t = 0.005 * np.arange(8001)
+    >>> torques = 0.4 * np.sin(np.outer(t, [1.3, 1.9, 2.7]) + [0.0, 2.0, 4.0])  # [N m]
+    >>> ball = ClampedBall.of_robot(robot)
+    >>> omega = simulate_balls(
+    ...     ball, friction=robot.friction, initial=[np.zeros(3)], torques=[torques[:-1]], sample_time=0.005
+    ... )[0]
+    >>> columns = dict(zip(BALL_NAMES, np.vstack([np.zeros(3), omega]).T))
+    >>> log = Log({"t": t, **dict(zip(("u1", "u2", "u3"), torques.T)), **columns})
+    >>> np.round(identify_upside_down("alten", log).parameters["c"], 2)  # [N m]
+    array([0.1, 0.1, 0.1])
     """
     if not 0.0 < held_out < 1.0:
         raise InputError(f"held_out is {held_out!r}; it must be a fraction between 0 and 1, such as 0.25.")
@@ -371,9 +390,9 @@ def identify_upside_down(
     run.progress(Progress(stage="fit", done=0, total=2))
     own, findings = _estimated(experiment, seed=run.seed)
     source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
-    found = robot_with_friction(robot, own, source=source)
+    identified = robot_with_friction(robot, own, source=source)
     run.progress(Progress(stage="prediction", done=1, total=2))
-    frictions = {"found": found.friction, "robot file": robot.friction, "none": Friction.none(n)}
+    frictions = {"found": identified.friction, "robot file": robot.friction, "none": Friction.none(n)}
     if robot.friction == frictions["none"]:
         del frictions["robot file"]
     squares = {
@@ -384,7 +403,7 @@ def identify_upside_down(
     if not verdict.usable and not np.any(own.values[: 2 * n] > QUANTILE * own.errors[: 2 * n]):
         verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
     return UpsideDown(
-        robot=found,
+        robot=identified,
         verdict=verdict,
         estimate=own,
         held_out={name: np.sqrt(square.mean(axis=0)) for name, square in squares.items()},
@@ -396,27 +415,27 @@ def identify_upside_down(
 
 
 def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list[Finding]]:
-    """Return the friction with its covariance, and what the logs do not show, or disagree on."""
+    """Return the friction with its covariance, and findings on what the logs do not show or disagree on."""
     space, findings = experiment.coordinates, list[Finding]()
     # v_s may have several minima
     slow, fast = (space.scaled(np.append(0.1 * space.upper[:-1], v_s)) for v_s in (0.3, 1.0))
-    found = fit(experiment, slow, also=fast)
-    values = found.values
-    if not found.estimated[-1]:
+    result = fit(experiment, slow, also=fast)
+    values = result.values
+    if not result.estimated[-1]:
         text = "Break-away friction above c does not lower the error beyond chance; s is held at 0."
         findings.append(note("no-breakaway", text))
         held = [
-            replace(one, bounds=(one.default, one.default)) if one.name.startswith("stribeck") else one
-            for one in space.parameters
+            replace(own, bounds=(own.default, own.default)) if own.name.startswith("stribeck") else own
+            for own in space.parameters
         ]
         experiment = replace(experiment, coordinates=replace(space, parameters=tuple(held)))
-        found = fit(experiment, experiment.coordinates.scaled(values))
-        values = np.append(found.values[:-1], np.nan)
-    apart = discrepancy(found.finished.equations, experiment.block_log, found.estimated, seed=seed)
+        result = fit(experiment, experiment.coordinates.scaled(values))
+        values = np.append(result.values[:-1], np.nan)
+    apart = discrepancy(result.finished.equations, experiment.block_log, result.estimated, seed=seed)
     if apart.significant:
         text = "The logs disagree on the friction by more than chance; errors are wider."
         findings.append(warning("logs-differ", text))
-    covariance = (WIDENED * apart.factor) ** 2 * found.covariance
+    covariance = (WIDENED * apart.factor) ** 2 * result.covariance
     return StageEstimate(
         source="the logs upside down", labels=space.labels, values=values, covariance=covariance
     ), findings

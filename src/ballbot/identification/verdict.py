@@ -1,12 +1,12 @@
 """Whether an identification is usable: the first sentence of its results.
 
-It is not usable
+It is usable if
 
-- unless windows that the fit did not see are predicted better with friction than without. The whole 95 % interval of
-  the gain (`ballbot.fitting.model_selection`) is above zero, over the states counted and all logs; and so is the gain
-  in the lean, which balancing depends on, and that on each log, as logs of one robot agree on its friction;
-- if b or c of a wheel ends at the end of its usual range: that is no estimate;
-- if the logs disagree on the dry friction: from log to log it varies by half of its size or more, beyond their errors.
+- held-out windows are predicted better with friction than without: the 95 % interval of the gain over all logs and the
+  states that count (`ballbot.fitting.model_selection`) is above zero, and the gain is positive for the lean, on which
+  balancing depends, and on each log by itself;
+- no b or c of a wheel is at the end of its usual range, which is not an estimate;
+- the logs agree on the dry friction: between logs it varies by less than half of its size, or within their errors.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from ballbot.results import reported
 from ballbot.rounding import digits
 from ballbot.summary import counted
 
-#: neighbouring windows drawn together; of a quarter held out, four are some 4 s of the robot's way
+#: neighbouring windows drawn together: about 4 s of motion
 BLOCK = 4
 
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """Whether an identification is usable, and by what."""
+    """Whether an identification is usable, and why."""
 
-    gain: Gain  #: of the prediction with friction over that without, on windows held out
-    windows: int  #: of them
+    gain: Gain  #: of the prediction with friction over that without, on held-out windows
+    windows: int  #: number of held-out windows
     reasons: tuple[str, ...]  #: why it is not usable; empty if it is
 
     @reported
     def usable(self) -> bool:
-        """Whether nothing speaks against it."""
+        """Whether there is no reason against it."""
         return not self.reasons
 
     @reported
@@ -63,16 +63,15 @@ def verdict_of(
     at_end: Sequence[str] = (),
     disagree: Sequence[str] = (),
 ) -> Verdict:
-    """Return the verdict on windows that were held out.
+    """Return the verdict from held-out windows.
 
     `squares` and `without` (w, k) are sums of squared errors of each window and state that counts, with friction and
-    without; `lean` (k,) marks the states that are the lean; `at_end` are the labels of friction at the end of its usual
-    range, `disagree` those on which the logs disagree.
+    without; `lean` (k,) marks the states of the lean; `at_end` are labels of friction at the end of its usual range,
+    `disagree` those on which the logs disagree.
     """
-
     logs = sorted({span.log for span in spans})
-    whole = gain_between(squares, without, window_blocks(spans))
-    of_lean, by_log = whole, dict[str, Gain]()
+    overall = gain_between(squares, without, window_blocks(spans))
+    of_lean, by_log = overall, dict[str, Gain]()
     if lean is not None and lean.any():
         of_lean = gain_between(squares[:, lean], without[:, lean], window_blocks(spans))
     for log in logs if len(logs) > 1 else ():
@@ -80,12 +79,12 @@ def verdict_of(
         blocks = window_blocks([spans[row] for row in rows.tolist()])
         by_log[f"log {log + 1}"] = gain_between(squares[rows], without[rows], blocks)
     seen = f"on {counted(len(spans), 'window')} that the fit did not see"
-    worse = [f"{name} ({_times(one)})" for name, one in by_log.items() if not one.share > 0.0]
+    worse = [f"{name} ({_times(gain)})" for name, gain in by_log.items() if not gain.share > 0.0]
     reasons = []
-    if not whole.lower > 0.0:
+    if not overall.lower > 0.0:
         reasons.append(
-            f"{seen}, the prediction is no better with friction than without ({_times(whole)}, 95 % interval "
-            f"{digits(1.0 - whole.upper, 2)} to {digits(1.0 - whole.lower, 2)})"
+            f"{seen}, the prediction is no better with friction than without ({_times(overall)}, 95 % interval "
+            f"{digits(1.0 - overall.upper, 2)} to {digits(1.0 - overall.lower, 2)})"
         )
     elif not of_lean.share > 0.0:
         reasons.append(
@@ -97,11 +96,11 @@ def verdict_of(
         reasons.append(f"{every(at_end)} {'is' if len(at_end) == 1 else 'are'} at the end of the usual range")
     if disagree:
         reasons.append(f"the logs disagree on {every(disagree)}, by half of the friction or more")
-    return Verdict(gain=whole, windows=len(spans), reasons=tuple(reasons))
+    return Verdict(gain=overall, windows=len(spans), reasons=tuple(reasons))
 
 
 def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
-    """Return the numbers of windows, `BLOCK` neighbours of one log at a time."""
+    """Return the rows of windows in blocks of `BLOCK` neighbours of one log."""
     groups = []
     for log in sorted({span.log for span in spans}):
         rows = [row for row, span in enumerate(spans) if span.log == log]

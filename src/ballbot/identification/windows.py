@@ -1,48 +1,47 @@
-"""Short windows of logs, and the motors, sensors and delays between a log's numbers and the robot.
+"""Short windows of logs, and models of the motors, sensors and delays between robot and log.
 
-Back-EMF. The back-EMF of a motor driven by voltage brakes with the wheel's speed. A motor on a duty d gives u = n k_t
-(d V - k_e n w) / R = u_0 - b_e w, with the torque at standstill u_0 = n k_t V d / R and b_e = n^2 k_t k_e / R. A log of
-duties becomes torques u with the speed w that was measured. What was commanded is u_0, though, and in a prediction the
-brake must follow the predicted speed: a model that turns too fast would else not be braked for it. So identification
-predicts with u_0 = u + b_e w and with the viscous friction b + b_e, and gives b.
+Back-EMF. A motor driven by voltage is braked in proportion to its speed. On a duty d it gives u = n k_t (d V - k_e n w)
+/ R = u_0 - b_e w, with the torque at standstill u_0 = n k_t V d / R and b_e = n^2 k_t k_e / R. A log of duties is
+converted to torques u with the measured speed w. The command is u_0, though, and in a prediction the back-EMF must
+follow the predicted speed. So identification predicts with u_0 = u + b_e w and the viscous friction b + b_e, and
+returns b. If b_e is unknown, a duty scaled to a torque may be used as u_0, and the identified viscous friction is
+b + b_e.
 
-If b_e is not known, a duty scaled to a torque may stand for u_0 and the viscous friction found is b + b_e.
+Hold-out. Intervals of 8 s in every 28 s of each log are held out: neighbouring windows share a swing of the limit
+cycle, and a closed-loop validation needs seconds on end. As 28 s is not a multiple of the 8 s or 32 s with which
+references often repeat, the intervals cover different parts of the path.
 
-Whole intervals of each log are held out, 8 s of every 28 s: neighbouring windows share a swing of the limit cycle, and
-a validation in closed loop needs seconds in one piece. As 28 s is not a multiple of the 8 s or 32 s with which
-references often repeat, the intervals do not always hold the same piece of the path.
-
-Windows. Each is predicted from the state measured at its start. An unstable plant's open-loop prediction means
-something for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
-each held until the next, and states k + 1 .. k + m are compared. Windows with a missing value or a spoilt one
+Windows. Each is predicted from the state measured at its start. The plant is unstable, so an open-loop prediction is
+meaningful for a fraction of a second only. A window of m samples starts at row k: the torques are rows k .. k + m - 1,
+each held until the next, and states k + 1 .. k + m are compared. Windows with a missing or corrupted value
 (`ballbot.log.checks.values`), an uneven sampling interval or a lean past recovery are left out.
 
-The start is the measured state as it is. Smoothing it over 35 to 75 ms, which looks ahead, was tried on logs
-with encoder counts and gearbox play: no state's error on other windows changed by more than 1 %.
+The measured initial state is not smoothed. Smoothing over 35 to 75 ms, which is not causal, changed no state's error on
+other windows by more than 1 %, on logs with encoder counts and gearbox play.
 
-Torques. Of the torque u_i logged in row k there acts, over the sample that begins at row k,
+Torques. Over the sample that begins at row k, the torque that acts on wheel i is
 
     gain_i ((1 - f) u_i[k - m] + f u_i[k - m - 1]) + offset_i        delay = (m + f) sample times, 0 <= f < 1
 
-A held torque that comes a fraction f of a sample late acts over the first part of the sample with its old value; here
-both values act throughout with that share, so that each sample has the same impulse.
+A torque that is late by a fraction f of a sample has its old value in the first part of the sample. Here the weighted
+mean of both values acts throughout, with the same impulse a sample.
 
-Sensors. An IMU that is tilted by small angles (a, b) about the body's x and y axes reads R Rx(a) Ry(b) in place of
-R = Rx(theta) Ry(phi) Rz(psi); a centre of mass beside the axis looks the same. To first order it reads
+Sensors. An IMU that is tilted by small angles (a, b) about the body's x and y axes reads R Rx(a) Ry(b) instead of
+R = Rx(theta) Ry(phi) Rz(psi); a centre of mass off the axis has the same effect. To first order it reads
 
     theta + a cos psi - b sin psi        phi + a sin psi + b cos psi
 
-and the gyro's bias (g_x, g_y, g_z) turns with the body likewise in the lean's rates. That about z is added to
-psi_dot, and a heading that is the integral of psi_dot runs away at that rate: by g_z times the time since the start.
+and the gyro's bias (g_x, g_y, g_z) appears in the rates of the lean likewise. The bias about z adds to psi_dot, and a
+heading that is the integral of psi_dot drifts by g_z times the time since the start.
 
-Sensor delays. A row's angles, or its velocities, may be older than its positions. An IMU's message waits for the next
-row, its filter lags; velocities that are encoders' differences are means over the sample that ends. Row k then shows,
-of a state whose sensor is late by d,
+Sensor delays. The angles or velocities in a row may be older than its positions: an IMU's message waits for the next
+row, and its filter lags; velocities from differenced encoder counts are means over the last sample. Of a state whose
+sensor is late by d, row k then shows
 
-    seen_k = state(t_k - d)                with the states between samples on straight lines
+    seen_k = state(t_k - d)                with linear interpolation between samples
 
-The positions x and y are the clock. A window's start is seen late as well: the true one lies ahead of it by d times the
-slope of a first sample simulated from what was seen.
+Delays are relative to the positions x and y. The initial state of a window is seen late too: the true one is ahead by d
+times the slope of a first sample, simulated from what was seen.
 """
 
 from __future__ import annotations
@@ -58,10 +57,10 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.identification.quantities import Layout
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.checks.kinematics import measured_wheel_speeds
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.mapping import DutyTable, read_mapping
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -69,19 +68,14 @@ from ballbot.robot import Robot
 def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
     """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
 
-    The encoders see A (z - w), w the body's rates and z = R^T Omega the ball's, both in the body's frame; so the spin
-    is the vertical part of R (A^-1 wheel speeds + w).
-
-    Raises
-    ------
-    InputError
-        If the log has no wheel speeds.
+    The encoders measure A (z - w), with the rates w of the body and z = R^T Omega of the ball in the body frame, so the
+    spin is the vertical component of R (A^-1 wheel speeds + w). InputError if the log has no wheel speeds.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not all(name in log for name in names):
         raise InputError(
-            f"A pivoting ball needs the wheel speeds {names[0]} .. {names[-1]}, "
-            "which the log does not have; exclude the heading from the cost instead."
+            f"To estimate pivoting, the log needs the wheel speeds {names[0]} .. {names[-1]}, "
+            "which it does not have; exclude the heading from the cost instead."
         )
     angles, rates = _state_columns(log)[:, 2:5], _state_columns(log)[:, 7:10]
     w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]
@@ -94,17 +88,9 @@ def _state_columns(log: Log) -> NDArray[np.float64]:
 
 
 def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
-    """Return the log with u_0 in place of u.
+    """Return the log with the standstill torques u_0 in place of u.
 
-    Parameters
-    ----------
-    back_emf : float
-        b_e [N m s/rad], the same for every motor.
-
-    Raises
-    ------
-    InputError
-        If b_e is no number from zero up.
+    `back_emf` is b_e [N m s/rad], the same for every motor; InputError if it is negative or not finite.
     """
     if not (math.isfinite(back_emf) and back_emf >= 0.0):
         raise InputError(f"back_emf is {back_emf!r}; it must be n^2 k_t k_e / R in N m s/rad, zero or more.")
@@ -114,27 +100,24 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
 
 
 def back_emf_of(mappings: Sequence[str | Path]) -> float:
-    """Return b_e [N m s/rad] of the motors that mapping files describe; zero if the logs have torques or currents.
+    """Return b_e [N m s/rad] of the motors in mapping files; zero if the logs have torques or currents.
 
-    Raises
-    ------
-    InputError
-        If a file cannot be read or is no mapping, or the mappings differ in it.
+    InputError if a file cannot be read or is not a mapping, or the mappings have different b_e.
     """
     drives = [read_mapping(mapping).input for mapping in mappings]
-    found = {round(one.back_emf if isinstance(one, DutyTable) else 0.0, 12) for one in drives}
-    if len(found) > 1:
+    values = {round(drive.back_emf if isinstance(drive, DutyTable) else 0.0, 12) for drive in drives}
+    if len(values) > 1:
         raise InputError(
             "The motors of the mappings have back-EMF damping of "
-            f"{', '.join(f'{b:g}' for b in sorted(found))} N m s/rad; logs of one "
+            f"{', '.join(f'{b:g}' for b in sorted(values))} N m s/rad; logs of one "
             "robot must have the same supply voltage, resistance and motor constants."
         )
-    return found.pop() if found else 0.0
+    return values.pop() if values else 0.0
 
 
-#: a sampling interval may differ from the median one by this share of it
+#: largest deviation of a sampling interval from the median, as a share of it
 LARGEST_JITTER = 0.1
-#: beyond this lean, theta or phi, a robot is falling or held by hands [rad]
+#: with a larger lean, theta or phi, a robot is falling or held by hand [rad]
 LARGEST_LEAN = 0.6
 #: times within a window at which prediction and measurement are compared in a fit
 COMPARISONS = 10
@@ -147,19 +130,19 @@ class Span:
     """Log, start and end of a window."""
 
     log: int  #: which of the logs, from 0
-    start: float  #: its `t` at the window's start [s]
-    end: float  #: and at its last compared state [s]
+    start: float  #: time of the window's start [s]
+    end: float  #: time of its last compared state [s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows:
     """w windows of m samples each."""
 
-    initial: NDArray[np.float64]  #: (w, 10), states at the starts
+    initial: NDArray[np.float64]  #: (w, 10), initial states
     torques: NDArray[np.float64]  #: (w, m, n) [N m]
     measured: NDArray[np.float64]  #: (w, m, 10), states after each sample
-    earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the starts
-    #: (w,), the ball's spin about the vertical at the starts [rad/s]; NaN if not measured
+    earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the start
+    #: (w,), the ball's spin about the vertical at the start [rad/s]; NaN if not measured
     spin: NDArray[np.float64]
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
@@ -174,16 +157,16 @@ class Windows:
 
     @property
     def comparison_interval(self) -> int:
-        """Samples from one comparison of a fit to the next."""
+        """Samples between the comparisons of a fit."""
         return self.samples // min(COMPARISONS, self.samples)
 
     def take(self, rows: NDArray[np.int64]) -> Windows:
-        """Return the windows of those numbers."""
+        """Return the windows in these rows."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return Windows(**arrays, spans=tuple(self.spans[row] for row in rows), sample_time=self.sample_time)
 
 
-#: fields of `Windows` with a row for each
+#: fields of `Windows` with a row a window
 _ARRAYS = ("initial", "torques", "measured", "earlier", "spin")
 
 
@@ -195,24 +178,12 @@ def cut_windows(
     before: Callable[[float], int] | None = None,
     spins: Sequence[NDArray[np.float64]] | None = None,
 ) -> Windows:
-    """Cut logs into windows that lie end to end.
+    """Cut logs, with the ten state columns and u1 .. un, into windows that lie end to end.
 
-    Parameters
-    ----------
-    logs : sequence of Log
-        With the ten state columns and u1 .. un, of one sample time.
-    wheel_count : int
-    duration : float
-        Length of a window [s]; rounded to samples, and to a multiple of `COMPARISONS` samples where it has more.
-    before : callable, optional
-        From the sample time to how many rows of torques before its start a window takes along; none by default.
-    spins : sequence of ndarray (N,), optional
-        The ball's spin about the vertical in each row of each log [rad/s].
-
-    Raises
-    ------
-    InputError
-        If there is no log, a column is missing or empty, the sample times differ or the window is no length.
+    The duration of a window [s] is rounded to samples, and to a multiple of `COMPARISONS` samples if it has more.
+    `before` returns, for a sample time, how many rows of torques before its start a window needs; `spins` has the
+    ball's spin (N,) [rad/s] in the rows of each log. InputError if there is no log, a column is missing or empty, the
+    sample times differ, or the duration is invalid.
     """
     sample_time = common_sample_time(logs, duration=duration)
     for number, log in enumerate(logs, start=1):
@@ -231,19 +202,16 @@ def cut_windows(
         for number, (log, spin) in enumerate(zip(logs, spins, strict=True))
     ]
     return Windows(
-        **{name: np.concatenate([getattr(one, name) for one in pieces]) for name in _ARRAYS},
-        spans=tuple(span for one in pieces for span in one.spans),
+        **{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _ARRAYS},
+        spans=tuple(span for piece in pieces for span in piece.spans),
         sample_time=sample_time,
     )
 
 
 def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
-    """Return the sample time [s] of logs that are to be cut into windows of that duration [s].
+    """Return the common sample time [s] of logs to be cut into windows of this duration [s].
 
-    Raises
-    ------
-    InputError
-        If there is no log or one of one row, the sample times differ or the window is no length.
+    InputError if there is no log, a log has one row, the sample times differ, or the duration is invalid.
     """
     if not logs:
         raise InputError("Identification needs at least one log.")
@@ -265,10 +233,7 @@ def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
 
 
 def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Divide window numbers 0 .. count - 1 at random into those to fit and those held out, both rising.
-
-    At least one is held out.
-    """
+    """Divide rows 0 .. count - 1 at random into those to fit and those held out, at least one; both sorted."""
     order = np.random.default_rng(seed).permutation(count)
     kept = max(1, round(held_out * count))
     return np.sort(order[kept:]), np.sort(order[:kept])
@@ -276,12 +241,12 @@ def split(count: int, *, held_out: float, seed: int) -> tuple[NDArray[np.int64],
 
 #: fraction of each log that a fit does not see
 HELD_OUT = 2 / 7
-#: from one interval that is held out to the next, and what of that comes before it [s]
+#: period of the held-out intervals, and start of the interval within it [s]
 _HOLDOUT_CYCLE, _HOLDOUT_OFFSET = 28.0, 12.0
 
 
 def holdout_intervals(log: Log, *, fraction: float = HELD_OUT) -> tuple[tuple[float, float], ...]:
-    """Return the (start, end) [s] that a fit does not see; a log shorter than a cycle has one, in proportion."""
+    """Return the held-out intervals (start, end) [s]; a log shorter than a cycle has one, in proportion."""
     first, duration = float(log.t[0]), float(log.t[-1] - log.t[0])
     cycle = min(_HOLDOUT_CYCLE, duration)
     length = fraction * cycle
@@ -294,18 +259,12 @@ def holdout_intervals(log: Log, *, fraction: float = HELD_OUT) -> tuple[tuple[fl
 def split_in_time(
     spans: Sequence[Span], held_out: Sequence[Sequence[tuple[float, float]]]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the numbers of the windows to fit and of those held out, which overlap an interval of their log.
+    """Return the rows of the windows to fit and of those held out, at least one.
 
-    At least one is held out.
-
-    Parameters
-    ----------
-    spans : sequence of Span
-    held_out : sequence of sequence of (float, float)
-        The intervals (start, end) [s] of each log.
+    A window is held out if it overlaps an interval of its log; `held_out` has the intervals (start, end) [s] of each.
     """
     held = np.array(
-        [any(one.start < end and start < one.end for start, end in held_out[one.log]) for one in spans],
+        [any(span.start < end and start < span.end for start, end in held_out[span.log]) for span in spans],
         dtype=bool,
     )
     if len(held) and not held.any():
@@ -342,7 +301,7 @@ def _cut(
 def _even_runs(
     log: Log, states: NDArray[np.float64], torques: NDArray[np.float64]
 ) -> Iterator[tuple[int, int]]:
-    """Yield (first, end) of the longest runs of complete rows, none of them spoilt, at even intervals."""
+    """Yield (first, end) of the longest runs of complete, uncorrupted rows at even intervals."""
     complete = np.all(np.isfinite(states), axis=1) & np.all(np.isfinite(torques), axis=1)
     complete &= ~spiked_rows(log, (*STATE_NAMES, *torque_names(torques.shape[1])))
     usable = complete & np.all(np.abs(states[:, _LEANS]) < LARGEST_LEAN, axis=1)
@@ -359,7 +318,7 @@ _PSI = 4
 def acting_torques(
     layout: Layout, values: NDArray[np.float64], windows: Windows
 ) -> NDArray[np.float64] | None:
-    """Return the torques that act (sets, w, m, n) for sets of parameters (sets, p); None where those logged do."""
+    """Return the acting torques (sets, w, m, n) by parameters (sets, p); None if they are those logged."""
     gain, offset, delay = (layout.part(name, values) for name in ("torque_gain", "torque_offset", "delay"))
     if gain is None and offset is None and delay is None:
         return None
@@ -377,19 +336,10 @@ def acting_torques(
 def sensor_offsets(
     layout: Layout, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
-    """Return the errors that sensors add to measured states; None if they have none.
+    """Return the sensor errors (sets, w, k, 10) by parameters (sets, p); None if no parameter is a bias.
 
-    Parameters
-    ----------
-    values : ndarray (sets, p)
-    states : ndarray (w, k, 10)
-        As measured; their heading gives the body's orientation.
-    times : ndarray (k,)
-        Since each window's start [s].
-
-    Returns
-    -------
-    ndarray (sets, w, k, 10)
+    The heading of the measured `states` (w, k, 10) gives the orientation; `times` (k,) [s] are since the window's
+    start.
     """
     lean, gyro = layout.part("lean_bias", values), layout.part("gyro_bias", values)
     if lean is None and gyro is None:
@@ -406,18 +356,18 @@ def sensor_offsets(
 
 
 def samples_before(layout: Layout, upper: NDArray[np.float64], sample_time: float) -> int:
-    """Return how many rows of torques before a window its prediction may need; `upper` (p,) bounds the parameters."""
+    """Return how many rows of torques before a window parameters up to `upper` (p,) need."""
     delay = layout.part("delay", upper)
     return 0 if delay is None else int(np.floor(delay[0] / sample_time + 1e-9)) + 1
 
 
 def _delayed(samples: NDArray[np.float64], windows: Windows) -> NDArray[np.float64]:
-    """Return the torques (sets, w, m, n) that come so many samples (sets,) late."""
+    """Return the torques (sets, w, m, n), delayed by so many samples (sets,)."""
     record = np.concatenate([windows.earlier, windows.torques], axis=1)
     before, count = windows.earlier.shape[1], windows.samples
-    whole = np.minimum(np.floor(samples).astype(np.int64), before - 1)
+    full = np.minimum(np.floor(samples).astype(np.int64), before - 1)
     late = np.empty((len(samples), *windows.torques.shape))
-    for i, (m, f) in enumerate(zip(whole, samples - whole, strict=True)):
+    for i, (m, f) in enumerate(zip(full, samples - full, strict=True)):
         first = before - m
         now, previous = record[:, first : first + count], record[:, first - 1 : first - 1 + count]
         late[i] = (1.0 - f) * now + f * previous
@@ -427,7 +377,7 @@ def _delayed(samples: NDArray[np.float64], windows: Windows) -> NDArray[np.float
 def _turned(
     pair: NDArray[np.float64], states: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a body's pair (sets, 2 or more) about the axes of lean, (sets, w, k) each."""
+    """Return a pair about the body's axes (sets, 2 or more) about the axes of lean, (sets, w, k) each."""
     a, b = pair[:, 0, None, None], pair[:, 1, None, None]
     c, s = np.cos(states[..., _PSI]), np.sin(states[..., _PSI])
     return c * a - s * b, s * a + c * b
@@ -443,7 +393,7 @@ _LATE = {
 
 
 def state_delays(layout: Layout, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return by how much each state is seen late (sets, 10) [s], for parameters (sets, p); None if none may be."""
+    """Return the sensor delay of each state (sets, 10) [s] by parameters (sets, p); None if no parameter is one."""
     if not set(_LATE) & set(layout.extra):
         return None
     delays = np.zeros((len(values), len(STATE_NAMES)))
@@ -457,22 +407,14 @@ def state_delays(layout: Layout, values: NDArray[np.float64]) -> NDArray[np.floa
 def seen_late(
     states: NDArray[np.float64], delays: NDArray[np.float64], sample_time: float
 ) -> NDArray[np.float64]:
-    """Return delayed sensors' readings (sets, w, m, 10) of rows 1 to m, for states (sets, w, m + 1, 10), start first.
+    """Return the readings (sets, w, m, 10) in rows 1 to m of sensors with delays (sets, 10) [s].
 
-    Parameters
-    ----------
-    states : ndarray (sets, w, m + 1, 10)
-    delays : ndarray (sets, 10)
-        [s].
-    sample_time : float
-        [s].
+    `states` (sets, w, m + 1, 10) begin with the initial state. Beyond the ends, the first and last line are extended.
     """
     m = states.shape[2] - 1
-    place = np.arange(1.0, m + 1.0)[:, None] - delays[:, None] / sample_time  # (sets, m, 10), in samples
-    before = np.clip(np.floor(place), 0, m - 1).astype(
-        np.int64
-    )  # beyond the ends, the first and the last line go on
-    share = (place - before)[:, None]
+    sample = np.arange(1.0, m + 1.0)[:, None] - delays[:, None] / sample_time  # (sets, m, 10)
+    before = np.clip(np.floor(sample), 0, m - 1).astype(np.int64)
+    share = (sample - before)[:, None]
     first = np.take_along_axis(states, before[:, None], axis=2)
     second = np.take_along_axis(states, before[:, None] + 1, axis=2)
     return (1.0 - share) * first + share * second

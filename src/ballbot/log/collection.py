@@ -23,7 +23,12 @@ LogsLike = LogLike | Iterable[LogLike] | Mapping[str, LogLike]
 
 
 def as_log(source: LogLike) -> Log:
-    """Return the log itself, or the one in that file; InputError if it is neither, or cannot be read."""
+    """Return the log itself, or the one in that file; InputError if it is neither, or cannot be read.
+
+    >>> log = Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]})
+    >>> as_log(log) is log
+    True
+    """
     if isinstance(source, Log):
         return source
     if isinstance(source, str | Path):
@@ -38,6 +43,12 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     """Return logs by the names that messages use.
 
     InputError if there is no log, one is not a log or is named twice, or a file cannot be read.
+
+    >>> log = Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]})
+    >>> list(as_logs([log, log.select(slice(1))]))
+    ['log 1', 'log 2']
+    >>> list(as_logs({"square": log}))
+    ['square']
     """
     if isinstance(sources, Mapping):
         named = list(sources.items())
@@ -64,14 +75,14 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
     return logs
 
 
-#: what a command without a log answers
+#: message of a command without a log
 NO_LOG = "No log is given. Name one or more log files after the robot."
 
 
 def named_files(paths: Sequence[Path]) -> dict[str, Path]:
     """Return logs' files by their stems, a log.csv by its folder; by their paths if names recur.
 
-    Of two files whose paths differ in the format only, such as run/log.csv and run/log.mcap, the paths are whole.
+    Files whose paths differ only in the format, such as run/log.csv and run/log.mcap, keep their whole paths.
     InputError if no log is given, or one is named twice.
     """
     if not paths:

@@ -60,10 +60,10 @@ def mark_missing(values: Floats) -> Floats:
 
 def check_column_names(names: Iterable[str], *, source: str) -> None:
     """Raise InputError if a name contains a control character or another one that cannot be printed."""
-    for place, name in enumerate(names, start=1):
+    for number, name in enumerate(names, start=1):
         if not name.isprintable():
             raise InputError(
-                f"{source}: the name of column {place}, {name[:40]!r}, "
+                f"{source}: the name of column {number}, {name[:40]!r}, "
                 "contains characters that cannot be printed."
             )
 
@@ -81,20 +81,20 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
     """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if none are."""
     present = set(names)
-    found = []
-    while f"{prefix}{len(found) + 1}{suffix}" in present:
-        found.append(f"{prefix}{len(found) + 1}{suffix}")
-    if not found:
+    numbered = []
+    while f"{prefix}{len(numbered) + 1}{suffix}" in present:
+        numbered.append(f"{prefix}{len(numbered) + 1}{suffix}")
+    if not numbered:
         raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
-    return tuple(found)
+    return tuple(numbered)
 
 
 def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
     """Return " (it has thta)" if one of the missing columns is perhaps there under a misspelt name, else nothing."""
     present = list(present)
     for name in missing:
-        # one that Ballbot knows is what it says, however near its name is
-        others = present if unit_of(name) is None else [one for one in present if unit_of(one) is None]
+        # a name that Ballbot knows is not a misspelling of another
+        others = present if unit_of(name) is None else [other for other in present if unit_of(other) is None]
         near = nearest(name, others)
         if near:
             return f" (it has {near[0]})"
@@ -150,6 +150,33 @@ FACTORS = {unit: {name: factor for name, (factor, _) in kind.items()} for unit, 
 #: by unit, how names write it
 UNITS = {name: words for kind in _KINDS.values() for name, (_, words) in kind.items() if words} | _OTHERS
 UNIT_OF = {spelling: unit for unit, spellings in UNITS.items() for spelling in spellings.split()}
+
+
+def unit_spelled(text: str) -> str | None:
+    """Return the unit, a key of `UNITS`, that a text spells; None if it spells none.
+
+    >>> unit_spelled("N·m"), unit_spelled("Deg/s"), unit_spelled("furlong")
+    ('N m', 'deg/s', None)
+    """
+    return UNIT_OF.get(re.sub(r"[\s_·*.]", "", text.lower()))
+
+
+def unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
+    """Return the parts of a name without the unit at their end, and the unit; its slash may be a part.
+
+    >>> unit_at_the_end(["gyro", "x", "rad", "s"])
+    (['gyro', 'x'], 'rad/s')
+    """
+    for length in (4, 3, 2, 1):
+        first, *rest = [part.lower() for part in parts[-length:] if part.lower() != "per"] or [""]
+        spelled = f"{first}/{''.join(rest)}".replace("sec", "s") if rest else first
+        if first in ("n", "mn"):
+            spelled = first + "".join(rest)
+        if len(parts) > length and (not rest) == (length == 1) and spelled in UNIT_OF:
+            return parts[:-length], UNIT_OF[spelled]
+    return parts, None
+
+
 #: a unit in brackets behind a name, as in theta [deg]
 _BRACKETS = re.compile(r"(\w+)\s*[\[(]([^\])]+)[\])]")
 
@@ -175,24 +202,22 @@ def factor_to(unit: str, given: str, *, counts_per_turn: float | None = None) ->
 
 
 def native_columns(names: Iterable[str]) -> dict[str, tuple[str, float, str]]:
-    """Return the names that mean one of Ballbot's columns though they are written otherwise: T, and theta [deg].
+    """Return the names that mean one of Ballbot's columns in another spelling: T, and theta [deg].
 
-    By the file's name these are Ballbot's, the factor to Ballbot's unit, and the file's unit.
+    Each maps to Ballbot's name, the factor to Ballbot's unit, and the file's unit.
     """
     names = list(names)
-    found: dict[str, tuple[str, float, str]] = {}
+    native: dict[str, tuple[str, float, str]] = {}
     for name in names:
         bare, given = match.groups() if (match := _BRACKETS.fullmatch(name)) else (name, None)
         bare = "t" if bare == "T" else bare
         unit = unit_of(bare)
-        if unit is None or bare in names or bare in (one for one, _, _ in found.values()):
+        if unit is None or bare in names or bare in (column for column, _, _ in native.values()):
             continue
-        stated = (
-            unit if given is None else UNIT_OF.get(given.replace(" ", "").replace("·", "").lower(), given)
-        )
+        stated = unit if given is None else unit_spelled(given) or given
         if stated in FACTORS[unit]:
-            found[name] = bare, FACTORS[unit][stated], stated
-    return found
+            native[name] = bare, FACTORS[unit][stated], stated
+    return native
 
 
 def has_native_names(names: Iterable[str]) -> bool:

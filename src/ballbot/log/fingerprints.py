@@ -57,9 +57,9 @@ def logs_among(logs: Mapping[str, Log], fingerprints: Collection[str]) -> list[s
 def refuse_copies(logs: Mapping[str, Log]) -> None:
     """Raise InputError if two logs have rows in common, of one run: the second one is no further measurement."""
     hashes = {name: _row_hashes(log) for name, log in logs.items()} if len(logs) > 1 else {}
-    for (first, one), (second, other) in combinations(hashes.items(), 2):
-        both = len(one & other)
-        if both >= _FOUND and both > _SHARE * min(len(one), len(other)):
+    for (first, hashes_of_first), (second, hashes_of_second) in combinations(hashes.items(), 2):
+        both = len(hashes_of_first & hashes_of_second)
+        if both >= _FOUND and both > _SHARE * min(len(hashes_of_first), len(hashes_of_second)):
             raise InputError(
                 f"{second} is of the same run as {first}: {both} of its rows are the same. Leave it out: the same "
                 "measurement twice shows no more."

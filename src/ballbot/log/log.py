@@ -67,7 +67,15 @@ class Log:
     Raises
     ------
     InputError
-        If `t` is missing or does not strictly increase, a column is not one of numbers, or lengths differ.
+        If `t` is missing or does not strictly increase, a column does not hold numbers, or lengths differ.
+
+    Examples
+    --------
+    >>> log = Log({"t": [0.0, 0.005, 0.01], "theta": [0.01, np.nan, 0.03]})
+    >>> len(log), log.sample_time
+    (3, 0.005)
+    >>> log["theta"]
+    array([0.01,  nan, 0.03])
     """
 
     columns: Mapping[str, NDArray[np.float64]]
@@ -78,11 +86,11 @@ class Log:
         columns = {name: _column(name, values) for name, values in self.columns.items()}
         _check_shape(columns)
         check_time(columns["t"])
-        continued, found = continuous_headings(columns, columns["t"])
+        continued, findings = continuous_headings(columns, columns["t"])
         for heading in continued.values():
             heading.flags.writeable = False
         object.__setattr__(self, "columns", MappingProxyType(columns | continued))
-        object.__setattr__(self, "changes", (*self.changes, *found))
+        object.__setattr__(self, "changes", (*self.changes, *findings))
 
     def __reduce__(
         self,
@@ -96,6 +104,13 @@ class Log:
 
         A mapping is a TOML file (see `ballbot.log.mapping`) or its content. InputError if file or mapping cannot be
         read or do not make a log. Cells without a value become NaN.
+
+        >>> import tempfile
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> path = Path(folder.name) / "run.csv"
+        >>> _ = path.write_text("t,theta\\n0,0.01\\n0.005,\\n")
+        >>> Log.read(path)["theta"]
+        array([0.01,  nan])
         """
         notes: list[str] = []
         by = None if mapping is None else read_mapping(mapping)
@@ -112,6 +127,13 @@ class Log:
         """Write the log to `path`, in the format of its suffix; every value reads back to the same bits.
 
         InputError if no format with that suffix is written, or the file cannot be written.
+
+        >>> import tempfile
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> path = Path(folder.name) / "run.csv"
+        >>> Log({"t": [0.0, 0.005], "theta": [0.01, 1.0 / 3.0]}).write(path)
+        >>> Log.read(path)["theta"][1] == 1.0 / 3.0
+        np.True_
         """
         write_columns(path, self.columns)
 
@@ -119,6 +141,10 @@ class Log:
         """Return the log as a pandas DataFrame, whose index is t [s], as uneven as it was logged.
 
         `frame.attrs["units"]` has the units of the columns, t among them.
+
+        >>> frame = Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]}).to_pandas()
+        >>> frame.index.name, frame.attrs["units"]["theta"]
+        ('t', 'rad')
         """
         return _frame_of(self.columns)
 
@@ -127,8 +153,12 @@ class Log:
         """Return the log in a pandas DataFrame with Ballbot's column names, or, with a mapping, any names.
 
         The time is a column t, an index named t, or an index of dates or durations; dates count from the first row.
-        What is missing becomes NaN. InputError if there is no time or it does not increase, or
-        a column does not contain numbers.
+        Missing values become NaN. InputError if there is no time or it does not increase, or a column does not contain
+        numbers.
+
+        >>> import pandas as pd
+        >>> Log.from_pandas(pd.DataFrame({"theta": [0.01, 0.02]}, index=pd.Index([0.0, 0.005], name="t"))).names
+        ('t', 'theta')
         """
         columns, changes = _columns_of(frame), list[Finding]()
         if mapping is not None:
@@ -212,6 +242,10 @@ class Log:
         """Check that every one of `names` is a column and finite throughout.
 
         InputError names the columns that are missing, or the first row with a NaN or an infinity.
+
+        >>> Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]}).require("phi")
+        Traceback (most recent call last):
+        ballbot.errors.InputError: The log has no column phi. Add or rename columns, in the file or by a mapping file.
         """
         self._need(names)
         for name in names:
@@ -227,6 +261,9 @@ class Log:
         """Return the rows that have a value in every one of these columns; the others become a gap in time.
 
         InputError if one is no column, or no row is left.
+
+        >>> Log({"t": [0.0, 0.005, 0.01], "theta": [0.01, np.nan, 0.03]}).complete("theta").t
+        array([0.  , 0.01])
         """
         self._need(names)
         values = np.column_stack([self.columns[name] for name in ("t", *names)])
@@ -236,7 +273,11 @@ class Log:
         return self if known.all() else self._of_rows(known, self.ended)
 
     def between(self, start: float, end: float) -> Log:
-        """Return the rows with start <= t < end [s]; InputError if there is no such row."""
+        """Return the rows with start <= t < end [s]; InputError if there is no such row.
+
+        >>> Log({"t": [0.0, 0.5, 1.0, 1.5]}).between(0.5, 1.5).t
+        array([0.5, 1. ])
+        """
         kept = (self.t >= start) & (self.t < end)
         if not kept.any():
             asked = f"from {start:g} to {end:g} s" if np.isfinite(end) else f"from {start:g} s on"
@@ -244,7 +285,11 @@ class Log:
         return self._of_rows(kept)
 
     def select(self, rows: slice) -> Log:
-        """Return the rows of a slice with a positive step; InputError if it selects none."""
+        """Return the rows of a slice with a positive step; InputError if it selects none.
+
+        >>> Log({"t": [0.0, 0.5, 1.0, 1.5]}).select(slice(None, None, 2)).t
+        array([0., 1.])
+        """
         if not isinstance(rows, slice):
             raise InputError(
                 "select takes rows, such as log.select(slice(0, 100)); one column is log['x'], and a part in time is "
@@ -256,7 +301,11 @@ class Log:
         return Log({name: values[rows] for name, values in self.columns.items()}, ended, self.changes)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
-        """Return a copy with `columns` added, or in place of those of the same name."""
+        """Return a copy with `columns` added, or in place of those of the same name.
+
+        >>> Log({"t": [0.0, 0.5]}).with_columns({"theta": [0.01, 0.02]}).names
+        ('t', 'theta')
+        """
         added = {name: _column(name, values) for name, values in columns.items()}
         return Log({**self.columns, **added}, self.ended, self.changes)
 
@@ -264,6 +313,10 @@ class Log:
         """Return the log of a simulated run with the true states in place of the measured ones.
 
         The columns true_x .. true_psi_dot become x .. psi_dot; all else stays. InputError if the log has none.
+
+        >>> true = {f"true_{name}": [0.1] for name in STATE_NAMES}
+        >>> Log({"t": [0.0], "theta": [0.12], **true}).truth()["theta"]
+        array([0.1])
         """
         for name in STATE_NAMES:
             if TRUE_PREFIX + name not in self.columns:
@@ -274,7 +327,11 @@ class Log:
         return Log.of_checked({**self.without_truth().columns, **true}, self.ended, self.changes)
 
     def without_truth(self) -> Log:
-        """Return the log without its true_* columns, as of a real robot."""
+        """Return the log without its true_* columns, as of a real robot.
+
+        >>> Log({"t": [0.0], "theta": [0.12], "true_theta": [0.1]}).without_truth().names
+        ('t', 'theta')
+        """
         kept = {name: v for name, v in self.columns.items() if not name.startswith(TRUE_PREFIX)}
         return Log.of_checked(kept, self.ended, self.changes)
 

@@ -307,7 +307,7 @@ IMU_NAMES = ("roll", "pitch", "yaw", "imu_rate_x", "imu_rate_y", "imu_rate_z")
 
 @dataclass(frozen=True, kw_only=True)
 class LogMapping:
-    """How a foreign file becomes a log: the tables of a mapping file, and each of its columns by what it becomes."""
+    """The tables of a mapping file, and the source of each of the log's columns."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
@@ -323,14 +323,16 @@ class LogMapping:
     def sources(self) -> dict[str, Source]:
         """The file's columns by Ballbot's names, t, `IMU_NAMES`, and u1, u2, .. of the commands among them."""
         imu, wheels, drive = self.attitude, self.wheels, self.input
-        sources = {name: _source(name, one) for name, one in self.columns.items() if one.source is not None}
-        for key, one, suffix, kind in (
+        sources = {
+            name: _source(name, column) for name, column in self.columns.items() if column.source is not None
+        }
+        for key, series, suffix, kind in (
             ("angle", wheels.angle, "", "rad"),
             ("speed", wheels.speed, "_dot", "rad/s"),
         ):
-            names = [f"{name}{suffix}" for name in wheel_angle_names(len(one.sources))]
-            unit = (kind, one.unit, one.counts_per_turn)
-            sources |= _series(f"[wheels] {key}", names, one, wheels.sign, unit, order=wheels.order)
+            names = [f"{name}{suffix}" for name in wheel_angle_names(len(series.sources))]
+            unit = (kind, series.unit, series.counts_per_turn)
+            sources |= _series(f"[wheels] {key}", names, series, wheels.sign, unit, order=wheels.order)
         if imu is not None:
             angles = replace(imu, sources=QUATERNION_ANGLES) if imu.quaternion else imu
             sources |= _series("[attitude]", IMU_NAMES, angles, imu.sign, ("rad", imu.unit, None))
@@ -348,9 +350,11 @@ class LogMapping:
     @cached_property
     def derivatives(self) -> dict[str, str]:
         """By Ballbot's name, which of its columns to differentiate."""
-        found = {name: one.derivative_of for name, one in self.columns.items() if one.derivative_of}
-        given = {*self.sources, *found}
-        return found | {f"{name}_dot": name for name in self._wheel_names if f"{name}_dot" not in given}
+        derived = {
+            name: column.derivative_of for name, column in self.columns.items() if column.derivative_of
+        }
+        given = {*self.sources, *derived}
+        return derived | {f"{name}_dot": name for name in self._wheel_names if f"{name}_dot" not in given}
 
     @cached_property
     def integrals(self) -> dict[str, str]:
@@ -366,7 +370,9 @@ class LogMapping:
         """The file's columns that it takes; None if rows with words in any column are left out."""
         if self.file.damaged_rows == "drop":
             return None
-        named = {name for one in self.sources.values() for name in (one.column, one.direction) if name}
+        named = {
+            name for source in self.sources.values() for name in (source.column, source.direction) if name
+        }
         return named | set(self.attitude.quaternion if self.attitude else ())
 
     @property
@@ -377,7 +383,7 @@ class LogMapping:
     @property
     def sensor_delay(self) -> float:
         """The largest delay of the sensors [s]."""
-        return max(one.delay for name, one in self.sources.items() if name not in self.commands)
+        return max(source.delay for name, source in self.sources.items() if name not in self.commands)
 
 
 def read_mapping(path: str | Path | LogMapping) -> LogMapping:
@@ -406,7 +412,7 @@ def parse_mapping(text: str, *, source: str) -> LogMapping:
 
 def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, ...]:
     """Return a warning for each mapping file of duties that does not state the firmware's dead band."""
-    found = []
+    findings = []
     for mapping in filter(None, mappings):
         drive = read_mapping(mapping).input
         if isinstance(drive, DutyTable) and drive.dead_band is None:
@@ -415,13 +421,13 @@ def dead_band_findings(mappings: Iterable[str | Path | None]) -> tuple[Finding, 
                 "duty that the firmware adds, and holds for logs that are read the same way. For the wheels' own "
                 "friction state dead_band in [input], 0 if the firmware adds none."
             )
-            place = Place(file=str(mapping))
-            found.append(Finding(code="dead-band", severity="warning", text=sentence, where=place))
-    return tuple(found)
+            where = Place(file=str(mapping))
+            findings.append(Finding(code="dead-band", severity="warning", text=sentence, where=where))
+    return tuple(findings)
 
 
 def _contradictions(mapping: LogMapping) -> Iterator[str]:
-    """Yield what a mapping lacks, and which of its entries contradict each other."""
+    """Yield the missing entries of a mapping, and those that contradict each other."""
     file, angle, speed, imu = mapping.file, mapping.wheels.angle, mapping.wheels.speed, mapping.attitude
     if not mapping.complete:
         yield 'the mapping is not complete; fill in the lines with "cannot determine", then remove complete = false'

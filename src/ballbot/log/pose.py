@@ -100,17 +100,17 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     if not _alike(_ball_velocity(log, robot, speeds), velocity):
         return log
     lag = encoder_lag(log, robot)
-    at_rows = np.column_stack([np.interp(log.t + lag, log.t, one) for one in speeds.T])
+    at_rows = np.column_stack([np.interp(log.t + lag, log.t, speed) for speed in speeds.T])
     velocity_at_rows = _ball_velocity(log, robot, at_rows)
     columns = dict(zip((*names, "x_dot", "y_dot"), (*at_rows.T, *velocity_at_rows.T), strict=True))
-    steps, place = np.diff(log.t)[:, None], np.column_stack([log["x"], log["y"]])
-    way = np.diff(place, axis=0)
+    steps, position = np.diff(log.t)[:, None], np.column_stack([log["x"], log["y"]])
+    way = np.diff(position, axis=0)
     means = (velocity[1:], 0.5 * (velocity[1:] + velocity[:-1]))
     if any(_alike(_summed(steps * mean), _summed(way)) for mean in means):
         further = 0.5 * steps * (velocity_at_rows[1:] + velocity_at_rows[:-1]) - way
         further[~np.isfinite(further)] = 0.0  # a hole in the log
-        place[1:] += np.cumsum(further, axis=0)
-        columns |= {"x": place[:, 0], "y": place[:, 1]}
+        position[1:] += np.cumsum(further, axis=0)
+        columns |= {"x": position[:, 0], "y": position[:, 1]}
     return log.with_columns(columns)
 
 
@@ -142,9 +142,9 @@ def _summed(values: Floats) -> Floats:
     return np.lib.stride_tricks.sliding_window_view(values, _APART, axis=0).sum(axis=-1)
 
 
-def _alike(one: Floats, other: Floats) -> bool:
+def _alike(first: Floats, second: Floats) -> bool:
     """Return whether two signals are the same but for rounding; False of signals without a common value."""
-    away, size = (one - other) ** 2, other**2
+    away, size = (first - second) ** 2, second**2
     seen = np.isfinite(away)
     return bool(seen.any() and away[seen].sum() <= _SAME**2 * size[seen].sum())
 
@@ -228,10 +228,10 @@ def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> Floats:
     rows = min(len(past), max(3, 1 + round(_LINE / past.sample_time)))
     times = past.t[-rows:] - past.t[-1]
     half = len(STATE_NAMES) // 2
-    for place, name in enumerate(STATE_NAMES[:half]):
+    for index, name in enumerate(STATE_NAMES[:half]):
         if f"{name}_dot" in differentiated:
             slope, value = np.polyfit(times, past[name][-rows:], 1)
-            state[place], state[half + place] = value, slope
+            state[index], state[half + index] = value, slope
     return state
 
 

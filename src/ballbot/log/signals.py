@@ -52,8 +52,8 @@ def local_fit(t: Floats, values: Floats, *, rows: int) -> tuple[Floats, Floats]:
         # rows at one time leave the slope undetermined; this makes it zero
         normal += 1e-9 * np.eye(_LOCAL_DEGREE + 1)
         right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[block, None])
-        found = np.linalg.solve(normal, right)
-        smooth[block], rates[block] = values[block] + found[:, 0], found[:, 1] / scale
+        solution = np.linalg.solve(normal, right)
+        smooth[block], rates[block] = values[block] + solution[:, 0], solution[:, 1] / scale
     return smooth, rates
 
 
@@ -172,9 +172,9 @@ def without_holes(t: Floats, values: Floats, *, held: bool = False) -> Floats:
 def unwrapped(angle: Floats, *, period: float = 2.0 * np.pi) -> Floats:
     """Return an angle (N,) [rad], or in units of `period`, without jumps of a period; missing values stay missing."""
     known = np.isfinite(angle)
-    found = angle.copy()
-    found[known] = np.unwrap(angle[known], period=period)
-    return found
+    continuous = angle.copy()
+    continuous[known] = np.unwrap(angle[known], period=period)
+    return continuous
 
 
 def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
@@ -197,7 +197,7 @@ def without_resets(t: Floats, angles: Floats, largest_speed: float) -> Floats:
 
 def encoder_step(angles: Floats) -> float | None:
     """Return the smallest step of which all steps of angles (N, n) are multiples; None if there is no such step."""
-    found = []
+    steps_of_wheels = []
     for column in angles.T:
         steps = np.abs(np.diff(column))
         steps = steps[steps > 1e-9]
@@ -207,8 +207,8 @@ def encoder_step(angles: Floats) -> float | None:
         multiples = steps[steps < 20.5 * step] / step
         whole = np.abs(multiples - np.round(multiples)) < 0.05
         if len(multiples) >= 20 and whole.mean() > 0.95:
-            found.append(step)
-    return float(np.median(found)) if found else None
+            steps_of_wheels.append(step)
+    return float(np.median(steps_of_wheels)) if steps_of_wheels else None
 
 
 #: interval of the even rows [s]
@@ -259,13 +259,13 @@ def _on_even_rows(rows: Floats, t: Floats, values: Floats) -> Floats:
 
     Single values of a fast log would alias its noise: a derivative's then no longer cancels from row to row.
     """
-    found = np.interp(rows, t, values)
+    values_on_rows = np.interp(rows, t, values)
     if len(t) < 2 or np.median(np.diff(t)) > 0.9 * INTERVAL:
-        return found
+        return values_on_rows
     area = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
     ends = np.clip(np.append(rows - 0.5 * INTERVAL, rows[-1] + 0.5 * INTERVAL), t[0], t[-1])
     inside = np.diff(ends) > 0.1 * INTERVAL
-    return np.divide(np.diff(np.interp(ends, t, area)), np.diff(ends), out=found, where=inside)
+    return np.divide(np.diff(np.interp(ends, t, area)), np.diff(ends), out=values_on_rows, where=inside)
 
 
 def _kernel(order: int, reach: int, width: float) -> Floats:
@@ -342,8 +342,8 @@ def near(marked: Bools, reach: float) -> Bools:
     """Return the even rows (N,) within `reach` seconds of a marked one."""
     from scipy.ndimage import maximum_filter1d
 
-    found = maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
-    return np.asarray(found, dtype=np.bool_)
+    marked_nearby = maximum_filter1d(marked, 2 * round(reach / INTERVAL) + 1, mode="constant")
+    return np.asarray(marked_nearby, dtype=np.bool_)
 
 
 def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:

@@ -1,4 +1,4 @@
-"""Headings that are kept within one turn and clocks that begin again, continued where a log is read.
+"""Unwrap headings and clocks when a log is read.
 
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
@@ -17,7 +17,7 @@ from ballbot.summary import counted
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so
 #: far from row to row, and a commanded half turn keeps its sign
 LARGEST_TURN = 1.5 * np.pi
-#: a heading stays within one turn if this share of its values does (others are spikes), by this much of rounding [rad]
+#: share of the values within one turn that shows a wrapped heading (others are spikes), and their rounding [rad]
 _WITHIN, _ROUNDED = 0.98, 1e-3
 
 
@@ -37,7 +37,7 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
     if not known.any() or np.count_nonzero(inside) < _WITHIN * np.count_nonzero(known):
         return heading, np.zeros(0, dtype=np.intp)
     rows = np.flatnonzero(inside)
-    # the heading before may be turns away, and leads only to the turn of the first value
+    # `after` may be whole turns away; it decides only the turn of the first value
     steps = np.diff(heading[rows], prepend=after if abs(after) <= turn else heading[rows[0]])
     jumps = np.abs(steps) > LARGEST_TURN
     if not jumps.any():
@@ -52,7 +52,7 @@ def continuous_heading(heading: Floats, *, after: float = np.nan) -> tuple[Float
 def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[str, Floats], list[Finding]]:
     """Return psi and ref_psi (N,), if they are kept within one turn, continued, and a finding on each."""
     continued: dict[str, Floats] = {}
-    found = []
+    findings = []
     first = np.nan
     for name in ("psi", "ref_psi"):
         if name not in columns:
@@ -68,14 +68,14 @@ def continuous_headings(columns: Mapping[str, Floats], t: Floats) -> tuple[dict[
             f"{name} is kept within one turn and jumps from end to end {counted(rows.size, 'time')}, first at row "
             f"{rows[0] + 1} (t = {time:.6g} s): it is continued there."
         )
-        found.append(note("wrap", text, name, time=time))
-    return continued, found
+        findings.append(note("wrap", text, name, time=time))
+    return continued, findings
 
 
-#: after what clocks begin again, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
+#: periods after which clocks restart, in their own unit: counters of 16 and 32 bits, those of 32 bits of micro- and of
 #: milliseconds written in seconds, and a day in seconds, milliseconds or microseconds
 _PERIODS = (2.0**16, 2.0**32, 2.0**32 * 1e-6, 2.0**32 * 1e-3, 86400.0, 86400e3, 86400e6)
-#: usual intervals that may pass meanwhile
+#: most usual intervals across a restart
 _MEANWHILE = 5.0
 
 
@@ -86,10 +86,10 @@ def continuous_clock(t: Floats) -> tuple[Floats, NDArray[np.intp]]:
     """
     steps = np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    found, rows = t, []
+    continued, rows = t, []
     for row in np.flatnonzero(steps < 0.0):
         for period in _PERIODS:
             if t[row + 1] >= 0.0 and 0.0 < steps[row] + period <= _MEANWHILE * usual:
-                found = np.concatenate((found[: row + 1], found[row + 1 :] + period))
+                continued = np.concatenate((continued[: row + 1], continued[row + 1 :] + period))
                 rows.append(row + 1)
-    return found, np.array(rows, dtype=np.intp)
+    return continued, np.array(rows, dtype=np.intp)

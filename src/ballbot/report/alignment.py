@@ -66,7 +66,7 @@ def alignment_report(
 
 
 def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
-    """Return columns as the cameras and as the sensors on board see them."""
+    """Return columns as measured by the cameras and by the sensors on board."""
     panels = []
     for name in names:
         scale, unit = (1.0, "m") if name in POSITIONS else _UNITS[name]
@@ -77,9 +77,9 @@ def _seen_series(log: Log, names: Sequence[str]) -> TimeSeries:
 
 
 def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[str]) -> TimeSeries:
-    """Return errors of angles or positions over time: each sample, smoothed, and beside it what explains them.
+    """Return errors of angles or positions over time: each sample, the running mean, and what explains them.
 
-    That is the drift of an angle, and what the heading's error makes of a position.
+    The drift explains an angle's error, the heading's error explains a position's.
     """
     t, samples, panels = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time)), []
     for name in names:
@@ -87,8 +87,10 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
         error = scale * sensors.errors[name]
         known = np.isfinite(error)
         if name in POSITIONS:
-            place, label = sensors.position, "from the heading's error"
-            beside = scale * place.predicted[:, POSITIONS.index(name)] if place else np.full(len(t), np.nan)
+            position, label = sensors.position, "from the heading's error"
+            beside = (
+                scale * position.predicted[:, POSITIONS.index(name)] if position else np.full(len(t), np.nan)
+            )
         else:
             beside = error[known].mean() + scale * sensors.of[name].drift * (t - t[known].mean())
             label = "drift"
@@ -106,7 +108,7 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
 
 
 def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the running mean over `count` samples of those that are known; NaN where the sample itself is not."""
+    """Return the running mean over `count` samples, ignoring NaN; NaN where the sample itself is NaN."""
     known = np.isfinite(values)
     window = np.ones(count)
     total = np.convolve(np.where(known, values, 0.0), window, mode="same")
@@ -121,46 +123,46 @@ _UNITS = {
     **dict.fromkeys(POSITIONS, (1e3, "mm")),
 }
 _ERROR_HEADINGS = ("", "unit", "RMS", "largest", "drift per minute", "RMS about the drift", "delay [ms]")
-#: what the clocks of log and cameras are aligned by
+#: the signal by which the clocks of log and cameras are aligned
 _CLOCK_SIGNALS = {"gyro": "the gyro", "angles": "the log's angles"}
 
 
 def _estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     """Return name, value with half width, and unit of clock, frames, lever arm and scale of the path."""
     motion, frame, path = alignment.motion, alignment.frame, alignment.path
-    found: list[tuple[str, float, float, str]] = [
+    rows: list[tuple[str, float, float, str]] = [
         ("cameras' clock at the log's zero", motion.clock.offset, motion.offset_half_width, "s"),
         ("how much faster it runs", 1e6 * motion.clock.rate, 1e6 * motion.rate_half_width, "ppm"),
     ]
     turned = np.degrees(np.column_stack([motion.body_marker.as_rotvec(), motion.rotation_half_width]))
-    found += [
+    rows += [
         (f"markers' frame against the body's, about {axis}", value, half, "deg")
         for axis, (value, half) in zip("xyz", turned.tolist(), strict=True)
     ]
     if frame is not None:
         up = frame.camera_world.apply([0.0, 0.0, 1.0])
         tilt = float(np.degrees(np.arccos(np.clip(up[2], -1.0, 1.0))))
-        found.append(("tilt of the cameras' frame", tilt, float(np.degrees(frame.tilt_half_width)), "deg"))
+        rows.append(("tilt of the cameras' frame", tilt, float(np.degrees(frame.tilt_half_width)), "deg"))
     if path is not None:
         arms = np.column_stack([path.arm, path.arm_half_width])
-        found += [
+        rows += [
             (f"lever arm, {axis}", 1e3 * value, 1e3 * half, "mm")
             for axis, (value, half) in zip("xyz", arms.tolist(), strict=True)
         ]
-        found.append(("distances, log over cameras", path.scale, path.scale_half_width, ""))
-    return [(name, plus_minus(value, half), unit) for name, value, half, unit in found]
+        rows.append(("distances, log over cameras", path.scale, path.scale_half_width, ""))
+    return [(name, plus_minus(value, half), unit) for name, value, half, unit in rows]
 
 
 def _error_rows(sensors: SensorErrors) -> list[tuple[str, ...]]:
     """Return name, unit, rms, largest, drift a minute with half width, wander and delay [ms] of each."""
     rows = []
-    for name, one in sensors.of.items():
+    for name, sensor in sensors.of.items():
         scale, unit = _UNITS[name]
-        drift = signed(plus_minus(60 * scale * one.drift, 60 * scale * one.drift_half_width))
-        late, half = one.delay, one.delay_half_width
-        delay = "–" if late is None or half is None else signed(plus_minus(1e3 * late, 1e3 * half))
-        sizes = (digits(scale * value) for value in (one.rms, one.largest))
-        rows.append((state_mark(name), unit, *sizes, drift, digits(scale * one.wander), delay))
+        drift = signed(plus_minus(60 * scale * sensor.drift, 60 * scale * sensor.drift_half_width))
+        value, half = sensor.delay, sensor.delay_half_width
+        delay = "–" if value is None or half is None else signed(plus_minus(1e3 * value, 1e3 * half))
+        sizes = (digits(scale * value) for value in (sensor.rms, sensor.largest))
+        rows.append((state_mark(name), unit, *sizes, drift, digits(scale * sensor.wander), delay))
     return rows
 
 

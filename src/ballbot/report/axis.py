@@ -23,24 +23,24 @@ from ballbot.rounding import DASH, digits, plus_minus, unit_heading
 _IN_VERDICT = 2
 #: how a row of the verdict is headed, by the finding's code
 _VERDICT_WORDS = {"force-delay": "Delay", "law": "Law", "axis-residuals": "Residual"}
-#: what is selected beside the law
+#: forces that are selected in addition to the law
 _FORCES = {"gravity": "gravity", "load": "dry friction that grows with the load"}
 
 
-def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figure:
+def axis_friction_figure(fit: AxisIdentification, record: AxisRecord) -> Figure:
     """Return the friction over speed: the force less all other forces, and the laws found."""
     motion = motion_of(record)
-    others = found.best.axis().other_forces(record.force, motion.position, motion.speed, motion.acceleration)
+    others = fit.best.axis().other_forces(record.force, motion.position, motion.speed, motion.acceleration)
     friction, fastest = record.force - others, float(np.abs(motion.speed).max())
     moving = np.flatnonzero(np.abs(motion.speed) > 0.02 * fastest)
     moving = moving[:: max(1, len(moving) // 3000)]
-    across, up = unit_heading("speed", f"{found.unit}/s"), unit_heading("friction", record.force_unit)
+    across, up = unit_heading("speed", f"{fit.unit}/s"), unit_heading("friction", record.force_unit)
     figure, axes = one_panel(across, up)
     dots = {"color": MUTED, "markersize": 1.6, "alpha": 0.5}
     axes.plot(motion.speed[moving], friction[moving], ".", label="record", **dots)
     side = np.linspace(1e-4, 1.0, 200) * fastest
     speed = np.concatenate([-side[::-1], [np.nan], side])
-    for estimate, color, dash, _ in _drawn_laws(found):
+    for estimate, color, dash, _ in _drawn_laws(fit):
         curve = estimate.axis().friction(speed)
         axes.plot(speed, curve, color=color, linestyle=dash, linewidth=1.4, label=estimate.model.law)
     middle = float(np.quantile(np.abs(friction[moving]), 0.99))
@@ -49,94 +49,94 @@ def axis_friction_figure(found: AxisIdentification, record: AxisRecord) -> Figur
     return figure
 
 
-def _drawn_laws(found: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
-    """Return the estimates that are drawn, each with its color and dash, and with the same look in time series."""
-    drawn: list[tuple[AxisEstimate, str, str, Look]] = [(found.best, BLUE, "-", "first")]
-    if found.law != "asymmetric" and "asymmetric" in found.by_law:
-        drawn.append((found.by_law["asymmetric"], GREEN, "-.", "third"))
+def _drawn_laws(fit: AxisIdentification) -> list[tuple[AxisEstimate, str, str, Look]]:
+    """Return the estimates that are drawn, each with its color and dash, and its look in time series."""
+    drawn: list[tuple[AxisEstimate, str, str, Look]] = [(fit.best, BLUE, "-", "first")]
+    if fit.law != "asymmetric" and "asymmetric" in fit.by_law:
+        drawn.append((fit.by_law["asymmetric"], GREEN, "-.", "third"))
     return drawn
 
 
-def open_loop_series(found: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
+def open_loop_series(fit: AxisIdentification, record: AxisRecord, of_record: str) -> TimeSeries:
     """Return the position, and the errors of its simulation from the recorded force alone."""
     errors = [
         Line(
-            f"{one.model.law}: {1e3 * one.errors[record.name].open_loop_rmse:.3g} m{found.unit} RMS",
-            1e3 * np.append(0.0, open_loop_error(one.axis(), record)),
+            f"{estimate.model.law}: {1e3 * estimate.errors[record.name].open_loop_rmse:.3g} m{fit.unit} RMS",
+            1e3 * np.append(0.0, open_loop_error(estimate.axis(), record)),
             look,
         )
-        for one, _, _, look in _drawn_laws(found)
+        for estimate, _, _, look in _drawn_laws(fit)
     ]
     position = (Line("recorded", record.position, "measured"),)
     return TimeSeries(
         record.t,
         (
-            Panel(unit_heading("recorded position", found.unit), position),
-            Panel(unit_heading("error of the position", f"m{found.unit}"), errors),
+            Panel(unit_heading("recorded position", fit.unit), position),
+            Panel(unit_heading("error of the position", f"m{fit.unit}"), errors),
         ),
         f"Open loop over the whole record{of_record}: the recorded force moves the axis from its first state.",
     )
 
 
-def laws_figure(found: AxisIdentification) -> Figure:
+def laws_figure(fit: AxisIdentification) -> Figure:
     """Return each law's gain on held-out blocks over the simpler law, with its 95 % interval."""
-    compared = [(name, one.gain) for name, one in found.by_law.items() if one.gain]
+    compared = [(name, estimate.gain) for name, estimate in fit.by_law.items() if estimate.gain]
     figure, axes = one_panel("less error on held-out blocks [%]", "", height=0.6 + 0.42 * len(compared))
     ends = np.array([(100.0 * gain.lower, 100.0 * gain.upper) for _, gain in compared])
     left = max(-100.0, min(-5.0, 1.1 * float(ends.min())))
-    for place, (_, gain) in enumerate(reversed(compared)):
+    for row, (_, gain) in enumerate(reversed(compared)):
         color = BLUE if gain.significant else MUTED
         low, middle, high = (100.0 * share for share in (gain.lower, gain.share, gain.upper))
-        axes.plot([low, high], [place, place], color=color, linewidth=2.0)
-        axes.plot(middle, place, "o", color=color, mfc=color if gain.significant else "white", markersize=5)
+        axes.plot([low, high], [row, row], color=color, linewidth=2.0)
+        axes.plot(middle, row, "o", color=color, mfc=color if gain.significant else "white", markersize=5)
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_yticks(range(len(compared)), [f"{name} over {LAWS[name][1]}" for name, _ in reversed(compared)])
     axes.set_xlim(left, max(5.0, 1.1 * float(ends.max())))
     return figure
 
 
-def axis_report(found: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Result:
+def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Result:
     """Return the page."""
-    count, shown = len(found.records), found.findings[:_IN_VERDICT]
+    count, shown = len(fit.records), fit.findings[:_IN_VERDICT]
     records = "" if count == 1 else f"{count} records fitted together, the first of "
     undecided = ["The friction at speeds, loads and temperatures that the records do not have."]
     if count == 1:
         text = "How much parameters differ from record to record: there is one (--also adds records)."
         undecided.insert(0, text)
-    parameters = parameter_rows(found)
+    parameters = parameter_rows(fit)
     words = {
         symbol: f"{meaning} {symbol} = {value} {unit}".rstrip() for symbol, meaning, unit, value in parameters
     }
     mass = capital(words.pop("M"))
     return Result(
-        title=f"{', '.join(found.records)}: mass and friction",
+        title=f"{', '.join(fit.records)}: mass and friction",
         lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
-        f"{found.law}, fitted over windows of {found.window:.3g} s.",
+        f"{fit.law}, fitted over windows of {fit.window:.3g} s.",
         verdict=[
-            ("Mass and friction", f"{mass}; by the law {found.law}: {', '.join(words.values())}."),
-            ("Prediction", expected_sentence(found)),
-            *((_VERDICT_WORDS.get(one.code, ""), one.text) for one in shown),
+            ("Mass and friction", f"{mass}; by the law {fit.law}: {', '.join(words.values())}."),
+            ("Prediction", expected_sentence(fit)),
+            *((_VERDICT_WORDS.get(finding.code, ""), finding.text) for finding in shown),
         ],
-        sections=list(_sections(found, record)),
+        sections=list(_sections(fit, record)),
         undecided=undecided,
         findings=findings,
-        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
+        data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
     )
 
 
-def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
-    of_record = f" ({record.name})" if len(found.records) > 1 else ""
+def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
+    of_record = f" ({record.name})" if len(fit.records) > 1 else ""
     method = (
         "The axis is simulated over windows, each from its best start; with these parameters the positions come "
         "closest to the recorded ones. The standard errors treat residuals that are close in time as dependent, and "
         "include how far parts of the records and the inverse model differ beyond chance."
     )
-    others = "other forces and the friction under load" if "load" in found.best.values else "other forces"
+    others = "other forces and the friction under load" if "load" in fit.best.values else "other forces"
     friction = f"Friction over speed{of_record}: force less inertia, offset, {others}, and the laws found."
-    further = texts(found.findings)[_IN_VERDICT:]
+    further = texts(fit.findings)[_IN_VERDICT:]
     forces = [
         (_FORCES[name], *(f"{digits(100.0 * share)} %" for share in (gain.share, gain.lower, gain.upper)))
-        for name, gain in found.forces.items()
+        for name, gain in fit.forces.items()
     ]
     selected = Sheet(
         ("force", "less error", "at least", "at most"),
@@ -146,16 +146,16 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
     yield section(
         "Parameters",
         Bullets(further) if further else None,
-        Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(found)),
+        Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(fit)),
         Paragraph(method),
         selected if forces else None,
-        drawn_picture("friction", friction, axis_friction_figure, found, record),
+        drawn_picture("friction", friction, axis_friction_figure, fit, record),
     )
     errors = [
-        (name, of, *(f"{digits(1e3 * e)} m{found.unit}" if np.isfinite(e) else DASH for e in numbers))
-        for name, estimate in found.by_law.items()
-        for of, one in estimate.errors.items()
-        for numbers in [(one.window_rmse, one.open_loop_rmse)]
+        (name, of, *(f"{digits(1e3 * e)} m{fit.unit}" if np.isfinite(e) else DASH for e in numbers))
+        for name, estimate in fit.by_law.items()
+        for of, error in estimate.errors.items()
+        for numbers in [(error.window_rmse, error.open_loop_rmse)]
     ]
     laws = (
         "Each law compared with the simpler law, on blocks that neither was fitted to; bars are 95 % intervals, with a "
@@ -169,25 +169,25 @@ def _sections(found: AxisIdentification, record: AxisRecord) -> Iterator[Section
             "Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
             "first row.",
         ),
-        open_loop_series(found, record, of_record) if len(record.parts) == 1 else None,
-        drawn_picture("laws", laws, laws_figure, found),
+        open_loop_series(fit, record, of_record) if len(record.parts) == 1 else None,
+        drawn_picture("laws", laws, laws_figure, fit),
     )
 
 
-def parameter_rows(found: AxisIdentification) -> list[tuple[str, str, str, str]]:
+def parameter_rows(fit: AxisIdentification) -> list[tuple[str, str, str, str]]:
     """Return the parameters of the result: symbol, meaning, unit and value with its standard error."""
     return [
-        (kind.symbol, kind.meaning, unit_for(kind, found.unit), plus_minus(value, error))
-        for name, value in found.best.values.items()
-        for kind, error in [(PARAMETERS[name], found.best.standard_errors[name])]
+        (kind.symbol, kind.meaning, unit_for(kind, fit.unit), plus_minus(value, error))
+        for name, value in fit.best.values.items()
+        for kind, error in [(PARAMETERS[name], fit.best.standard_errors[name])]
     ]
 
 
-def expected_sentence(found: AxisIdentification) -> str:
-    """Return the error that another record should show."""
-    error, low, high = (digits(1e3 * one) for one in found.expected)
-    unit = f"m{found.unit}"
+def expected_sentence(fit: AxisIdentification) -> str:
+    """Return the error to expect on another record."""
+    error, low, high = (digits(1e3 * value) for value in fit.expected)
+    unit = f"m{fit.unit}"
     return (
-        f"On another record under these conditions the position error over windows of {found.window:.3g} s should be "
+        f"On another record under these conditions the position error over windows of {fit.window:.3g} s should be "
         f"{error} {unit} RMS, with a 95 % interval of {low} to {high} {unit}, from held-out blocks."
     )

@@ -1,4 +1,4 @@
-"""What is identified on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
+"""Identification on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
 
 Upside down: the ball's measured and predicted velocity. Swing: the record, the pendulum
 fitted to it, and the residual.
@@ -35,7 +35,7 @@ _WINDOWS_SHOWN = 8
 def swing_series(fit: SwingFit, *, label: str = "measured") -> TimeSeries:
     """Return the recording, called by `label`, with the pendulum fitted to it, and their difference."""
     what, unit = ("angle", "deg") if fit.swing.kind == "angle" else ("rate", "deg/s")
-    measured, fitted = (np.degrees(one - fit.values[5]) for one in (fit.swing.values, fit.predicted))
+    measured, fitted = (np.degrees(signal - fit.values[5]) for signal in (fit.swing.values, fit.predicted))
     lines = (Line(label, measured, "measured"), Line("pendulum fitted", fitted, "second"))
     difference = (Line("difference", measured - fitted, "first"),)
     return TimeSeries(
@@ -55,28 +55,28 @@ _COMPARISON = (
 )
 
 
-def _parameter_table(found: UpsideDown, described: Robot) -> Sheet:
-    old = np.concatenate([one.nominal(described) for one in QUANTITIES]).tolist()
-    units = [one.unit for one in QUANTITIES for _ in one.labels(described.wheel_count)]
-    numbers = zip(found.estimate.values.tolist(), found.estimate.errors.tolist(), strict=True)
+def _parameter_table(fit: UpsideDown, described: Robot) -> Sheet:
+    old = np.concatenate([quantity.nominal(described) for quantity in QUANTITIES]).tolist()
+    units = [quantity.unit for quantity in QUANTITIES for _ in quantity.labels(described.wheel_count)]
+    numbers = zip(fit.estimate.values.tolist(), fit.estimate.errors.tolist(), strict=True)
     rows = [
-        (label, *value_and_error(*number), digits(before), unit)
-        for label, number, before, unit in zip(found.estimate.labels, numbers, old, units, strict=True)
+        (label, *value_and_error(*number), digits(in_file), unit)
+        for label, number, in_file, unit in zip(fit.estimate.labels, numbers, old, units, strict=True)
     ]
     return Sheet(
         ("parameter", "upside down", "standard error", "robot file", "unit"),
         rows,
-        "Friction of drivelines and ball-wheel contacts. "
-        f"{driveline_symbols([one.name for one in QUANTITIES])} A dash: held at a bound, or the log does not show it.",
+        f"Friction of drivelines and ball-wheel contacts. {driveline_symbols([kind.name for kind in QUANTITIES])} "
+        "A dash: held at a bound, or the log does not show it.",
     )
 
 
-def _error_table(found: UpsideDown) -> Sheet:
-    columns = np.array([*found.held_out.values()]).T
+def _error_table(fit: UpsideDown) -> Sheet:
+    columns = np.array([*fit.held_out.values()]).T
     return Sheet(
-        ("axis", *(_MODELS[name] for name in found.held_out)),
+        ("axis", *(_MODELS[name] for name in fit.held_out)),
         [(f"Ω about {axis}", *map(digits, row)) for axis, row in zip("xyz", columns.tolist(), strict=True)],
-        f"Open-loop RMSE [rad/s] on {len(found.held_out_windows)} held-out windows of {found.window:g} s.",
+        f"Open-loop RMSE [rad/s] on {len(fit.held_out_windows)} held-out windows of {fit.window:g} s.",
     )
 
 
@@ -84,28 +84,28 @@ def _error_table(found: UpsideDown) -> Sheet:
 _SHOWN_IN = {"rad": (math.degrees(1.0), "deg"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
-def _geometry_table(found: Geometry) -> Sheet:
+def _geometry_table(geometry: Geometry) -> Sheet:
     rows = []
-    for one in (*found.measured, *found.wheel_ratios, *found.others):
-        scale, unit = _SHOWN_IN.get(one.unit, (1.0, one.unit))
-        value, error = value_and_error(scale * one.value, scale * one.standard_error)
-        in_file, _ = value_and_error(scale * one.in_file, scale * one.standard_error)
-        name = one.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
+    for estimate in (*geometry.measured, *geometry.wheel_ratios, *geometry.others):
+        scale, unit = _SHOWN_IN.get(estimate.unit, (1.0, estimate.unit))
+        value, error = value_and_error(scale * estimate.value, scale * estimate.standard_error)
+        in_file, _ = value_and_error(scale * estimate.in_file, scale * estimate.standard_error)
+        name = estimate.name.replace("ball.radius / wheels.radius, wheel", "r_b / r_w of wheel")
         name = "share of leaning that encoders show" if name == "leaning seen" else name
         # adding zero keeps a minus sign off what prints as nothing
-        difference = f"{round(one.deviation, 1) + 0.0:+.1f} s.e."
-        rows.append((name, value, error, in_file, unit, difference, one.kind))
+        difference = f"{round(estimate.deviation, 1) + 0.0:+.1f} s.e."
+        rows.append((name, value, error, in_file, unit, difference, estimate.kind))
     headings = ("quantity", "from the logs", "standard error", "in the file", "unit", "difference", "from")
     return Sheet(headings, rows, _GEOMETRY_CAPTION)
 
 
 def upside_down_report(
-    found: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
+    fit: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
 ) -> Result:
     """Return the page of friction identified upside down."""
-    verdict = [("Verdict", found.verdict.sentence)]
-    if found.verdict.usable:
-        dry = np.atleast_1d(np.asarray(found.parameters["c"]))
+    verdict = [("Verdict", fit.verdict.sentence)]
+    if fit.verdict.usable:
+        dry = np.atleast_1d(np.asarray(fit.parameters["c"]))
         text = (
             f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
             f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
@@ -113,29 +113,29 @@ def upside_down_report(
         verdict.append(("Friction", text))
     return Result(
         title=f"{described.name}: friction with the ball on its wheels",
-        lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {found.window:g} s.",
+        lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {fit.window:g} s.",
         verdict=verdict,
         sections=[
             section(
                 "Friction found",
-                _parameter_table(found, described),
+                _parameter_table(fit, described),
                 Paragraph(_COMPARISON)
                 if described.friction != Friction.none(described.wheel_count)
                 else None,
             ),
-            section("Predictions", _error_table(found), prediction_series(found, next(iter(logs.values())))),
+            section("Predictions", _error_table(fit), prediction_series(fit, next(iter(logs.values())))),
         ],
         undecided=[
-            *texts(found.findings),
+            *texts(fit.findings),
             "The friction while the robot balances: its weight then rests on the contacts, and the ball rolls on a "
             "floor.",
         ],
         findings=findings,
-        data=found.to_dict() | {"findings": finding_results([*findings, *found.findings])},
+        data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
     )
 
 
-#: the models by those names, in words
+#: names of the models as headings
 _MODELS = {
     "found": "with the friction found",
     "none": "without friction",
@@ -143,16 +143,16 @@ _MODELS = {
 }
 
 
-def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
+def prediction_series(fit: UpsideDown, log: Log) -> TimeSeries:
     """Return the ball's velocity over some windows of a log: measured, and predicted from each one's start."""
-    every = cut_ball_windows(found.robot, [log], duration=found.window)
+    every = cut_ball_windows(fit.robot, [log], duration=fit.window)
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
-    frictions = found.robot.friction, Friction.none(found.robot.wheel_count)
-    predicted = np.array([windows.predicted(found.robot, one) for one in frictions])
+    frictions = fit.robot.friction, Friction.none(fit.robot.wheel_count)
+    predicted = np.array([windows.predicted(fit.robot, friction) for friction in frictions])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
-    held_out = {(span.log, span.start) for span in found.held_out_windows}
+    held_out = {(span.log, span.start) for span in fit.held_out_windows}
     panels = []
     for axis, name in enumerate("xyz"):
         measured = windows.measured[..., axis].ravel()
@@ -167,30 +167,30 @@ def prediction_series(found: UpsideDown, log: Log) -> TimeSeries:
         np.concatenate([span.start + samples for span in windows.spans]),
         panels,
         f"{counted(len(windows.spans), 'window')} from the middle of the first log. Predictions start again "
-        f"from the measured velocity every {found.window:g} s. The axes are those of the measured velocity: a "
+        f"from the measured velocity every {fit.window:g} s. The axes are those of the measured velocity: a "
         "prediction may leave them.",
         across="time of the log [s]",
-        shaded=[(one.start, one.end) for one in windows.spans if (one.log, one.start) in held_out],
+        shaded=[(span.start, span.end) for span in windows.spans if (span.log, span.start) in held_out],
         shade="held out",
     )
 
 
 def geometry_report(
-    found: Geometry, findings: Sequence[Finding], *, robot: Robot, log_findings: Sequence[Finding]
+    geometry: Geometry, findings: Sequence[Finding], *, robot: Robot, log_findings: Sequence[Finding]
 ) -> Result:
     """Return the page of a geometry identified from logs."""
-    (first, *others), count = texts(findings), len([*found.measured, *found.wheel_ratios])
+    (first, *others), count = texts(findings), len([*geometry.measured, *geometry.wheel_ratios])
     return Result(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
-        sections=[section("Geometry", _geometry_table(found), Bullets(others) if others else None)],
+        sections=[section("Geometry", _geometry_table(geometry), Bullets(others) if others else None)],
         undecided=[
             "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
-        data=found.to_dict() | {"findings": finding_results([*log_findings, *findings])},
+        data=geometry.to_dict() | {"findings": finding_results([*log_findings, *findings])},
     )
 
 
@@ -295,13 +295,13 @@ def driveline_report(
                 "Measured and modelled",
                 Sheet(
                     ("", "RMS [rad/s]", "without friction"),
-                    [(f"wheel {one.wheel}", digits(one.rmse), digits(one.rmse_without)) for one in fits],
+                    [(f"wheel {fit.wheel}", digits(fit.rmse), digits(fit.rmse_without)) for fit in fits],
                     "Errors of the simulated speed.",
                 ),
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),
         ],
-        undecided=[*texts([one for fit in fits for one in fit.findings]), _CLOSING],
+        undecided=[*texts([finding for fit in fits for finding in fit.findings]), _CLOSING],
         findings=findings,
         data=_data(fits, findings),
     )
@@ -325,12 +325,15 @@ def _sentence(fit: DrivelineFit) -> str:
 
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
     """Return each parameter's symbol, unit and values by wheel, with 95 % intervals."""
-    return [(one.symbol, one.unit, *(_written(fit, i) for fit in fits)) for i, one in enumerate(QUANTITIES)]
+    return [
+        (quantity.symbol, quantity.unit, *(_written(fit, i) for fit in fits))
+        for i, quantity in enumerate(QUANTITIES)
+    ]
 
 
-def _written(fit: DrivelineFit, place: int) -> str:
-    """Return a parameter with its 95 % interval, or that it has none."""
-    value, (low, high) = float(fit.values[place]), fit.intervals[place]
+def _written(fit: DrivelineFit, index: int) -> str:
+    """Return a parameter with its 95 % interval; "unknown" without one."""
+    value, (low, high) = float(fit.values[index]), fit.intervals[index]
     if np.isfinite(high):
         return between(value, low, high)
     return "unknown" if value else "0, at its bound"
@@ -351,5 +354,5 @@ def _data(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str
         "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
         "rmse": [fit.rmse for fit in fits],
         "rmse_without_friction": [fit.rmse_without for fit in fits],
-        "findings": finding_results([*findings, *(one for fit in fits for one in fit.findings)]),
+        "findings": finding_results([*findings, *(finding for fit in fits for finding in fit.findings)]),
     }

@@ -1,4 +1,4 @@
-"""What everything found is: a `Result`, and the parts of it that a page and a terminal show.
+"""The result of every command: a `Result`, and its parts, which a page and a terminal show.
 
     Result(
         title="alten: limits",
@@ -10,8 +10,8 @@
     )
 
 From it come the terminal's lines (`parts`), the page and results.json (`ballbot.report.page.render`), and `summary()`,
-`repr` and `to_dict()` of what was found (`ballbot.report.plots`). A table and its entries in results.json come from one
-list of columns:
+`repr` and `to_dict()` of the value it is about (`ballbot.report.plots`). A table and its entries in results.json come
+from one list of columns:
 
     COLUMNS = (
         Column("peak [mm]", lambda run: run.peak, millimetres, key="peak_position_error"),
@@ -20,7 +20,7 @@ list of columns:
     sheet_of(runs, COLUMNS), [entries_of(run, COLUMNS) for run in runs]
 
 Text is escaped when it is rendered, so that a name from a log or a file stays a name. Only a `Picture`, a `TimeSeries`
-and a `Film` bring markup of their own, which Ballbot made.
+and a `Animation` bring markup of their own, which Ballbot made.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ if TYPE_CHECKING:
     from ballbot.viewer.page import ReplayPart
 
 
-#: what people read of every result, and what programs read
+#: files of every result: for people, and for programs
 PAGE, RESULTS = "report.html", "results.json"
-#: a number alone or with its sign, interval or unit; what stands flush right in a table
+#: cells that are flush right in a table: a number alone or with its sign, interval or unit
 _NUMERIC = re.compile(r"[≥≈<>]?\s?[+\-−±]?[.\d].*|[–-]?|unknown|open( to .*)?|falls|no|none")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table that is more than a text."""
+    """A cell of a table."""
 
     text: str
     below: str = ""  #: a second line, in quiet ink
@@ -91,18 +91,18 @@ class Sheet:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
         if self.caption:
             yield Text(printable_line(self.caption), style="bold")
-        made = Table(box=box.ROUNDED if options.is_terminal else None)
+        table = Table(box=box.ROUNDED if options.is_terminal else None)
         groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.headings)
         for group, heading, numeric in zip(groups, self.headings, self.numeric, strict=True):
             words = " ".join(filter(None, (group, heading)))
-            made.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
+            table.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
         for row in self.cells:
-            made.add_row(*(Text(printable(f"{cell.text} {cell.below}".strip())) for cell in row))
-        yield made
+            table.add_row(*(Text(printable(f"{cell.text} {cell.below}".strip())) for cell in row))
+        yield table
 
     @property
     def cells(self) -> list[list[Cell]]:
-        """Every cell as one."""
+        """The rows, each value as a `Cell`."""
         return [
             [cell if isinstance(cell, Cell) else Cell(_written(cell)) for cell in row] for row in self.rows
         ]
@@ -124,10 +124,10 @@ T = TypeVar("T")
 class Column(Generic[T]):
     """A column of a table, and an entry of results.json, of rows of one kind."""
 
-    heading: str | None  #: with its unit; None for what results.json alone has
+    heading: str | None  #: with its unit; None if only results.json has the column
     value: Callable[[T], object]  #: of a row, as results.json has it
     shown: Callable[..., str | Cell] = _written  #: the value, as the table has it
-    key: str = ""  #: in results.json; "" for what the table alone has
+    key: str = ""  #: in results.json; "" if only the table has the column
 
 
 def sheet_of(
@@ -139,10 +139,10 @@ def sheet_of(
     shaded: Callable[[T], bool] = lambda _: False,
 ) -> Sheet:
     """Return the table of rows, with those columns that have a heading."""
-    listed, there = list(rows), [column for column in columns if column.heading is not None]
+    listed, with_heading = list(rows), [column for column in columns if column.heading is not None]
     return Sheet(
-        [str(column.heading) for column in there],
-        [[column.shown(column.value(row)) for column in there] for row in listed],
+        [str(column.heading) for column in with_heading],
+        [[column.shown(column.value(row)) for column in with_heading] for row in listed],
         caption,
         groups=groups,
         shaded=frozenset(index for index, row in enumerate(listed) if shaded(row)),
@@ -163,14 +163,14 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Bullets:
-    """Sentences that belong together, each by itself."""
+    """A list of sentences."""
 
     items: Sequence[str]
 
 
 @dataclass(frozen=True)
 class Verbatim:
-    """Lines that keep their spaces, as a matrix or a file."""
+    """Lines that keep their spaces, such as a matrix or a file."""
 
     text: str
     caption: str = ""
@@ -178,7 +178,7 @@ class Verbatim:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure that does not change, drawn when a page is made of it."""
+    """A static figure, drawn when the page is written."""
 
     #: returns an SVG element, as `ballbot.report.style.drawn` does, or an `img` element
     markup: Callable[[], str]
@@ -186,14 +186,14 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Film:
+class Animation:
     """A replay in three dimensions, from `ballbot.viewer.replay_part`; one on a page."""
 
     part: ReplayPart
     caption: str
 
 
-Block = Sheet | Paragraph | Bullets | Verbatim | Picture | TimeSeries | Film
+Block = Sheet | Paragraph | Bullets | Verbatim | Picture | TimeSeries | Animation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,7 +207,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What was found: for people its sentences, tables and figures, for programs its data."""
+    """A result: for people its sentences, tables and figures, for programs its data."""
 
     title: str
     lead: str  #: what was examined, in a sentence
@@ -215,8 +215,8 @@ class Result:
     verdict: Sequence[tuple[str, str]]
     sections: Sequence[Section | None]  #: None stands for a section that this result does not have
     undecided: Sequence[str]  #: what the data cannot decide
-    next_step: str = ""  #: what to do with the result, with its commands; a command states it
-    made: Provenance | None = None  #: None until a command writes its page
+    next_step: str = ""  #: what to do next, with the commands for it; set by the command
+    provenance: Provenance | None = None  #: None until a command writes its page
     findings: Sequence[Finding] | None = None  #: of the checks of the inputs; None if nothing was checked
     #: whether the errors among them were accepted, so that results follow in spite of them
     accepted: bool = True
@@ -224,7 +224,7 @@ class Result:
 
     @property
     def present(self) -> list[Section]:
-        """The sections that there are."""
+        """The sections that are not None."""
         return [section for section in self.sections if section is not None]
 
     def summary(self) -> Summary:
@@ -238,13 +238,13 @@ class Result:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds: the data, and where they come from."""
-        return ({} if self.made is None else {"provenance": self.made}) | dict(self.data)
+        return ({} if self.provenance is None else {"provenance": self.provenance}) | dict(self.data)
 
     def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
-        """Yield what a terminal shows: tables, texts and lists of the page, and the doubts; then the verdict.
+        """Yield what a terminal shows: the page's tables, texts and lists, what is undecided, and the verdict.
 
-        The last lines of a terminal are those that are read. A `brief` one shows of the sections the first one's first
-        table and its sentences.
+        The verdict is last because people read the last lines of a terminal. If `brief`, only the first section's first
+        table and its lists precede it.
         """
         if brief:
             blocks = [block for first in self.present[:1] for block in first.blocks]
@@ -263,7 +263,7 @@ class Result:
 
 
 def verdict_lines(verdict: Sequence[tuple[str, str]]) -> list[Text]:
-    """Return what was found in sentences, each after its heading, which may be empty."""
+    """Return the sentences of a verdict, each after its heading, which may be empty."""
     return [Text.assemble((f"{heading}: " if heading else "", "bold"), words) for heading, words in verdict]
 
 
@@ -278,15 +278,15 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 
 
 def section(heading: str, *blocks: Block | None) -> Section:
-    """Return a section of those blocks that are not None, and of no empty list."""
-    here = [
+    """Return a section of those blocks that are neither None nor empty lists."""
+    present = [
         block for block in blocks if not (block is None or (isinstance(block, Bullets) and not block.items))
     ]
-    return Section(heading=heading, blocks=here)
+    return Section(heading=heading, blocks=present)
 
 
 def details(heading: str, *blocks: Block | None) -> Section:
-    """Return a section that is folded: what a reader looks up."""
+    """Return a folded section, for what a reader looks up."""
     return replace(section(heading, *blocks), folded=True)
 
 
@@ -295,21 +295,21 @@ _STYLES = {"error": "bold red", "warning": "yellow", "note": "dim"}
 
 
 class PlainConsole(Console):
-    """A console that shows text as it is: what looks like markup, emoji or an escape sequence is not obeyed."""
+    """A console that prints text literally: markup, emoji codes and escape sequences in it have no effect."""
 
     def __init__(self, *, file: IO[str] | None = None, width: int | None = None) -> None:
         """Print to a file, standard output by default; the width is the terminal's by default."""
         super().__init__(file=file, width=width, highlight=False, markup=False, emoji=False)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Render as rich does, what a terminal would obey in texts escaped."""
+        """Render as rich does, with control sequences in texts escaped."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
 def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
     """Return a matrix to four decimals below its name."""
-    # rounding first and adding zero keeps a minus sign off what prints as nothing
+    # rounding first and adding zero avoids -0
     rows = np.array2string(np.round(matrix, 4) + 0.0, precision=4, floatmode="fixed", max_line_width=200)
     return f"{name} =\n{rows}"
 
@@ -326,24 +326,24 @@ _PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
 
 @dataclass(frozen=True, kw_only=True)
 class SourceFile:
-    """A file that a result was made from."""
+    """An input file of a result."""
 
-    name: str  #: as it was given
+    name: str  #: as given by the user
     sha256: str
 
 
 @dataclass(frozen=True, kw_only=True)
 class Provenance:
-    """What a result was made from and with."""
+    """A result's command, input files, seed and versions."""
 
-    command: str  #: that makes it again
+    command: str  #: that repeats it
     files: tuple[SourceFile, ...]
-    seed: int | str  #: or several, as 1-20
-    versions: dict[str, str]  #: Python's and the packages' that the numbers depend on
+    seed: int | str  #: or several, such as "1-20"
+    versions: dict[str, str]  #: of Python and the packages that the numbers depend on
 
 
 def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
-    """Return the provenance of a result made from `files`; InputError if one cannot be read."""
+    """Return the provenance of a result from `files`; raise InputError if one cannot be read."""
     sources = []
     for path in _single_files(files):
         check_regular(path)  # reading a pipe would never end
@@ -360,6 +360,6 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
 
 
 def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files, and in place of a ROS 2 bag's folder those that it consists of."""
+    """Yield the files, and those of a ROS 2 bag's folder in its place."""
     for path in paths:
         yield from sorted(path.iterdir()) if path.is_dir() else (path,)

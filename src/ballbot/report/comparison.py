@@ -59,11 +59,13 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     figure = Figure(figsize=(7.4, min(2.8, 0.7 + 6.5 / len(runs))), layout="constrained")
     panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, log) in zip(panels, runs.items(), strict=True):
-        place = true_place(log)
+        position = true_place(log)
         axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
-        x, y = thinned(place["x"], place["y"])
+        x, y = thinned(position["x"], position["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
-        axes.plot(place["x"][:1], place["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none")
+        axes.plot(
+            position["x"][:1], position["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none"
+        )
         title = CANDIDATE_NAMES[name].replace(" compensation", "\ncompensation")
         axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
@@ -97,14 +99,14 @@ def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
 
 def _overall_sheet(league: League) -> Sheet:
     """Return a row for each controller: its ratios to the first one over all courses, and its falls."""
-    found = {name: overall(league, name) for name in league.controllers}
+    totals = {name: overall(league, name) for name in league.controllers}
     rows = [
         (
             name,
-            *(_estimate(one.ratios[key]) if one.ratios else "1" for key in RATIOS),
-            f"{one.falls} of {one.runs}",
+            *(_estimate(total.ratios[key]) if total.ratios else "1" for key in RATIOS),
+            f"{total.falls} of {total.runs}",
         )
-        for name, one in found.items()
+        for name, total in totals.items()
     ]
     caption = (
         f"Each number over {league.controllers[0]}'s on the same course with the same seed: geometric means over the "
@@ -118,12 +120,12 @@ def course_sheet(league: League) -> Sheet:
     """Return a row for each course: its first metric, each controller's mean with its interval, and the falls."""
 
     def cell(course: Course, metric: Metric, name: str) -> str:
-        found = standing(league, course.name, name)
-        fell = f", {found.falls} of {found.runs} fell" if found.falls and not course.until_fall else ""
-        mean = found.means[metric.key]
+        result = standing(league, course.name, name)
+        fell = f", {result.falls} of {result.runs} fell" if result.falls and not course.until_fall else ""
+        mean = result.means[metric.key]
         if math.isnan(mean.mean):
             return f"–{fell}"
-        return f"{'≥ ' if _is_bound(found, metric) else ''}{_estimate(mean, metric.scale)}{fell}"
+        return f"{'≥ ' if _is_bound(result, metric) else ''}{_estimate(mean, metric.scale)}{fell}"
 
     rows = []
     for course in league.courses:
@@ -147,41 +149,48 @@ def metric_rows(league: League, course: Course) -> list[list[str | Cell]]:
     return rows if course.until_fall else [*rows, falls]
 
 
-def _cell(found: Standing, metric: Metric) -> Cell:
-    """Return a mean in the metric's unit, and below it how much it differs; a star where an interval shows it."""
-    text = f"{'≥ ' if _is_bound(found, metric) else ''}{digits(metric.scale * found.means[metric.key].mean)}"
-    difference = found.differences.get(metric.key)
+def _cell(result: Standing, metric: Metric) -> Cell:
+    """Return a mean in the metric's unit, and below it the difference, with a star if it is significant."""
+    text = (
+        f"{'≥ ' if _is_bound(result, metric) else ''}{digits(metric.scale * result.means[metric.key].mean)}"
+    )
+    difference = result.differences.get(metric.key)
     if difference is None or math.isnan(difference.mean):
         return Cell(text)
-    star = " *" if difference.sign else ""
-    return Cell(text, f"{_estimate(difference, metric.scale, plus='+')}{star}")
+    shown = _estimate(difference, metric.scale, plus="+", beside=result.means[metric.key].mean)
+    star = " *" if difference.sign and not shown.startswith("0") else ""
+    return Cell(text, f"{shown}{star}")
 
 
-def _is_bound(found: Standing, metric: Metric) -> bool:
-    """Return whether a time is a lower bound, as some run had not arrived, or was not at rest, at its end."""
-    there = {"settling_time": found.arrived, "stopping_time": found.rested}
-    return there.get(metric.key, found.runs) < found.runs - found.falls
+def _is_bound(result: Standing, metric: Metric) -> bool:
+    """Return whether a time is only a lower bound: at its end some run had not arrived, or was not at rest."""
+    completed = {"settling_time": result.arrived, "stopping_time": result.rested}
+    return completed.get(metric.key, result.runs) < result.runs - result.falls
 
 
-def _estimate(found: Estimate, scale: float = 1.0, *, plus: str = "") -> str:
-    """Return a mean with its interval, such as "−120 (−130 to −110)"; of too few seeds for one the mean."""
+def _estimate(estimate: Estimate, scale: float = 1.0, *, plus: str = "", beside: float = 0.0) -> str:
+    """Return a mean with its interval, such as "−120 (−130 to −110)"; with too few seeds, the mean alone.
+
+    The rounding error in a difference of equal numbers, which are near `beside`, is shown as 0.
+    """
 
     def shown(value: float) -> str:
-        return f"{plus if value > 0.0 else ''}{digits(scale * value)}".replace("-", "−")
+        text = digits(scale * value, beside=1e-6 * scale * beside)
+        return f"{plus if value > 0.0 and text != '0' else ''}{text}".replace("-", "−")
 
-    mean = shown(found.mean)
-    return mean if math.isnan(found.low) else f"{mean} ({interval(found.low, found.high, shown)})"
+    mean = shown(estimate.mean)
+    return mean if math.isnan(estimate.low) else f"{mean} ({interval(estimate.low, estimate.high, shown)})"
 
 
-#: of controllers in turn; of the first three as in the study's report
+#: looks of the first, second, ... controller; the first three are as in the study's report
 TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
 
 
 def course_figure(league: League, course: Course) -> Figure:
     """Draw each controller's path over the floor, of one run each, with the first seed."""
     figure, floor = one_panel("$x$ [m]", "$y$ [m]", width=5.2)
-    asked = _asked(course, np.arange(0.0, course.duration, 0.1))
-    floor.plot(asked[:, 0], asked[:, 1], marker="o" if np.ptp(asked) == 0.0 else None, **LOOKS["reference"])
+    path = _reference_path(course, np.arange(0.0, course.duration, 0.1))
+    floor.plot(path[:, 0], path[:, 1], marker="o" if np.ptp(path) == 0.0 else None, **LOOKS["reference"])
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
@@ -196,8 +205,8 @@ def course_series(league: League, course: Course) -> TimeSeries:
     runs = []
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
-        wanted = _asked(course, track["t"])
-        distance = 1e3 * np.hypot(track["x"] - wanted[:, 0], track["y"] - wanted[:, 1])
+        path = _reference_path(course, track["t"])
+        distance = 1e3 * np.hypot(track["x"] - path[:, 0], track["y"] - path[:, 1])
         look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
         runs.append((name + (" (fell)" if track.ended else ""), look, track["t"], distance))
     t, lines = together(runs)
@@ -212,14 +221,14 @@ def course_series(league: League, course: Course) -> TimeSeries:
 
 
 def line_of(index: int) -> LineStyle:
-    """Return how the controller of that place is drawn; beyond the looks again, broader."""
-    again, place = divmod(index, len(TRACK_LOOKS))
-    look = LOOKS[TRACK_LOOKS[place]]
-    return {**look, "linewidth": look["linewidth"] + 0.7 * again}
+    """Return the line style of the controller with this index; beyond the looks they repeat, broader."""
+    rounds, position = divmod(index, len(TRACK_LOOKS))
+    look = LOOKS[TRACK_LOOKS[position]]
+    return {**look, "linewidth": look["linewidth"] + 0.7 * rounds}
 
 
-def _asked(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return where the robot is asked to be (N, 2) at times (N,)."""
+def _reference_path(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the reference position (N, 2) [m] at times (N,) [s]."""
     reference = course.reference_spec.reference()
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
@@ -235,7 +244,7 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
             *([_twin_section(twin)] if twin else []),
-            *(_course_section(league, course, place) for place, course in enumerate(league.courses)),
+            *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
             "How the controllers compare on a real robot: these are simulated runs of the robot as described."
@@ -245,11 +254,11 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
 
 
 def _twin_section(twin: League) -> Section:
-    said = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
-    return section("On the twin", Paragraph(said), course_sheet(twin))
+    text = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
+    return section("On the twin", Paragraph(text), course_sheet(twin))
 
 
-def _course_section(league: League, course: Course, place: int) -> Section:
+def _course_section(league: League, course: Course, index: int) -> Section:
     caption = (
         f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, "
         "seed by seed, with its 95 % interval; a star where the interval leaves zero out."
@@ -258,32 +267,32 @@ def _course_section(league: League, course: Course, place: int) -> Section:
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
-    made = section(
+    results = section(
         course.name.replace("_", " ").capitalize(),
         Paragraph(f"{course.about} A run lasts {course.duration:g} s{until}."),
         *([Bullets([f"Published: {fact}" for fact in course.published])] if course.published else []),
         Sheet(("", *league.controllers), metric_rows(league, course), caption),
-        drawn_picture(f"course-{place}", floor, course_figure, league, course),
+        drawn_picture(f"course-{index}", floor, course_figure, league, course),
         course_series(league, course),
     )
-    return replace(made, folded=place > 0)
+    return replace(results, folded=index > 0)
 
 
 def _verdict(league: League) -> str:
     """Return which controller is the most accurate of those that never fell, and by how much."""
-    found = {name: overall(league, name) for name in league.controllers}
-    first, runs = league.controllers[0], counted(found[league.controllers[0]].runs, "run")
-    falls = [f"{name} in {one.falls}" for name, one in found.items() if one.falls]
+    totals = {name: overall(league, name) for name in league.controllers}
+    first, runs = league.controllers[0], counted(totals[league.controllers[0]].runs, "run")
+    falls = [f"{name} in {total.falls}" for name, total in totals.items() if total.falls]
     fell = f"Falls in {runs} each: {', '.join(falls)}." if falls else f"No fall in {runs} each."
     peaks = {
-        name: one.ratios["peak_position_error"]
-        for name, one in found.items()
-        if one.ratios and not one.falls and not math.isnan(one.ratios["peak_position_error"].mean)
+        name: total.ratios["peak_position_error"]
+        for name, total in totals.items()
+        if total.ratios and not total.falls and not math.isnan(total.ratios["peak_position_error"].mean)
     }
     best = min(peaks, key=lambda name: peaks[name].mean, default=first)
     if best == first or peaks[best].mean >= 1.0:
         return f"No controller that never fell has a smaller peak error than {first}. {fell}"
-    equal = [name for name, one in peaks.items() if name != best and one.low <= peaks[best].high]
+    equal = [name for name, peak in peaks.items() if name != best and peak.low <= peaks[best].high]
     if peaks[best].high >= 1.0:
         equal.append(first)
     others = f" Not significantly less accurate: {every(equal)}." if equal else ""
@@ -291,45 +300,49 @@ def _verdict(league: League) -> str:
 
 
 def alternation_report(
-    found: Alternation,
+    alternation: Alternation,
     logs: Sequence[Log],
     *,
-    controllers: tuple[str, str],  # the files of the one before and the one after
+    controllers: tuple[str, str],  # files of the controllers before and after
     about: str,
     origin: Mapping[str, object],  # the provenance with the robot's
 ) -> Result:
     """Return the page of two controllers in turn."""
     runs = [f"{k} {'after' if k % 2 == 0 else 'before'}" for k in range(1, len(logs) + 1)]
     verdicts = [
-        f"Run {2 * k} against the prediction: {one.recommendation}. {one.reason}"
-        for k, one in enumerate(found.verdicts, start=1)
+        f"Run {2 * k} against the prediction: {verdict.recommendation}. {verdict.reason}"
+        for k, verdict in enumerate(alternation.verdicts, start=1)
     ]
     undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
-    open_ones = [name.replace("_", " ") for name, gain in found.gains.items() if gain.verdict == "undecided"]
-    if open_ones:
-        text = f"Whether {', '.join(open_ones)} differ: their intervals contain one. More --rounds make them narrow."
+    open_names = [
+        name.replace("_", " ") for name, gain in alternation.gains.items() if gain.verdict == "undecided"
+    ]
+    if open_names:
+        text = f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
         undecided.insert(0, text)
     return Result(
         title="Two controllers in turn on a live robot",
         lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
-        verdict=[("", _conclusion(found))],
+        verdict=[("", _conclusion(alternation))],
         sections=[
-            section("Compared", *_gains_and_runs(found, runs), Bullets(verdicts)),
+            section("Compared", *_gains_and_runs(alternation, runs), Bullets(verdicts)),
             section("Over time", _errors_in_turn(runs, logs)),
         ],
         undecided=undecided,
         data={
-            "recommendation": found.recommendation,
-            "conclusion": _conclusion(found),
-            "runs": found.performances,
-            "gains": found.gains,
+            "recommendation": alternation.recommendation,
+            "conclusion": _conclusion(alternation),
+            "runs": alternation.performances,
+            "gains": alternation.gains,
             "verdicts": [
                 {
-                    "recommendation": one.recommendation,
-                    "reason": one.reason,
-                    "outside": [quantity.name for quantity in one.quantities if quantity.place != "inside"],
+                    "recommendation": verdict.recommendation,
+                    "reason": verdict.reason,
+                    "outside": [
+                        quantity.name for quantity in verdict.quantities if quantity.place != "inside"
+                    ],
                 }
-                for one in found.verdicts
+                for verdict in alternation.verdicts
             ],
             "controllers": dict(zip(("before", "after"), controllers, strict=True)),
             "provenance": origin,
@@ -337,23 +350,23 @@ def alternation_report(
     )
 
 
-def _gains_and_runs(found: Alternation, runs: Sequence[str]) -> tuple[Sheet, Sheet]:
-    names = {name: one.words for name, one in SHOWN.items()} | {"torque_margin": "torque used"}
+def _gains_and_runs(alternation: Alternation, runs: Sequence[str]) -> tuple[Sheet, Sheet]:
+    names = {name: quantity.words for name, quantity in SHOWN.items()} | {"torque_margin": "torque used"}
     gains = sheet_of(
-        found.gains.items(),
+        alternation.gains.items(),
         [
-            Column("quantity", lambda one: names[one[0]]),
-            Column("factor", lambda one: f"{one[1].factor:.2f}"),
-            Column("95 % interval", lambda one: f"{one[1].low:.2f} to {one[1].high:.2f}"),
-            Column("", lambda one: one[1].verdict),
-            Column("drift from run to run", lambda one: f"{round(100.0 * (one[1].drift - 1.0)):+d} %"),
+            Column("quantity", lambda row: names[row[0]]),
+            Column("factor", lambda row: f"{row[1].factor:.2f}"),
+            Column("95 % interval", lambda row: f"{row[1].low:.2f} to {row[1].high:.2f}"),
+            Column("", lambda row: row[1].verdict),
+            Column("drift from run to run", lambda row: f"{round(100.0 * (row[1].drift - 1.0)):+d} %"),
         ],
         caption="After over before, the drift removed.",
     )
     performances = [
         (
             unit_heading(shown.words, shown.unit),
-            *(shown.shown(getattr(one, name)) for one in found.performances),
+            *(shown.shown(getattr(performance, name)) for performance in alternation.performances),
         )
         for name, shown in SHOWN.items()
     ]
@@ -370,10 +383,10 @@ def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
     return TimeSeries(t, (distances,), "The runs one over another, from their starts.")
 
 
-def _conclusion(found: Alternation) -> str:
+def _conclusion(alternation: Alternation) -> str:
     """Return the result of runs in turn in one or two sentences."""
-    advice = f"{found.recommendation.capitalize()} the controller by the study's prediction."
-    gain = found.gains.get("peak_error")
+    advice = f"{alternation.recommendation.capitalize()} the controller by the study's prediction."
+    gain = alternation.gains.get("peak_error")
     if gain is None:
         return f"{advice} A run ended before it settled, so that the errors are not compared."
     size = f"The peak error is {gain.factor:.2f} times as large ({gain.low:.2f} to {gain.high:.2f})"

@@ -1,11 +1,11 @@
-"""The two recorded runs that `ballbot demo` shows, their file, and the friction that the log of the first one shows.
+"""The two recorded runs of `ballbot demo`, their file, and the friction identified from the log of the first.
 
 The twin's nominal robot goes around a square twice: under the soft gain of the thesis's kind, and under the precise
-controller for the friction that was identified from the first run. `python -m campaigns.demo_runs` records them anew.
+controller for the friction that was identified from the first run. `python -m campaigns.demo_runs` records them again.
 
-The file has of each run what a robot measures and the true pose: whole numbers of the steps below, each the difference
-to the row before, compressed. A step is at most a tenth of the sensor's noise, so that rounding changes no result;
-the steps of the wheels' speeds are those of the encoders.
+For each run the file holds a robot's measurements and the true pose, compressed: each value is the difference to the
+row before, as a whole number of the steps below. A step is at most a tenth of the sensor's noise, so that rounding
+changes no result; the steps of the wheels' speeds are those of the encoders.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def steps() -> Mapping[str, float]:
 
 
 def robot_of_runs() -> Robot:
-    """Return the robot of the runs, with the friction that the twin has in them."""
+    """Return the robot of the runs, with the twin's friction."""
     robot = Robot.load(ROBOT)
     return robot.replace(friction=Scenario.nominal(robot).friction)
 
@@ -62,9 +62,9 @@ def read_runs() -> dict[str, Log]:
 
 
 def runs_of(content: bytes) -> dict[str, Log]:
-    """Return a file's runs as a robot logs them, with the position by odometry, and with the true states.
+    """Return the runs of a file: what a robot logs, the position by odometry, and the true states.
 
-    The true rates are differences of the true pose.
+    The true rates are derivatives of the true pose.
     """
     robot, runs = Robot.load(ROBOT), {}
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -84,10 +84,10 @@ def runs_of(content: bytes) -> dict[str, Log]:
 def friction_report(log: Log, run: Run) -> Result:
     """Identify the friction from the first 20 s of the first run's log, and return the page.
 
-    The law is the one that so short a log can determine, and the settings of the search are small, so that the result
-    is there soon after a first start, in which everything is compiled; `ballbot study` takes the full ones.
+    The law is one that so short a log can determine, and the search is small, so that the result comes soon even after
+    a first start, which compiles everything; `ballbot study` searches fully.
     """
-    # compiled code, once there is something to look at
+    # imported late: they compile, and the replay is shown first
     from ballbot.identification import identify
     from ballbot.identification.identify import IdentificationOptions
     from ballbot.log.checks import CheckedLogs
@@ -99,12 +99,12 @@ def friction_report(log: Log, run: Run) -> Result:
         generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
     )
     checked = CheckedLogs.simulated(part)
-    found = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
-    report = identification_report(found, {SOFT: part}, findings=(), selection=None, holdouts=())
-    speeds = np.ones(found.robot.wheel_count)  # [rad/s]
+    fit = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
+    report = identification_report(fit, {SOFT: part}, findings=(), selection=None, holdouts=())
+    speeds = np.ones(fit.robot.wheel_count)  # [rad/s]
     rows = []
     for wheel, true in enumerate(wheel_friction(speeds, robot_of_runs().friction)):
-        value, error = (float(one[0]) for one in friction_curve(found, wheel, speeds[:1]))
+        value, error = (float(curve[0]) for curve in friction_curve(fit, wheel, speeds[:1]))
         ends = interval(value - 1.96 * error, value + 1.96 * error, lambda end: digits(end, 2))
         rows.append((f"wheel {wheel + 1}", digits(value, 2), ends, digits(float(true), 2)))
     sheet = Sheet(
@@ -115,5 +115,5 @@ def friction_report(log: Log, run: Run) -> Result:
     return replace(
         report,
         sections=[section("The friction found and the true one", sheet), *report.sections],
-        made=provenance(command="ballbot demo", files=[], seed=0),
+        provenance=provenance(command="ballbot demo", files=[], seed=0),
     )

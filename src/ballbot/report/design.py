@@ -1,4 +1,4 @@
-"""The page of a controller design, and that of a robust one: the search, and its gain on robots not used in it."""
+"""The page of a controller design, and of a robust one: the search, and its benefit on robots it did not use."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
 
 
 def search_comment(design: RobustDesign, command: str) -> str:
-    """Return the comment of a controller file on how its gain was found."""
+    """Return a controller file's comment on the search for its gain."""
     robust, nominal = (f"{design.compared[name].worst_tenth:.3g}" for name in ("robust", "nominal"))
     return (
         f"# Found by: {command}\n# {_weights(design)}\n"
@@ -58,7 +58,7 @@ def _weights(design: RobustDesign) -> str:
 
 
 def _nothing_compensated(design: ControllerDesign) -> str:
-    """Return why a controller that compensates friction has none to compensate; empty if it has some."""
+    """Return why a compensating controller has no friction to compensate; empty if it has some."""
     if has_friction(design.certain):
         return ""
     if has_friction(design.stated):
@@ -145,7 +145,7 @@ def gain_sheet(
     gain: NDArray[np.float64], caption: str = "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
 ) -> Sheet:
     """Return a gain (n, k) with a row for each state, so that it fits a narrow page."""
-    # an integral action adds states of its own
+    # integral action adds states
     names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
     names += [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
     rows = [
@@ -157,12 +157,12 @@ def gain_sheet(
 
 
 _DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
-    Column("design", lambda one: one[0]),
-    Column("worst tenth of J", lambda one: f"{one[1].worst_tenth:.2f}"),
-    Column("mean J", lambda one: f"{one[1].mean:.2f}"),
-    Column("worst error [mm]", lambda one: f"{1e3 * one[1].worst_error:.1f}"),
-    Column("worst roughness [N m]", lambda one: f"{one[1].worst_roughness:.3f}"),
-    Column("falls", lambda one: one[1].falls),
+    Column("design", lambda row: row[0]),
+    Column("worst tenth of J", lambda row: f"{row[1].worst_tenth:.2f}"),
+    Column("mean J", lambda row: f"{row[1].mean:.2f}"),
+    Column("worst error [mm]", lambda row: f"{1e3 * row[1].worst_error:.1f}"),
+    Column("worst roughness [N m]", lambda row: f"{row[1].worst_roughness:.3f}"),
+    Column("falls", lambda row: row[1].falls),
 )
 
 
@@ -237,7 +237,7 @@ def linear_section(linear: LinearModel, *, caption: str) -> Section:
 
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
-    """Return the section on a loop; `of` names its controller, if that is not the page's own."""
+    """Return the section on a loop; `of` names its controller if the page is not about it."""
     loop = margins.loop
     bode = (
         "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
@@ -283,15 +283,15 @@ def bode_figure(margins: Margins) -> Figure:
     gain, phase = figure.subplots(2, 1, sharex=True)
     loop = margins.loop
     omega = np.geomspace(0.1, 0.999 * math.pi / loop.sample_time, 400)
-    alike = len(margins.rows()) == 2  # one row of each wheel, one of all
+    alike = len(margins.rows()) == 2  # one row for any single wheel, one for all together
     wheels, names = loop.wheel_responses(omega), ("one wheel",) if alike else loop.wheels
-    # what acts on all wheels alike has looks beside the wheels'
+    # responses of all wheels together differ in look from those of single wheels
     of_modes: tuple[Look, ...] = ("quiet", "fifth", "sixth")
     modes = zip(("lean 1", "lean 2", "heading"), loop.mode_responses(omega).T, of_modes, strict=True)
     for name, response, look in (*zip(names, wheels.T, IN_TURN, strict=False), *modes):
         gain.plot(omega, 20.0 * np.log10(np.abs(response)), label=name, **LOOKS[look])
         degrees = np.degrees(np.unwrap(np.angle(response)))
-        # a stable loop crosses 0 dB about -180 degrees; whole turns are only the unwrapping's
+        # a stable loop crosses 0 dB near -180 degrees; whole turns come from unwrapping only
         crossing = np.argmin(np.abs(np.log(np.abs(response))))
         phase.plot(omega, degrees - 360.0 * np.round((degrees[crossing] + 180.0) / 360.0), **LOOKS[look])
     for axes, level in ((gain, 0.0), (phase, -180.0)):

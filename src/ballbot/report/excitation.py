@@ -16,19 +16,23 @@ from ballbot.workflows.metrics import leans
 def excitation_report(result: Excitation) -> Result:
     """Return the page."""
     task, limits = result.task, result.task.limits
-    runs = {**result.peaks, **{f"{name}, loop": one.peaks for name, one in result.on_loop.items()}}
+    runs = {**result.peaks, **{f"{name}, loop": trial.peaks for name, trial in result.on_loop.items()}}
     peaks = [
-        (name, *(factor * getattr(one, key) for one in (limits, *runs.values())))
+        (name, *(factor * getattr(values, key) for values in (limits, *runs.values())))
         for key, name, factor in (
             ("lean", "lean [deg]", 180.0 / np.pi),
             ("floor", "floor [m]", 1.0),
             ("torque", "torque [N m]", 1.0),
         )
     ]
-    units = {label: one.unit for one in BY_NAME.values() for label in one.labels(task.robot.wheel_count)}
+    units = {
+        label: quantity.unit
+        for quantity in BY_NAME.values()
+        for label in quantity.labels(task.robot.wheel_count)
+    }
     columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
     errors = [
-        (label, units[label].removeprefix(DIMENSIONLESS), assumed, *(digits(one, 2) for one in expected))
+        (label, units[label].removeprefix(DIMENSIONLESS), assumed, *(digits(error, 2) for error in expected))
         for label, assumed, *expected in zip(task.labels, task.assumed.tolist(), *columns, strict=True)
     ]
     caption = (
@@ -89,13 +93,13 @@ def _followed_series(result: Excitation) -> TimeSeries:
     """Return reference, lean and torques over time on the loop, with the limits."""
     limits, log = result.task.limits, result.on_loop["designed"].log
     x, y, psi = result.sines.poses()[: len(log), :3].T
-    asked = [Line("x [m]", x, "fifth"), Line("y [m]", y, "sixth"), Line("ψ [rad]", psi, "quiet")]
+    reference = [Line("x [m]", x, "fifth"), Line("y [m]", y, "sixth"), Line("ψ [rad]", psi, "quiet")]
     lean, most = Line("lean", np.degrees(leans(log)), "measured"), float(np.degrees(limits.lean))
     torques, torque = wheel_lines(list(log.torques.T)), limits.torque
     return TimeSeries(
         log.t,
         (
-            Panel("reference [m, rad]", asked),
+            Panel("reference [m, rad]", reference),
             Panel("lean [deg]", (lean,), levels=(most,), from_zero=True),
             Panel("torques [N m]", torques, levels=(-torque, torque)),
         ),

@@ -1,4 +1,4 @@
-"""The page of an exported firmware: what it is for, how much it takes, and when its safety layer stops."""
+"""The page of an exported firmware: its controller, its load on the processor, and when its safety layer stops."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def export_report(
     to_install: str,
     findings: Sequence[Finding],
 ) -> Result:
-    """Return the page of an exported firmware; `to_install` says what a measurement of the load needs."""
+    """Return the page of an exported firmware; `to_install` names what measuring the load needs."""
     robot, limits = controller.robot, exported.limits
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     compensation = "no" if controller.compensation == "none" else controller.compensation
@@ -78,7 +78,7 @@ def _worst(load: ProcessorLoad) -> str:
 
 
 def _processor_section(load: ProcessorLoad) -> Section:
-    """Return the section on what a controller takes on its processor."""
+    """Return the section on the load on the processor."""
     fix = load.fix_instructions
     rows = [
         ("instructions of an update, typical", f"{load.typical_instructions:,}"),

@@ -1,11 +1,11 @@
 """The page of an identification from balancing logs: parameters, friction, laws, and errors on held-out windows.
 
-A wheel's friction is drawn over its speed, with the band in which the standard errors leave it.
+A wheel's friction is drawn over its speed, with the band that follows from the standard errors.
 
     tau(w) = b w + (c + s E) sgn(w),      E = exp(-r),      r = |w/v_s|^delta
 
-The band is the delta method's: variance g' C g with g the gradient of tau by (b, c, s, v_s, delta) and C their
-covariance; a parameter that has no standard error has that of an even distribution over its interval.
+The band is from the delta method: variance g' C g, with g the gradient of tau by (b, c, s, v_s, delta) and C their
+covariance. A parameter without a standard error takes that of a uniform distribution over its interval.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ballbot.identification.laws import LawCandidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import represents_sentence
 from ballbot.log import Log
-from ballbot.log.checks.kinematics import measured_wheel_speeds
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED
@@ -39,7 +39,7 @@ from ballbot.rounding import digits, interval, unit_heading, value_and_error
 
 
 def identification_report(
-    found: Identification,
+    fit: Identification,
     logs: Mapping[str, Log],
     *,
     findings: Sequence[Finding],
@@ -47,77 +47,77 @@ def identification_report(
     holdouts: Sequence[HoldoutResult],
 ) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
-    undecided = texts((*found.findings, *(finding for one in holdouts for finding in one.findings)))
-    if found.variation.logs == 1:
+    undecided = texts((*fit.findings, *(finding for holdout in holdouts for finding in holdout.findings)))
+    if fit.variation.logs == 1:
         undecided.append("How much the estimate differs from log to log: there is one log.")
     return Result(
-        title=f"{found.robot.name}: friction from balancing logs",
-        lead=f"Identified from {logs_words(logs)}, with predictions over windows of {found.window:g} s.",
-        verdict=[("Verdict", found.verdict.sentence), ("Friction", friction_sentence(found))],
+        title=f"{fit.robot.name}: friction from balancing logs",
+        lead=f"Identified from {logs_words(logs)}, with predictions over windows of {fit.window:g} s.",
+        verdict=[("Verdict", fit.verdict.sentence), ("Friction", friction_sentence(fit))],
         sections=[
-            section("Parameters", *parameter_blocks(found, logs.values())),
+            section("Parameters", *parameter_blocks(fit, logs.values())),
             section("Friction laws", _selection_sheet(selection)) if selection else None,
             details(
                 "Errors on held-out windows",
-                _error_sheet(found, holdouts),
-                *(_horizon_sheet(one) for one in holdouts if one.horizons),
+                _error_sheet(fit, holdouts),
+                *(_horizon_sheet(holdout) for holdout in holdouts if holdout.horizons),
             ),
         ],
         undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
         findings=findings,
         data={
-            **found.to_dict(),
+            **fit.to_dict(),
             **({"ladder": selection.to_dict()} if selection else {}),
-            **({"judged_on": {one.name: one.to_dict() for one in holdouts}} if holdouts else {}),
+            **({"judged_on": {holdout.name: holdout.to_dict() for holdout in holdouts}} if holdouts else {}),
         },
     )
 
 
-def parameter_blocks(found: Identification, logs: Iterable[Log]) -> Iterator[Block]:
+def parameter_blocks(fit: Identification, logs: Iterable[Log]) -> Iterator[Block]:
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
-    yield _parameter_sheet(found)
-    sentences = (represents_sentence(found.names), coulomb_sentence(found.coulomb, found.names))
-    yield Bullets([one for one in sentences if one])
+    yield _parameter_sheet(fit)
+    sentences = (represents_sentence(fit.names), coulomb_sentence(fit.coulomb, fit.names))
+    yield Bullets([sentence for sentence in sentences if sentence])
     caption = (
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."
     )
-    yield drawn_picture("friction", caption, friction_figure, found, tuple(logs))
-    if np.isfinite(found.correlation).any():
+    yield drawn_picture("friction", caption, friction_figure, fit, tuple(logs))
+    if np.isfinite(fit.correlation).any():
         caption = (
             "Correlation of the parameters' errors. A strong colour marks two parameters of which the data determine "
             "a combination better than either alone."
         )
         special = {"v_s": "$v_s$", "delta": r"$\delta$", "C_rr": "$C_{rr}$"}
-        labels = [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in found.labels]
-        yield drawn_picture("parameters", caption, correlation_figure, labels, found.correlation)
+        labels = [special.get(label, f"${label[0]}_{{{label[1:]}}}$") for label in fit.labels]
+        yield drawn_picture("parameters", caption, correlation_figure, labels, fit.correlation)
 
 
-def _parameter_sheet(found: Identification) -> Sheet:
+def _parameter_sheet(fit: Identification) -> Sheet:
     """Return each parameter of the law with its standard error, both 95 % intervals, and the robot file's value."""
-    layout, other = found.layout, found.other
+    layout, other = fit.layout, fit.other
     names = [name for name in layout.names for _ in BY_NAME[name].labels(layout.wheel_count)]
-    values, errors = np.where(found.unknown, np.nan, found.values), found.errors
-    before = layout.nominal(found.predictor.robot)
+    values, errors = np.where(fit.unknown, np.nan, fit.values), fit.errors
+    in_file = layout.nominal(fit.predictor.robot)
     rows = [
         (
-            *(label, BY_NAME[name].unit, digits(float(before[i])), *value_and_error(values[i], errors[i])),
+            *(label, BY_NAME[name].unit, digits(float(in_file[i])), *value_and_error(values[i], errors[i])),
             *(
                 interval(of[label].lower, of[label].upper) if label in of else ""
-                for of in (found.intervals, found.another_log)
+                for of in (fit.intervals, fit.another_log)
             ),
             *([] if other is None else [digits(float(other.values[i]))]),
             f"{lower} to {upper}" if upper != lower else f"held at {lower}",
         )
-        for i, (label, name) in enumerate(zip(found.labels, names, strict=True))
-        if name in found.names
-        for lower, upper in [map(digits, found.bounds[i])]
+        for i, (label, name) in enumerate(zip(fit.labels, names, strict=True))
+        if name in fit.names
+        for lower, upper in [map(digits, fit.bounds[i])]
     ]
-    rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in found.names)
-    with_sweep = any(one.method == "with sweep" for one in found.intervals.values())
+    rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in fit.names)
+    with_sweep = any(bounds.method == "with sweep" for bounds in fit.intervals.values())
     both = " Numbers and errors are those of the logs and the sweep together." * with_sweep
     caption = (
-        f"{driveline_symbols(found.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
+        f"{driveline_symbols(fit.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
         f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed.{both}"
     )
     headings = (
@@ -128,14 +128,14 @@ def _parameter_sheet(found: Identification) -> Sheet:
     return Sheet(headings, rows, caption)
 
 
-def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
+def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:
     """Return the open-loop errors of each state (RMSE), and those with over those without friction on other logs."""
-    ours = found.held_out
+    ours = fit.held_out
     rows = [
         (
             unit_heading(state_mark(state), STATE_UNITS[state]),
             *(digits(with_friction), digits(without), f"{ratio:.2f}"),
-            *(f"{one.errors.with_over_without[state]:.2f}" for one in holdouts),
+            *(f"{holdout.errors.with_over_without[state]:.2f}" for holdout in holdouts),
         )
         for (state, ratio), with_friction, without in zip(
             ours.with_over_without.items(), ours.rmse_with, ours.rmse_without, strict=True
@@ -143,7 +143,7 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
     ]
     others = "; with / without friction on other logs" if holdouts else ""
     return Sheet(
-        ("state", "with friction", "without", "with / without", *(one.name for one in holdouts)),
+        ("state", "with friction", "without", "with / without", *(holdout.name for holdout in holdouts)),
         rows,
         f"Open-loop RMSE on {len(ours.spans)} held-out windows{others}",
     )
@@ -152,14 +152,14 @@ def _error_sheet(found: Identification, holdouts: Sequence[HoldoutResult]) -> Sh
 def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
     """Return the errors of the wheels' speeds and of the lean by horizon, on another log."""
     columns: list[Column[FrictionAtHorizon]] = [
-        Column("after, s", lambda one: f"{one.horizon:.3g}"),
-        Column("wheel speed, rad/s", lambda one: one.wheel_speed.with_friction),
-        Column("viscous part", lambda one: one.wheel_speed.viscous_part),
-        Column("without friction", lambda one: one.wheel_speed.without_friction),
-        Column("missing friction", lambda one: digits(one.wheel_speed.share, 2)),
-        Column("lean, deg", lambda one: math.degrees(one.lean.with_friction)),
-        Column("without friction", lambda one: math.degrees(one.lean.without_friction)),
-        Column("missing friction", lambda one: digits(one.lean.share, 2)),
+        Column("after, s", lambda row: f"{row.horizon:.3g}"),
+        Column("wheel speed, rad/s", lambda row: row.wheel_speed.with_friction),
+        Column("viscous part", lambda row: row.wheel_speed.viscous_part),
+        Column("without friction", lambda row: row.wheel_speed.without_friction),
+        Column("missing friction", lambda row: digits(row.wheel_speed.share, 2)),
+        Column("lean, deg", lambda row: math.degrees(row.lean.with_friction)),
+        Column("without friction", lambda row: math.degrees(row.lean.without_friction)),
+        Column("missing friction", lambda row: digits(row.lean.share, 2)),
     ]
     known = "past rows" if holdout.causal else "its rows"
     caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
@@ -170,50 +170,52 @@ def _selection_sheet(selection: LawSelection) -> Sheet:
     """Return the laws with their errors and gains on windows held out."""
     decisions = {"accepted": "taken", "rejected": "no useful gain", "undecided": "the data cannot decide"}
 
-    def gain(one: Gain | None) -> str:
-        return f"{100 * one.share:.1f} % ({100 * one.lower:.1f} to {100 * one.upper:.1f})" if one else ""
+    def shown(gain: Gain | None) -> str:
+        return f"{100 * gain.share:.1f} % ({100 * gain.lower:.1f} to {100 * gain.upper:.1f})" if gain else ""
 
     columns: list[Column[LawCandidate]] = [
-        Column("law", lambda one: one.law.name),
-        Column("friction", lambda one: one.law.formula),
-        Column("error", lambda one: f"{one.error:.3f}"),
-        Column("compared with", lambda one: one.law.within or "no friction"),
-        Column("gain, 95 % interval", lambda one: one.gain, gain),
-        Column("", lambda one: "best" if one is selection.best else decisions[one.decision]),
+        Column("law", lambda candidate: candidate.law.name),
+        Column("friction", lambda candidate: candidate.law.formula),
+        Column("error", lambda candidate: f"{candidate.error:.3f}"),
+        Column("compared with", lambda candidate: candidate.law.within or "no friction"),
+        Column("gain, 95 % interval", lambda candidate: candidate.gain, shown),
+        Column(
+            "", lambda candidate: "best" if candidate is selection.best else decisions[candidate.decision]
+        ),
     ]
     caption = "Friction laws on held-out windows: error relative to no friction."
     return sheet_of(selection.candidates, columns, caption=caption)
 
 
 def friction_curve(
-    found: Identification, wheel: int, speed: NDArray[np.float64]
+    fit: Identification, wheel: int, speed: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the friction of a wheel (from 0) at speeds (k,) [rad/s] other than zero, and its standard error [N m]."""
-    at = np.repeat(speed[:, None], found.robot.wheel_count, axis=1)
-    directed = bool(found.robot.friction.coulomb_asymmetry)
+    at = np.repeat(speed[:, None], fit.robot.wheel_count, axis=1)
+    directed = bool(fit.robot.friction.coulomb_asymmetry)
 
     def torque(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        robot = found.layout.robot_of(found.robot, values, asymmetric=directed)
+        robot = fit.layout.robot_of(fit.robot, values, asymmetric=directed)
         return wheel_friction(at, robot.friction)[:, wheel]
 
-    curve, step = torque(found.values), 1e-5
+    curve, step = torque(fit.values), 1e-5
     # differences; where a parameter is zero, to one side
-    steps = step * np.where(found.values == 0.0, 1.0, found.values)
-    moved = [torque(found.values + one) for one in np.diag(steps)]
+    steps = step * np.where(fit.values == 0.0, 1.0, fit.values)
+    moved = [torque(fit.values + change) for change in np.diag(steps)]
     gradient = (np.array(moved) - curve).T / steps
-    variance = np.einsum("ki,ij,kj->k", gradient, found.assumed_covariance, gradient)
+    variance = np.einsum("ki,ij,kj->k", gradient, fit.assumed_covariance, gradient)
     return curve, np.sqrt(np.maximum(variance, 0.0))
 
 
-def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
+def friction_figure(fit: Identification, logs: Sequence[Log] = ()) -> Figure:
     """Return each wheel's friction over its speed with a 95 % band; below, how often the logs have such a speed."""
-    n = found.robot.wheel_count
+    n = fit.robot.wheel_count
     figure = Figure(figsize=(7.4, 3.1 if logs else 2.6), layout="constrained")
     heights = (3, 1) if logs else (1,)
     panels = figure.subplots(len(heights), n, sharex=True, sharey="row", height_ratios=heights, squeeze=False)
-    fastest = 8.0 * found.robot.friction.stribeck_speed
+    fastest = 8.0 * fit.robot.friction.stribeck_speed
     if logs:
-        speeds = np.concatenate([measured_wheel_speeds(log, found.robot) for log in logs])
+        speeds = np.concatenate([measured_wheel_speeds(log, fit.robot) for log in logs])
         speeds = speeds[np.isfinite(speeds).all(axis=1)]
         fastest = float(np.quantile(np.abs(speeds), 0.995))
         for axes, speed in zip(panels[1], speeds.T, strict=True):
@@ -223,7 +225,7 @@ def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
     for wheel, axes in enumerate(panels[0]):
         for side in (-1.0, 1.0):
             speed = side * np.geomspace(1e-3, 1.0, 160) * fastest
-            torque, error = friction_curve(found, wheel, speed)
+            torque, error = friction_curve(fit, wheel, speed)
             low, high = torque - 1.96 * error, torque + 1.96 * error
             axes.fill_between(speed, low, high, color=BLUE, alpha=0.2, linewidth=0)
             axes.plot(speed, torque, color=BLUE, linewidth=1.4)
@@ -236,11 +238,11 @@ def friction_figure(found: Identification, logs: Sequence[Log] = ()) -> Figure:
     return figure
 
 
-def friction_sentence(found: Identification) -> str:
+def friction_sentence(fit: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
-    friction, unlimited = found.robot.friction, open_labels(found.intervals)
-    rolling = f"the ball's rolling friction is {digits(found.robot.rolling_force, 2)} N"
-    words = [f"{_wheel_words(friction, float(found.coulomb.speeds.max()))}; {rolling}."]
+    friction, unlimited = fit.robot.friction, open_labels(fit.intervals)
+    rolling = f"the ball's rolling friction is {digits(fit.robot.rolling_force, 2)} N"
+    words = [f"{_wheel_words(friction, float(fit.coulomb.speeds.max()))}; {rolling}."]
     for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
         if any(values):
             differs = f"differs by {_range(np.array(values))} N m from this mean of both directions"
@@ -254,7 +256,7 @@ def friction_sentence(found: Identification) -> str:
 
 def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
     """Return the labels of intervals that leave any value open."""
-    return [label for label, one in intervals.items() if np.isinf(one.upper) and not one.lower > 0.0]
+    return [label for label, bounds in intervals.items() if np.isinf(bounds.upper) and not bounds.lower > 0.0]
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:

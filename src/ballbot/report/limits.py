@@ -19,7 +19,7 @@ from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import RobotLimits, TwinLimit
 
-#: controllers in turn: colour, the mark of the twin's limits, and width, so that those beneath still show
+#: look of the first, second, ... controller: colour, marker of the twin's limits, and width (lines beneath still show)
 _LOOKS = (
     (ORANGE, "o", 3.6),
     (BLUE, "s", 2.8),
@@ -28,7 +28,7 @@ _LOOKS = (
     (INK, "v", 1.0),
     (YELLOW, "P", 0.6),
 )
-#: more would look like one another
+#: that have looks of their own
 MOST_CONTROLLERS = len(_LOOKS)
 _DEGREES = 180.0 / np.pi
 
@@ -41,15 +41,15 @@ def planes_figure(limits: Mapping[str, RobotLimits]) -> Figure:
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in panels.flat[len(limits) :]:
         axes.set_visible(False)
-    for axes, (name, one) in zip(panels.flat, limits.items(), strict=False):
-        lean, rate = np.degrees(one.plane.leans), np.degrees(one.plane.rates)
-        for recovers, color, style in ((one.plane.upper, UPPER, "--"), (one.plane.lower, LOWER, "-")):
+    for axes, (name, result) in zip(panels.flat, limits.items(), strict=False):
+        lean, rate = np.degrees(result.plane.leans), np.degrees(result.plane.rates)
+        for recovers, color, style in ((result.plane.upper, UPPER, "--"), (result.plane.lower, LOWER, "-")):
             kept = recovers.T.astype(np.float64)
             axes.contourf(lean, rate, kept, levels=[0.5, 1.5], colors=[color])
             axes.contour(lean, rate, kept, levels=[0.5], colors=[INK], linewidths=0.8, linestyles=style)
         axes.axhline(0.0, color=MUTED, linewidth=0.6)
         axes.axvline(0.0, color=MUTED, linewidth=0.6)
-        axes.set_title(f"{label_of(name)}, towards {np.degrees(one.plane.direction):.0f}°")
+        axes.set_title(f"{label_of(name)}, towards {np.degrees(result.plane.direction):.0f}°")
         axes.set_xlabel("tilt [deg]")
         axes.grid(visible=False)
     for axes in panels[:, 0]:
@@ -75,9 +75,9 @@ def directions_figure(
         (left, "lean", _DEGREES, "tilt at rest [deg]"),
         (right, "impulse", 1.0, "impulse [N s]"),
     ):
-        for (name, one), (color, mark, width) in zip(limits.items(), _LOOKS, strict=False):
-            bounds = one.lean if kind == "lean" else one.central_impulse
-            around = np.append(one.directions, one.directions[0] + 2.0 * np.pi)
+        for (name, result), (color, mark, width) in zip(limits.items(), _LOOKS, strict=False):
+            bounds = result.lean if kind == "lean" else result.central_impulse
+            around = np.append(result.directions, result.directions[0] + 2.0 * np.pi)
             for sizes, dash, broad in ((bounds.lower, "-", width), (bounds.upper, "--", min(width, 1.6))):
                 closed = unit * np.append(sizes, sizes[0])
                 axes.plot(around, closed, color=color, linewidth=broad, linestyle=dash)
@@ -97,11 +97,11 @@ def directions_figure(
     return figure
 
 
-def limit_words(one: RobotLimits) -> str:
-    """Return the least tilt and impulse at the centre of mass over all directions, by both bounds."""
+def limit_words(limits: RobotLimits) -> str:
+    """Return the smallest limit of tilt and of impulse at the centre of mass over all directions, by both bounds."""
     leans, impulses = (
         " / ".join(f"{unit * bound.min():.1f}" for bound in (bounds.lower, bounds.upper))
-        for unit, bounds in ((_DEGREES, one.lean), (1.0, one.central_impulse))
+        for unit, bounds in ((_DEGREES, limits.lean), (1.0, limits.central_impulse))
     )
     return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
 
@@ -111,12 +111,12 @@ def _on_twin(limit: TwinLimit, size: float) -> str:
 
 
 _TWIN: tuple[Column[tuple[str, TwinLimit]], ...] = (
-    Column("controller", lambda one: one[0]),
-    Column("limit", lambda one: "tilt [deg]" if one[1].kind == "lean" else "impulse [N s]"),
-    Column("towards", lambda one: f"{np.degrees(one[1].direction):.0f}°"),
-    Column("no wheel slips", lambda one: _on_twin(one[1], one[1].lower)),
-    Column("on the twin", lambda one: _on_twin(one[1], one[1].twin)),
-    Column("wheels never slip", lambda one: _on_twin(one[1], one[1].upper)),
+    Column("controller", lambda row: row[0]),
+    Column("limit", lambda row: "tilt [deg]" if row[1].kind == "lean" else "impulse [N s]"),
+    Column("towards", lambda row: f"{np.degrees(row[1].direction):.0f}°"),
+    Column("no wheel slips", lambda row: _on_twin(row[1], row[1].lower)),
+    Column("on the twin", lambda row: _on_twin(row[1], row[1].twin)),
+    Column("wheels never slip", lambda row: _on_twin(row[1], row[1].upper)),
 )
 
 
@@ -130,10 +130,10 @@ def limits_report(
 ) -> Result:
     """Return the page."""
     verdict, twins = [], [(name, limit) for name, edges in on_twin.items() for limit in edges]
-    for name, one in limits.items():
-        text = f"Recovers in every direction from {limit_words(one)}"
-        words = "up to the first number no wheel slips, up to the second if wheels never slip"
-        verdict.append((name, f"{text}: {words}." if not verdict else f"{text}."))
+    for name, result in limits.items():
+        text = f"Recovers in every direction from {limit_words(result)}"
+        meaning = "up to the first number no wheel slips, up to the second if wheels never slip"
+        verdict.append((name, f"{text}: {meaning}." if not verdict else f"{text}."))
     if len(limits) > 1 and not has_friction(robot.friction):
         verdict.append(("", NO_FRICTION))
     directions = (
@@ -174,7 +174,7 @@ def limits_report(
             "grip": grip,
             "scenario": scenario,
             "controllers": {
-                name: to_results(one) | {"twin": on_twin.get(name, ())} for name, one in limits.items()
+                name: to_results(result) | {"twin": on_twin.get(name, ())} for name, result in limits.items()
             },
         },
     )

@@ -1,4 +1,4 @@
-"""A log as `ballbot check-log` shows it: its columns, its wheels and its findings, or the mapping proposed for it."""
+"""The page of `ballbot check-log`: a log's columns, wheels and findings, or the mapping proposed for it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
-from ballbot.log.mapping_search.proposal import Evaluation, Proposal, answer_lines
 from ballbot.log.pose import with_position, with_rates
+from ballbot.log.proposal import Evaluation, Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.report.words import capital
@@ -30,7 +30,7 @@ _Summed = tuple[str, NDArray[np.float64], int, float]
 
 
 def summed_columns(log: Log) -> list[_Summed]:
-    """Return what a log's columns are summed up from."""
+    """Return the rows of the table of a log's columns."""
     duration = float(log.t[-1] - log.t[0])
     return [(name, log[name][np.isfinite(log[name])], len(log), duration) for name in log.names]
 
@@ -39,25 +39,25 @@ def _limit(value: float | None) -> str:
     return "-" if value is None else f"{value + 0.0:.4g}"
 
 
-#: changes per second are, of a slow sensor, its own rate
+#: of a sensor slower than the log, the changes per second are its own rate
 COLUMNS: tuple[Column[_Summed], ...] = (
-    Column("column", lambda one: one[0], key="name"),
-    Column("unit", lambda one: unit_of(one[0]), lambda unit: unit or "?", key="unit"),
-    Column("from", lambda one: float(one[1].min()) if one[1].size else None, _limit, key="least"),
-    Column("to", lambda one: float(one[1].max()) if one[1].size else None, _limit, key="greatest"),
+    Column("column", lambda row: row[0], key="name"),
+    Column("unit", lambda row: unit_of(row[0]), lambda unit: unit or "?", key="unit"),
+    Column("from", lambda row: float(row[1].min()) if row[1].size else None, _limit, key="least"),
+    Column("to", lambda row: float(row[1].max()) if row[1].size else None, _limit, key="greatest"),
     Column(
         "changes per second",
-        lambda one: int(np.count_nonzero(np.diff(one[1]))) / one[3] if one[3] > 0.0 else 0.0,
+        lambda row: int(np.count_nonzero(np.diff(row[1]))) / row[3] if row[3] > 0.0 else 0.0,
         _limit,
         key="change_rate",
     ),
-    Column("missing", lambda one: one[2] - one[1].size, key="missing"),
+    Column("missing", lambda row: row[2] - row[1].size, key="missing"),
 )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedLog:
-    """A log with what its checks found."""
+    """A log with the findings of its checks."""
 
     file: Path
     log: Log
@@ -69,15 +69,15 @@ class CheckedLog:
     def of(file: Path, log: Log, robot: Robot | None) -> CheckedLog:
         """Check a log that was read from a file, against a robot if it is given.
 
-        A log without x and y is checked as every command uses it: with those that the wheels give. Lean and torques of
-        one that lacks rates are checked with the rates of its angles.
+        A log without x and y is checked as every command uses it: with those computed from the wheels. If rates are
+        missing, lean and torques are checked with the derivatives of the angles.
         """
         if robot is None:
             return CheckedLog(file=file, log=log, findings=check(log))
         placed = _placed(log, robot)
         completed = _placed(with_rates(placed, robot), robot)
         computed = [name for name in completed.names if name not in log]
-        findings = [one for one in check(completed, robot=robot) if one.code != "use"]
+        findings = [finding for finding in check(completed, robot=robot) if finding.code != "use"]
         findings += check_uses(placed, wheel_count=robot.wheel_count)
         if computed:
             text = f"By angles and wheels: {', '.join(computed)}, which the file does not have."
@@ -100,25 +100,25 @@ class CheckedLog:
             "start": float(log.t[0]),
             "end": float(log.t[-1]),
             "sample_time": log.sample_time if len(log) > 1 else None,
-            "columns": [entries_of(one, COLUMNS) for one in summed_columns(log)],
+            "columns": [entries_of(row, COLUMNS) for row in summed_columns(log)],
             "findings": self.findings,
             "wheels": self.wheels,
         }
 
 
 def _placed(log: Log, robot: Robot) -> Log:
-    """Return the log with the ball's position by its wheels if it has none; as it is if it cannot have one."""
+    """Return the log with the ball's position from its wheels if it has none; unchanged if that is impossible."""
     try:
         return with_position(log, robot)
     except InputError:
-        return log  # the findings name what it lacks
+        return log  # the findings name the missing columns
 
 
 def _wheel_table(wheels: WheelAgreement) -> Sheet:
-    found = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
+    agreement = zip(wheels.order, wheels.signs, wheels.gains, wheels.correlations, strict=True)
     rows = [
         (str(wheel), str(own), f"{sign:+d}", f"{gain:.4f}", f"{correlation:.4f}")
-        for wheel, (own, sign, gain, correlation) in enumerate(found, start=1)
+        for wheel, (own, sign, gain, correlation) in enumerate(agreement, start=1)
     ]
     headings = ("robot's wheel", "log's wheel", "sign", "gain", "correlation")
     return Sheet(headings, rows, "Wheels, compared with the robot's kinematics.")
@@ -140,7 +140,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
         ],
         undecided=[
             *([] if robot else [robotless]),
-            *(one.text for one in findings if one.code in ("use", "physics")),
+            *(finding.text for finding in findings if finding.code in ("use", "physics")),
             "Errors that a robot of other masses, gains or friction would make as well.",
         ],
         findings=findings,
@@ -150,8 +150,8 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
 
 
 def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
-    errors = [one for one in findings if one.severity == "error"]
-    warnings = sum(one.severity == "warning" for one in findings)
+    errors = [finding for finding in findings if finding.severity == "error"]
+    warnings = sum(finding.severity == "warning" for finding in findings)
     if errors:
         others = len(errors) - 1
         more = f" {counted(others, 'more error')} {'is' if others == 1 else 'are'} listed below."
@@ -165,26 +165,26 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
 def proposal_report(
     evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
 ) -> Result:
-    """Return the page of a mapping proposed for foreign files, by the surest of them; `kept`: it has a file."""
+    """Return the page of the mapping proposed for foreign files, from the surest of them; `kept`: it was written."""
     file, proposal = evaluation.proposal.base.path, evaluation.proposal
     verdict = (
         evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    said = Verbatim("\n".join(answer_lines(evaluation)))
+    answers = Verbatim("\n".join(answer_lines(evaluation)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
-            section("What was found", said, _placement_table(proposal) if proposal.tested else None),
+            section("What was found", answers, _placement_table(proposal) if proposal.tested else None),
             section("The mapping file", Verbatim(evaluation.text)),
             section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
         ],
-        undecided=[f"{capital(one.text)}." for one in proposal.questions],
+        undecided=[f"{capital(question.text)}." for question in proposal.questions],
         findings=evaluation.findings,
         accepted=False,
         data={
-            "files": [_proposal_data(one) for one in evaluated],
+            "files": [_proposal_data(candidate) for candidate in evaluated],
             **({} if kept else {"mapping_file": evaluation.text}),
         },
     )
@@ -192,16 +192,16 @@ def proposal_report(
 
 def _placement_table(proposal: Proposal) -> Sheet:
     placements = proposal.tested.placements if proposal.tested else ()
-    least = min((one.misfit for one in placements), default=1.0)
+    least = min((placement.misfit for placement in placements), default=1.0)
     columns: list[Column[Placement]] = [
-        Column("wheel order", lambda one: one.description),
-        Column("phase [deg]", lambda one: f"{math.degrees(one.phase):.1f}"),
-        Column("gain", lambda one: f"{one.gain:.2f}"),
-        Column("lean unexplained [%]", lambda one: f"{100.0 * one.unexplained:.1f}"),
-        Column("wheels together [%]", lambda one: f"{100.0 * one.together:.1f}"),
-        Column("misfit", lambda one: f"{one.misfit / least:.1f}"),
+        Column("wheel order", lambda placement: placement.description),
+        Column("phase [deg]", lambda placement: f"{math.degrees(placement.phase):.1f}"),
+        Column("gain", lambda placement: f"{placement.gain:.2f}"),
+        Column("lean unexplained [%]", lambda placement: f"{100.0 * placement.unexplained:.1f}"),
+        Column("wheels together [%]", lambda placement: f"{100.0 * placement.together:.1f}"),
+        Column("misfit", lambda placement: f"{placement.misfit / least:.1f}"),
     ]
-    ordered = sorted(placements, key=lambda one: one.misfit)
+    ordered = sorted(placements, key=lambda placement: placement.misfit)
     return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 

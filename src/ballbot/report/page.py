@@ -1,11 +1,10 @@
-"""The one page of every command: a `Result` as HTML that opens from disk, needs no network, and prints.
+"""The page of every command: a `Result` as HTML that opens from disk, needs no network, and prints.
 
-The page has no address of anything else: scripts, styles and data are in it. Its Content-Security-Policy allows its own
-scripts by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or
-fetched.
+The page contains its scripts, styles and data and refers to nothing else. Its Content-Security-Policy allows only its
+own scripts, by their SHA-256: a script injected through a log's name does not run, and nothing is sent or fetched.
 
-`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot, which draws time series. uPlot has the MIT licence,
-whose text is beside it and in each page that contains it.
+`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot, which draws time series. uPlot has the MIT licence;
+its text is beside it and in each page that contains uPlot.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from markupsafe import Markup, escape
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.printable import printable
-from ballbot.report.blocks import PAGE, RESULTS, Film, Result
+from ballbot.report.blocks import PAGE, RESULTS, Animation, Result
 from ballbot.report.palette import themed
 from ballbot.report.series import TimeSeries
 from ballbot.report.words import RAISED, with_symbols
@@ -37,14 +36,14 @@ def render(result: Result, folder: Path) -> None:
 
 
 def page_of(report: Result) -> str:
-    """Return the page of what a command found, as HTML."""
+    """Return a result's page as HTML."""
     anchors = [_anchor(number, section.heading) for number, section in enumerate(report.present, 1)]
     contents = list(zip(anchors, (section.heading for section in report.present), strict=True))
     contents += [("undecided", "What the data cannot decide")]
     contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
-    contents += [("reproduce", "How to reproduce this")] if report.made else []
+    contents += [("reproduce", "How to reproduce this")] if report.provenance else []
     blocks = [block for section in report.present for block in section.blocks]
-    films = [block.part for block in blocks if isinstance(block, Film)][:1]
+    animations = [block.part for block in blocks if isinstance(block, Animation)][:1]
     charts = any(isinstance(block, TimeSeries) for block in blocks)
     environment = Environment(
         loader=PackageLoader("ballbot.report", "."),
@@ -60,8 +59,12 @@ def page_of(report: Result) -> str:
         "themed": lambda svg: Markup(themed(svg)),
         "words": _typeset,
     }
-    scripts = [_script(charts), *(film.script for film in films)]
-    styles = [_web("uPlot.min.css") if charts else "", _web("report.css"), *(film.style for film in films)]
+    scripts = [_script(charts), *(animation.script for animation in animations)]
+    styles = [
+        _web("uPlot.min.css") if charts else "",
+        _web("report.css"),
+        *(animation.style for animation in animations),
+    ]
     policy = (
         f"default-src 'none'; script-src {' '.join(map(hash_source, scripts))}; style-src 'unsafe-inline'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
@@ -80,7 +83,7 @@ def page_of(report: Result) -> str:
         ],
         accepted=report.accepted,
         findings=report.findings,
-        made=report.made,
+        provenance=report.provenance,
         policy=policy,
         style=Markup("".join(styles)),
         scripts=[Markup(script) for script in scripts],
@@ -88,13 +91,13 @@ def page_of(report: Result) -> str:
 
 
 def _anchor(number: int, heading: str) -> str:
-    """Return a section's name in addresses: its heading's letters, different for each section."""
+    """Return a section's anchor: the letters and digits of its heading, and its number."""
     words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
     return f"{words or 'section'}-{number}"
 
 
 def _printable_text(value: object) -> object:
-    """Return what a template puts into the page: text of others' making with nothing hidden in it."""
+    """Return a value for a template; a text has its invisible and control characters escaped."""
     return printable(value) if type(value) is str else value
 
 

@@ -19,10 +19,10 @@ YELLOW = "#a8901c"
 RED = "#b3372f"
 PALE = "#b4bfc8"
 AXIS = "#9aa5ae"
-#: of areas that are certain, and that may be
+#: of areas of recovery: up to the lower bound, and up to the upper bound
 LOWER, UPPER = "#7fa6cf", "#d8e3ef"
 
-#: the figures' colors, which a page draws in its theme's: what is not here stays as it is
+#: the figures' colors, for which a page takes those of its theme; others stay
 _THEMED = {
     INK: "ink",
     MUTED: "muted",

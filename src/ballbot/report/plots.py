@@ -1,4 +1,4 @@
-"""What was found by its class: the `Result` that `summary()` and `to_dict()` are of, and the figure of `plot()`."""
+"""For each class of results: the `Result` behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _DEADBEAT = 1e-6
 
 def log_figure(log: Log) -> Figure:
     """Return position, lean, heading, torques and wheel speeds over time, as far as the log has them."""
-    series = next((one for one in over_time(log, None) if isinstance(one, TimeSeries)), None)
+    series = next((block for block in over_time(log, None) if isinstance(block, TimeSeries)), None)
     if series is None:
         raise InputError("The log has no position, lean, heading, torques or wheel speeds to plot.")
     return series_figure(series)
@@ -56,9 +56,9 @@ def controller_figure(controller: Controller) -> Figure:
         return poles_figure(np.asarray(np.log(slow) / loop.sample_time, dtype=np.complex128))
 
 
-def upside_down_figure(found: UpsideDown) -> Figure:
+def upside_down_figure(fit: UpsideDown) -> Figure:
     """Return each wheel's friction over its speed."""
-    friction, n = found.robot.friction, found.robot.wheel_count
+    friction, n = fit.robot.friction, fit.robot.wheel_count
 
     def of_wheel(wheel: int, speed: NDArray[np.float64]) -> NDArray[np.float64]:
         return wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
@@ -68,11 +68,11 @@ def upside_down_figure(found: UpsideDown) -> Figure:
 
 
 def _verdict(title: str, verdict: Sequence[tuple[str, str]]) -> Result:
-    """Return what was found in sentences alone, whose page needs more."""
+    """Return a result of sentences only; its page needs more."""
     return Result(title=title, lead="", verdict=verdict, sections=(), undecided=())
 
 
-#: what was found, by the name of its class: its `summary()`, `repr` and `to_dict()` are those of its page
+#: makes the `Result`, by the name of the class: `summary()`, `repr` and `to_dict()` are those of its page
 RESULTS: Mapping[str, Callable[[Any], Result]] = {
     "League": league_report,
     "RobotLimits": lambda limits: _verdict(
@@ -83,7 +83,7 @@ RESULTS: Mapping[str, Callable[[Any], Result]] = {
     ),
     "Study": study_report,
 }
-#: what draws a value, by the name of its class
+#: draws the figure, by the name of the class
 FIGURES: Mapping[str, Callable[[Any], Figure]] = {
     "AxisIdentification": laws_figure,
     "Controller": controller_figure,

@@ -33,22 +33,28 @@ def prediction_report(
 ) -> Result:
     """Return the page of a verdict; `series` shows the run over time."""
     course, differences = prediction.course, verdict.differences
-    quantities = {one.name: to_results(one) | to_results(one.predicted) for one in verdict.quantities}
+    quantities = {
+        quantity.name: to_results(quantity) | to_results(quantity.predicted)
+        for quantity in verdict.quantities
+    }
     own = {"next_steps": steps, "course": course, "controller": prediction.controller}
     none = verdict.none
     columns: list[Column[QuantityResult]] = [
-        Column("quantity", lambda one: _name(one.name)),
-        Column("measured", lambda one: SHOWN[one.name].shown(one.value)),
-        Column("predicted", lambda one: SHOWN[one.name].shown(one.predicted.median)),
-        Column("95 % interval", lambda one: _interval(one.name, one.predicted)),
-        Column("verdict", _place),
-        Column("without compensation", lambda one: _interval(one.name, none[one.name]) if none else "falls"),
+        Column("quantity", lambda quantity: _name(quantity.name)),
+        Column("measured", lambda quantity: SHOWN[quantity.name].shown(quantity.value)),
+        Column("predicted", lambda quantity: SHOWN[quantity.name].shown(quantity.predicted.median)),
+        Column("95 % interval", lambda quantity: _interval(quantity.name, quantity.predicted)),
+        Column("verdict", _verdict),
+        Column(
+            "without compensation",
+            lambda quantity: _interval(quantity.name, none[quantity.name]) if none else "falls",
+        ),
     ]
     caption = (
         "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside their "
         "intervals, 87 % of the peak errors."
     )
-    table = sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda one: one.worse)
+    table = sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda quantity: quantity.worse)
     return Result(
         title=title,
         lead=(
@@ -120,11 +126,11 @@ def next_steps(
     return [*steps, "Run `ballbot study` again with this log among its logs."]
 
 
-def _place(one: QuantityResult) -> str:
-    if not np.isfinite(one.value):
+def _verdict(quantity: QuantityResult) -> str:
+    if not np.isfinite(quantity.value):
         return "outside (the run ended too early)"
-    return "inside" if one.place == "inside" else f"outside, {'worse' if one.worse else 'better'}"
+    return "inside" if quantity.place == "inside" else f"outside, {'worse' if quantity.worse else 'better'}"
 
 
-def _interval(name: str, one: PredictionInterval) -> str:
-    return interval(one.low, one.high, SHOWN[name].shown)
+def _interval(name: str, bounds: PredictionInterval) -> str:
+    return interval(bounds.low, bounds.high, SHOWN[name].shown)

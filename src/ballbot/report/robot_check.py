@@ -37,7 +37,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     errors, warnings = (
-        sum(one.severity == severity for one in checked.findings) for severity in ("error", "warning")
+        sum(finding.severity == severity for finding in checked.findings) for severity in ("error", "warning")
     )
     plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
@@ -98,8 +98,8 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         Sheet(
             ("quantity", "value", "unit"),
             [
-                (one.meaning, f"{one.value:.5g}", one.unit.removeprefix("1"))
-                for one in derived_quantities(checked.robot)
+                (quantity.meaning, f"{quantity.value:.5g}", quantity.unit.removeprefix("1"))
+                for quantity in derived_quantities(checked.robot)
             ],
         ),
         Verbatim(f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
@@ -117,7 +117,7 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
                 swing.found.rows(),
                 f"From {swing.found.fit.swing.source}.",
             ),
-            Bullets([one.text for one in (*swing.findings, *swing.found.notes())]),
+            Bullets([finding.text for finding in (*swing.findings, *swing.found.notes())]),
             swing_series(swing.found.fit),
         )
     if following := checked.following:

@@ -15,7 +15,17 @@ from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
-from ballbot.report.blocks import Block, Column, Film, Paragraph, Result, Sheet, entries_of, section, sheet_of
+from ballbot.report.blocks import (
+    Animation,
+    Block,
+    Column,
+    Paragraph,
+    Result,
+    Sheet,
+    entries_of,
+    section,
+    sheet_of,
+)
 from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.report.words import millimetres
 from ballbot.robot import Robot
@@ -113,14 +123,14 @@ def live_run_report(
     log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
 ) -> Result:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
-    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several in turn."]
+    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several alternately."]
     if not held:
         undecided.insert(
             0,
-            "Where the robot truly was: position and heading are those that it computes on board, and they drift.",
+            "The robot's true path: position and heading are computed on board, and they drift.",
         )
     if robot is None:
-        undecided.append("What is a wheel's share of its limit: the robot is not described (--robot).")
+        undecided.append("How close the torques come to the wheels' limit: give the robot's file (--robot).")
     return run_report(
         log,
         robot,
@@ -143,9 +153,9 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
             "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
         )
     columns: list[Column[Turn]] = [
-        Column("the robot was", lambda one: one.movement.words, key="movement"),
-        Column("attitude [deg]", lambda one: one.attitude, _in_degrees, key="attitude"),
-        Column("wheels [deg]", lambda one: one.wheels, _in_degrees, key="wheels"),
+        Column("the robot was", lambda turn: turn.movement.words, key="movement"),
+        Column("attitude [deg]", lambda turn: turn.attitude, _in_degrees, key="attitude"),
+        Column("wheels [deg]", lambda turn: turn.wheels, _in_degrees, key="wheels"),
     ]
     wrong = "" if check.passed else f" {check.findings[0].text}"
     caption = (
@@ -161,7 +171,7 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
         accepted=False,
         data={
             "passed": check.passed,
-            "turns": [entries_of(one, columns) for one in check.turns],
+            "turns": [entries_of(turn, columns) for turn in check.turns],
             "wheel_scales": check.wheel_scales,
             "findings": finding_results(check.findings),
         },
@@ -170,7 +180,7 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
 
 def _in_degrees(angles: NDArray[np.float64]) -> str:
     # zero is added to a rounded number so that it is never written as -0
-    return "  ".join(f"{one:.0f}" for one in np.round(np.degrees(angles)) + 0.0)
+    return "  ".join(f"{angle:.0f}" for angle in np.round(np.degrees(angles)) + 0.0)
 
 
 #: in the results of each run: the largest distance from the reference, and its root mean square [m]
@@ -180,18 +190,18 @@ _DISTANCES = ("peak_position_error_whole_run", "rms_position_error_whole_run")
 def recordings_report(
     job: RecordJob, runs: Mapping[str, Mapping[str, object]], findings: Sequence[Finding]
 ) -> Result:
-    """Return the page of runs of several seeds, from the results of each by the name of its folder."""
-    early = sum(one["ended"] is not None for one in runs.values())
+    """Return the page of runs with several seeds, from the results of each by the name of its folder."""
+    early = sum(run["ended"] is not None for run in runs.values())
     verdict = [("Runs", f"{len(runs)} runs of {job.duration:g} s; {early} ended early.")]
     distances = {
-        name: [cast("float", one.get(key, np.nan)) for key in _DISTANCES] for name, one in runs.items()
+        name: [cast("float", run.get(key, np.nan)) for key in _DISTANCES] for name, run in runs.items()
     }
     peaks = np.array([peak for peak, _ in distances.values()])
     if np.isfinite(peaks).any():
         low, middle, high = map(millimetres, np.nanquantile(peaks, [0.0, 0.5, 1.0]))
         text = f"From the reference, over the whole run: {low} to {high} mm, median {middle} mm."
         verdict.append(("Largest distance", text))
-    rows = [(name, *map(millimetres, distances[name]), str(one["ended"] or "")) for name, one in runs.items()]
+    rows = [(name, *map(millimetres, distances[name]), str(run["ended"] or "")) for name, run in runs.items()]
     caption = "The distance is that of the true position from the reference, over the whole run."
     headings = ("folder", "largest distance [mm]", "distance, RMS [mm]", "ended early")
     return Result(
@@ -217,7 +227,7 @@ def run_report(
     findings: Sequence[Finding] | None = None,
     data: Mapping[str, object] = MappingProxyType({}),
 ) -> Result:
-    """Return the page of a run; of a `held` robot, which does not balance, it has the time series only."""
+    """Return the page of a run; if the robot was `held` and did not balance, with the time series only."""
     return Result(
         title=title,
         lead=lead,
@@ -305,7 +315,9 @@ def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
 
 
 def _largest(columns: Sequence[NDArray[np.float64]]) -> float:
-    return max((float(np.nanmax(np.abs(one))) for one in columns if np.isfinite(one).any()), default=0.0)
+    return max(
+        (float(np.nanmax(np.abs(column))) for column in columns if np.isfinite(column).any()), default=0.0
+    )
 
 
 def _numbers(log: Log, robot: Robot | None) -> Sheet:
@@ -339,7 +351,7 @@ def _numbers(log: Log, robot: Robot | None) -> Sheet:
     return Sheet(("quantity", "value", ""), rows, caption)
 
 
-def _replay(log: Log, robot: Robot | None) -> Film | None:
+def _replay(log: Log, robot: Robot | None) -> Animation | None:
     """Return the run in three dimensions, if it can be shown."""
     if robot is None:
         return None
@@ -347,7 +359,7 @@ def _replay(log: Log, robot: Robot | None) -> Film | None:
         part = replay_part({"run": log}, robot)
     except InputError:  # a robot that is held, a log without angles, or one too long for a page
         return None
-    return Film(part, "The run. Drag to orbit; the plots' time cursor can be dragged, too.")
+    return Animation(part, "The run. Drag to orbit; the plots' time cursor can be dragged, too.")
 
 
 def _has_lean(log: Log) -> bool:

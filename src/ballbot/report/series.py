@@ -1,7 +1,7 @@
 """Time series of a page: panels over one time, which the reader zooms and reads without a network.
 
-The numbers stand in the page, packed as those of a replay; the drawing is `web/charts.js` on uPlot. A long series is
-shortened to the least and the greatest value of each piece, so that no peak is lost.
+The page holds the numbers, packed like those of a replay; `web/charts.js` draws them with uPlot. A long series is
+reduced to the smallest and the largest value of each piece, so that no peak is lost.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ballbot.viewer.packing import packed
 
 #: how a line is drawn, each with a color, a dash, a width and a marker of its own, distinct in grey
 Look = Literal["measured", "first", "second", "third", "fourth", "fifth", "sixth", "reference", "quiet"]
-#: looks of lines that are equal to one another, as wheels, in turn. A robot has up to four wheels; what stands with
-#: them in one figure has another look: "measured" for the main line of a panel, "fifth" and on for those beside it
+#: looks of lines of one kind, such as wheels, in order. A robot has up to four wheels; other lines of the same figure
+#: have other looks: "measured" for the main line of a panel, "fifth" and "sixth" for those beside it
 IN_TURN: tuple[Look, ...] = ("first", "second", "third", "fourth", "fifth", "sixth")
 
-#: most rows of a series in a page: four for each dot of a wide screen
+#: largest number of rows of a series in a page: four for each pixel of a wide screen
 _MOST_ROWS = 4000
 
 
@@ -46,7 +46,7 @@ class Panel:
     _: KW_ONLY
     levels: Sequence[float] = ()  #: limits, as lines across
     from_zero: bool = False  #: whether the axis begins at zero
-    ends: tuple[float, float] | None = None  #: of the axis, if lines may leave it
+    ends: tuple[float, float] | None = None  #: ends of the axis, if lines may leave it
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +99,8 @@ def _rows(
 ) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
     """Return which rows of the time and of each column are kept: all, or two of each piece.
 
-    The two are the least and the greatest value in the order in which they come; their times are those of the
-    piece's first and middle row, so that all columns share them.
+    The two are the smallest and the largest value, in their order in time; their times are those of the piece's first
+    and middle row, so that all columns share them.
     """
     count = len(t)
     size = 2 * -(-count // _MOST_ROWS)  # rows of a piece, which becomes two
@@ -124,7 +124,7 @@ def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) 
 
 def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
     """Return a line for each wheel."""
-    return [Line(f"wheel {k + 1}", one, IN_TURN[k % len(IN_TURN)]) for k, one in enumerate(columns)]
+    return [Line(f"wheel {k + 1}", column, IN_TURN[k % len(IN_TURN)]) for k, column in enumerate(columns)]
 
 
 def together(

@@ -109,7 +109,7 @@ def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeri
 def _data(
     spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
-    """Return what results.json holds of a video's ball."""
+    """Return what results.json holds."""
     view, errors, known = spin.view, spin.calibration.errors, spin.known
     return {
         "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),

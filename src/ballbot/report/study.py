@@ -16,10 +16,10 @@ from ballbot.file_formats import without_format
 from ballbot.files import LARGEST_SETTINGS, read_text
 from ballbot.findings import texts
 from ballbot.report.blocks import (
+    Animation,
     Block,
     Bullets,
     Column,
-    Film,
     Paragraph,
     Result,
     Section,
@@ -63,7 +63,7 @@ def summary(study: Study) -> list[tuple[str, str]]:
 
 
 def next_step(study: Study, path: Callable[[str], str]) -> str:
-    """Return what to do with a study's files, whose places `path` gives."""
+    """Return what to do with a study's files; `path` returns the path of a file."""
     robot = path("robot.toml")
     if study.choice.controller is None:
         return f"check masses, torque limit and delay of {robot}, or try `ballbot design {robot} --robust`."
@@ -102,7 +102,7 @@ def compensation_sentence(choice: ControllerChoice) -> str:
 
 
 def controller_sentence(choice: ControllerChoice) -> str:
-    """Return the chosen controller, its gain and its plants."""
+    """Return the chosen controller, its improvement and the number of simulated robots."""
     chosen, gain = choice.chosen, choice.gain
     robots = f"{len(choice.plants)} simulated robots"
     if chosen is None or gain is None:
@@ -118,9 +118,9 @@ def _falls_words(choice: ControllerChoice) -> str:
     runs = len(choice.plants)
     return every(
         [
-            f"{CANDIDATE_NAMES[name]} in {one.falls} of {runs}"
-            for name, one in choice.trials.items()
-            if one.falls
+            f"{CANDIDATE_NAMES[name]} in {trial.falls} of {runs}"
+            for name, trial in choice.trials.items()
+            if trial.falls
         ]
     )
 
@@ -136,9 +136,9 @@ def _reasons(study: Study) -> list[str]:
         "A candidate that falls on any robot is excluded; of those whose intervals overlap the best one's, the "
         "smoothest is chosen.",
     ]
-    if any(one.falls for one in choice.trials.values()):
+    if any(trial.falls for trial in choice.trials.values()):
         sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
-    if others := [CANDIDATE_NAMES[one] for one in choice.equals if one != choice.chosen]:
+    if others := [CANDIDATE_NAMES[name] for name in choice.equals if name != choice.chosen]:
         sentences.append(f"These count as equal: {', '.join(others)}.")
     if count < MIN_RUNS:
         sentences.append(f"{too_few(count)} how certain this choice is.")
@@ -173,38 +173,38 @@ def _reached(trial: Trial) -> str:
 
 
 def too_few(robots: int) -> str:
-    """Return that these are too few for an interval of 95 %."""
+    """Return the start of a sentence: so many robots are too few to show something."""
     return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to show"
 
 
 def interval_words(estimate: MedianEstimate) -> str:
-    """Return a median's interval in words; of fewer than six values the range, which is no 95 % interval."""
+    """Return a median's 95 % interval in words; with fewer than six values, their range."""
     bounds = interval(estimate.low, estimate.high)
     return f"95 % interval {bounds}" if estimate.runs >= MIN_RUNS else f"{bounds} in {estimate.runs} draws"
 
 
 def study_report(study: Study) -> Result:
     """Return the page of a study."""
-    found, choice, stiffness = study.found, study.choice, study.stiffness
+    fit, choice, stiffness = study.found, study.choice, study.stiffness
     controller = choice.controller or choice.trials["none"].controller
     limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
     findings = Bullets(model_findings(study.validation))
     first, *others = validation_sections(study.validation)
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
-        lead=f"{capital(logs_words({one.name: one.log for one in study.logs}))}.",
+        lead=f"{capital(logs_words({entry.name: entry.log for entry in study.logs}))}.",
         verdict=summary(study),
         sections=[
             section("The controllers", *_comparison_blocks(study)),
             details("Why this controller", Bullets(_reasons(study)), gain_sheet(controller.gain), limit),
             stiffness and _stiffness_section(stiffness),
             details("What the next log should show", *_prediction_blocks(study)),
-            details("Friction found", *parameter_blocks(found, [one.log for one in study.logs])),
+            details("Friction found", *parameter_blocks(fit, [entry.log for entry in study.logs])),
             replace(first, blocks=(findings, *first.blocks), folded=True),
-            *(replace(one, folded=True) for one in others),
+            *(replace(other, folded=True) for other in others),
         ],
         undecided=[
-            *texts(found.findings),
+            *texts(fit.findings),
             *undecided_by(study.validation),
             "This is a prediction until a log of the robot confirms it.",
         ],
@@ -231,9 +231,9 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
             study.found.robot,
             colors=("orange", "blue"),
         )
-    except InputError:  # a run that fell at once, or a course that is too long for a page
+    except InputError:  # a run that fell at once, or a course too long for a page
         return
-    yield Film(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")
+    yield Animation(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")
 
 
 def _prediction_blocks(study: Study) -> Iterator[Block]:
@@ -268,11 +268,13 @@ def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
 def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
     """Draw the peak error over the position gain, a line and a band for each variant."""
     figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
-    gains, across = np.array([one.position_gain for one in stiffness.gains]), axes.get_xaxis_transform()
+    gains, across = np.array([gain.position_gain for gain in stiffness.gains]), axes.get_xaxis_transform()
     for k, variant in enumerate(VARIANTS):
-        trials = [one.trials[variant] for one in stiffness.gains]
+        trials = [gain.trials[variant] for gain in stiffness.gains]
         peaks = [1e3 * trial.peaks[np.isfinite(trial.peaks)] for trial in trials]
-        quantiles = [np.quantile(one, (0.1, 0.5, 0.9)) if len(one) else [np.nan] * 3 for one in peaks]
+        quantiles = [
+            np.quantile(values, (0.1, 0.5, 0.9)) if len(values) else [np.nan] * 3 for values in peaks
+        ]
         low, middle, high = np.array(quantiles).T
         color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
         words = "full" if variant.compensation else "no", "" if variant.observer else "no "
@@ -292,7 +294,7 @@ def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
 
 
 def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
-    """Return how stiff the robot may be, and up to which stiffness compensation pays."""
+    """Return how stiff the gain may be, and up to which stiffness compensation pays."""
     plain, softest = VARIANTS[0], stiffness.gains[0]
     runs = len(softest.trials[plain].scores)
     if runs < MIN_RUNS:
@@ -331,16 +333,16 @@ def _paying(stiffness: FrictionByStiffness, observer: bool) -> str:
     )
 
 
-def _gain(one: Stiffness) -> str:
-    return f"{digits(one.position_gain, 2)} N m/m"
+def _gain(stiffness: Stiffness) -> str:
+    return f"{digits(stiffness.position_gain, 2)} N m/m"
 
 
 def study_results(study: Study) -> dict[str, object]:
     """Return what a study's results.json holds; the controller's kind is None if every candidate falls."""
     identification = study.found.to_dict()
     validation = study.validation.results() | {
-        "by_log": {one.name: part.results() for one, part in zip(study.logs, study.by_log, strict=True)},
-        "held_out": {one.name: one.held_out for one in study.logs},
+        "by_log": {entry.name: part.results() for entry, part in zip(study.logs, study.by_log, strict=True)},
+        "held_out": {entry.name: entry.held_out for entry in study.logs},
     }
     choice, chosen = study.choice, study.choice.controller
     return {
@@ -376,7 +378,7 @@ def study_results(study: Study) -> dict[str, object]:
 
 
 def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
-    """Return what is said of a controller's runs: columns of the table, and entries of results.json [m, N m]."""
+    """Return the columns on a controller's runs: of the table, and of results.json [m, N m]."""
     return (
         Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
         Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
@@ -402,13 +404,13 @@ def _trial(trial: Trial) -> dict[str, object]:
     return entries_of(("", trial), _trial_columns(trial))
 
 
-def _confirmation(made: Confirmation) -> dict[str, object]:
+def _confirmation(confirmation: Confirmation) -> dict[str, object]:
     return {
-        "course": made.course,
-        "contradiction": made.contradiction,
+        "course": confirmation.course,
+        "contradiction": confirmation.contradiction,
         **{
-            name: {"twin": _trial(twin), "loop": _trial(made.on_loop[name])}
-            for name, twin in made.on_twin.items()
+            name: {"twin": _trial(twin), "loop": _trial(confirmation.on_loop[name])}
+            for name, twin in confirmation.on_twin.items()
         },
     }
 
@@ -416,17 +418,17 @@ def _confirmation(made: Confirmation) -> dict[str, object]:
 def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
     gains = [
-        {"position_gain": one.position_gain, "sensitivity": one.sensitivity}
+        {"position_gain": gain.position_gain, "sensitivity": gain.sensitivity}
         | to_results(variant)
         | _trial(trial)
-        for one in stiffness.gains
-        for variant, trial in one.trials.items()
+        for gain in stiffness.gains
+        for variant, trial in gain.trials.items()
     ]
     verdicts = [
         {
             "observer": observer,
             "stiffest": stiffest and stiffest.position_gain,
-            "compensation_pays_over": [one.position_gain for one in stiffness.pays_over(observer=observer)],
+            "compensation_pays_over": [gain.position_gain for gain in stiffness.pays_over(observer=observer)],
         }
         for observer in (False, True)
         for stiffest in [stiffness.stiffest(Variant(compensation=False, observer=observer))]
@@ -476,5 +478,5 @@ def previous_controller_text(folder: Path, *, new: Controller | None, baseline: 
 def _text(path: Path) -> str | None:
     try:
         return read_text(path, largest=LARGEST_SETTINGS)
-    except InputError:  # not there, or no file of ours
+    except InputError:  # missing or unreadable
         return None

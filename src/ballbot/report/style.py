@@ -136,14 +136,16 @@ def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
 def _data_rows(figure: Figure) -> list[str]:
     """Return a row of panel, line, x and y for each point that a figure draws in the coordinates of its axes."""
     rows: list[str] = []
-    for place, axes in enumerate(figure.axes, start=1):
+    for number, axes in enumerate(figure.axes, start=1):
         lines: list[tuple[Artist, NDArray[np.float64]]] = [
-            (one, np.column_stack([one.get_xdata(), one.get_ydata()]).astype(np.float64))
-            for one in axes.lines
+            (line, np.column_stack([line.get_xdata(), line.get_ydata()]).astype(np.float64))
+            for line in axes.lines
         ]
-        for one in axes.collections:
-            lines += [(one, np.asarray(path.vertices, dtype=np.float64)) for path in one.get_paths()]
-        panel = _plain(axes.get_title(loc="left") or axes.get_title() or str(place))
+        for collection in axes.collections:
+            lines += [
+                (collection, np.asarray(path.vertices, dtype=np.float64)) for path in collection.get_paths()
+            ]
+        panel = _plain(axes.get_title(loc="left") or axes.get_title() or str(number))
         for count, (line, points) in enumerate(lines, start=1):
             if not line.get_transform().contains_branch(axes.transData):
                 continue
@@ -211,9 +213,10 @@ def _svg(figure: Figure) -> str:
 
 
 def label_of(name: str) -> str:
-    r"""Return a name of others' making, as of a log or a controller, as text of a figure.
+    r"""Return a user's name for a log or a controller as text of a figure.
 
-    As it is, `$\frac$` would stop the drawing, `_name` be left out of legends, and long names crowd the axes out.
+    Unchanged, `$\frac$` would stop the drawing, `_name` would be missing in legends, and a long name would squeeze the
+    axes.
     """
     shown = printable_line(name)
     if len(shown) > 40:
@@ -241,7 +244,7 @@ def state_panels(names: Sequence[str], lines: Sequence[Line]) -> list[Panel]:
     return [
         Panel(
             unit_heading(state_mark(name), STATE_UNITS[name]),
-            [replace(one, values=one.values[:, STATE_NAMES.index(name)]) for one in lines],
+            [replace(line, values=line.values[:, STATE_NAMES.index(name)]) for line in lines],
         )
         for name in names
     ]

@@ -1,4 +1,4 @@
-"""A validation's page, whose sections the page of a study has as well."""
+"""The page of a validation; the page of a study shows the same sections."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def validation_report(
     lead: str = "",
     by_log: Mapping[str, Validation] = MappingProxyType({}),
 ) -> Result:
-    """Return a validation's own page; results.json has each log's, too, if there are several."""
+    """Return the page of a validation; with several logs, results.json also has the validation of each."""
     verdict, *others = model_findings(validation)
     first, *rest = validation_sections(validation)
-    logs = {"by_log": {name: one.results() for name, one in by_log.items()}} if by_log else {}
+    logs = {"by_log": {name: part.results() for name, part in by_log.items()}} if by_log else {}
     return Result(
         title=title,
         lead=lead,
@@ -60,8 +60,8 @@ def validation_report(
 
 
 def model_findings(validation: Validation) -> list[str]:
-    """Return the findings without those on the residuals, which stand with their figure."""
-    return [with_symbols(one.text) for one in findings(validation) if one.code != "residuals"]
+    """Return the findings except those on the residuals, which stand with their figure."""
+    return [with_symbols(finding.text) for finding in findings(validation) if finding.code != "residuals"]
 
 
 def undecided_by(validation: Validation) -> list[str]:
@@ -76,7 +76,7 @@ def undecided_by(validation: Validation) -> list[str]:
 
 
 def validation_sections(validation: Validation) -> list[Section]:
-    """Return a section on each way of validating, all but the first folded."""
+    """Return a section for each way of validating, all but the first folded."""
     if validation.no_evidence is not None:
         return [section("Which model is better", Paragraph(validation.no_evidence))]
     parts = [(way.heading, list(_way_blocks(validation, way.key))) for way in WAYS]
@@ -84,11 +84,11 @@ def validation_sections(validation: Validation) -> list[Section]:
 
 
 def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
-    found, models = validation.comparisons.get(key), validation.models
-    if found is None:
+    comparison, models = validation.comparisons.get(key), validation.models
+    if comparison is None:
         yield Paragraph(f"Not possible. {validation.refused[key]}")
         return
-    for caption, shown in found.shown():
+    for caption, shown in comparison.shown():
         match shown:
             case ErrorPair():
                 yield error_sheet(models, shown, caption)
@@ -96,24 +96,24 @@ def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
                 yield _trajectories(models, shown, caption)
             case None:
                 yield Paragraph(caption)
-    if isinstance(found, Horizons):
+    if isinstance(comparison, Horizons):
         yield drawn_picture(
             "horizon",
             "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of "
             "the measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly "
             f"above one, the model {models.first.name} is better.",
             horizon_figure,
-            found,
+            comparison,
             models.names,
         )
-    if isinstance(found, Prediction):
-        yield from _residual_blocks(found, models)
+    if isinstance(comparison, Prediction):
+        yield from _residual_blocks(comparison, models)
 
 
-def _residual_blocks(found: Prediction, models: ModelPair) -> Iterator[Block]:
-    matrix, by_speed = found.correlations, found.by_speed
+def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Block]:
+    matrix, by_speed = prediction.correlations, prediction.by_speed
     yield Paragraph(f"ε: the measured next state less the one that the model {models.first.name} predicts.")
-    yield Bullets([with_symbols(one.text) for one in found.remarks()])
+    yield Bullets([with_symbols(finding.text) for finding in prediction.remarks()])
     caption = (
         "Correlation of residuals and torques. Framed cells are significant: the memory of both series counted, and "
         "the chance of any false frame 5 %."
@@ -127,11 +127,11 @@ def _residual_blocks(found: Prediction, models: ModelPair) -> Iterator[Block]:
 
 
 def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
-    """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with what they lack."""
+    """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with intervals and verdicts."""
     ends, verdicts, known = pair.ratio_interval().T, pair.verdicts(), pair.runs >= LEAST_RUNS
 
     def errors(scale: float, *values: tuple[Floats, Floats]) -> list[str]:
-        # no digits of what is only rounding
+        # below the rounding error digits mean nothing
         return ["≈ 0" if rmse[i] <= FINEST else digits(scale * value[i]) for value, rmse in values]
 
     rows = []
@@ -170,13 +170,13 @@ def _trajectories(models: ModelPair, shown: Trajectories, caption: str) -> TimeS
 def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     """Return the forecast's RMSE against how far it looks ahead, a panel for each state.
 
-    A filled dot is a horizon at which the first model is better by the whole interval, an empty one where it is not.
+    A dot is filled if the first model is significantly better at that horizon.
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
     errors = horizon.errors
     ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
-    # what is below any sensor's resolution is drawn at it
+    # errors below any sensor's resolution are drawn at that resolution
     first_model, second_model = np.maximum(errors.rmse, FINEST)
     for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
         first = first_model[:, index]
@@ -204,12 +204,12 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
 def correlation_figure(
     labels: Sequence[str], correlation: NDArray[np.float64], marked: NDArray[np.bool_] | None = None
 ) -> Figure:
-    """Return a correlation matrix as a map with its numbers; what correlates with nothing is left out.
+    """Return a correlation matrix as a map with its numbers, without rows that are NaN throughout.
 
-    Cells that are `marked`, the significant ones, have a frame.
+    Cells that are `marked` as significant have a frame.
     """
     known = np.flatnonzero(np.isfinite(correlation).any(axis=1))
-    inches = 5.6  # of all; a map of few cells is smaller
+    inches = 5.6  # of the whole matrix; a smaller one has a smaller map
     if 0 < len(known) < len(labels):
         inches = max(3.2, inches * len(known) / len(labels))
         labels, correlation = [labels[int(k)] for k in known], correlation[np.ix_(known, known)]
@@ -218,7 +218,7 @@ def correlation_figure(
     for (row, column), value in np.ndenumerate(correlation[::-1]):
         if not np.isfinite(value):
             continue
-        # the page shows through a color, so that a small number is pale in either theme
+        # colors are transparent, so that a small number is pale in either theme
         fill = to_rgba(ORANGE if value > 0.0 else BLUE, alpha=min(abs(value), 1.0))
         axes.add_patch(Rectangle((column, row), 1.0, 1.0, facecolor=fill, edgecolor="white", linewidth=0.6))
         if abs(value) >= 0.095:

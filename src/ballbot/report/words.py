@@ -1,4 +1,4 @@
-"""Numbers and names as people read them: digits, intervals, values with their errors, the symbols of states."""
+"""Phrases that pages share: how much is logged, symbols of states and parameters, lengths in millimetres."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
 
-#: of a robot whose friction is to be compensated
+#: said of a robot without friction if compensation is requested
 NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )
 
 
 def logs_words(logs: Mapping[str, Log]) -> str:
-    """Return how much is logged, and in which logs: "54 s in 2 logs (square, hold)"."""
+    """Return the length, number and names of logs: "54 s in 2 logs (square, hold)"."""
     seconds = sum(float(log.t[-1] - log.t[0]) for log in logs.values())
-    names = ", ".join(name for name in logs if name)  # one log of a program's memory has no name
+    names = ", ".join(name for name in logs if name)  # a single log in memory has no name
     count = "one log" if len(logs) == 1 else f"{len(logs)} logs"
     return f"{seconds:.0f} s in {count}{f' ({names})' if names else ''}"
 
 
 def driveline_symbols(names: Collection[str] = FRICTION) -> str:
-    """Return the meaning of a driveline's parameters, for the caption of a table that has these quantities."""
+    """Return the meanings of a driveline's parameters, for the caption of a table of these quantities."""
     meanings = ["b: viscous friction."]
     meanings += ["c: Coulomb friction."] if "coulomb" in names else []
     if "stribeck" in names:
@@ -47,7 +47,7 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def with_symbols(words: str) -> str:
-    """Return a sentence with the log's names of states (theta_dot, e_x) as the thesis's symbols."""
+    """Return a sentence with the names of states (theta_dot, e_x) replaced by the thesis's symbols."""
 
     def symbol(match: re.Match[str]) -> str:
         mark = state_mark(match["state"])

@@ -88,14 +88,14 @@ def check_deviations(robot: RobotValues) -> None:
         count = len(numbers_of(value))
         if isinstance(value, tuple) != isinstance(deviation, tuple) or len(numbers) != count:
             raise InputError(f"{name} has the standard deviation {deviation!r}; it needs {count} of them.")
-        for one in numbers:
-            if not isinstance(one, Real) or not one >= 0.0:
+        for number in numbers:
+            if not isinstance(number, Real) or not number >= 0.0:
                 raise InputError(
-                    f"{name} has the standard deviation {one!r}; it must be zero or more, or inf where it is unknown."
+                    f"{name} has the standard deviation {number!r}; it must be zero or more, or inf if unknown."
                 )
     unknown = {
-        label: numbers_of(value_of(robot, BY_NAME[name]))[place]
-        for label, name, place, size in deviation_labels(robot.standard_deviations)
+        label: numbers_of(value_of(robot, BY_NAME[name]))[index]
+        for label, name, index, size in deviation_labels(robot.standard_deviations)
         if math.isinf(size)
     }
     for label in {*unknown, *robot.intervals}:
@@ -176,7 +176,7 @@ def check_number(
     label: str,  # its name, with the place of the value in a list
     value: object,
 ) -> None:
-    """Raise InputError if a value is not a finite number, has the wrong sign or is larger than that of any robot."""
+    """Raise InputError if a value is not a finite number, has the wrong sign, or is larger than on any robot."""
     whole = parameter.shape == "whole number"
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         raise InputError(f"{label} is {value!r}; it must be a {'whole ' if whole else ''}number.")
@@ -198,21 +198,21 @@ def check_number(
 
 def check_parameters(record: object) -> None:
     """Raise InputError if a number of a class of parameters, or of the tables in it, is out of its bounds."""
-    for one in parameters_of(type(record)):
-        if one.shape not in ("text", "truth value"):
-            for value in _values_at(record, one.name):
-                check_number(one, one.name, value)
+    for parameter in parameters_of(type(record)):
+        if parameter.shape not in ("text", "truth value"):
+            for value in _values_at(record, parameter.name):
+                check_number(parameter, parameter.name, value)
 
 
 def _values_at(record: object, name: str) -> Iterator[object]:
     """Yield the numbers of a dotted name: nothing for a fault that is off, one or more for each push."""
     key, _, rest = name.partition(".")
     content = getattr(record, key)
-    for one in content if isinstance(content, tuple) else (content,):
+    for value in content if isinstance(content, tuple) else (content,):
         if not rest:
-            yield one
-        elif one is not None:
-            yield from _values_at(one, rest)
+            yield value
+        elif value is not None:
+            yield from _values_at(value, rest)
 
 
 def _meant(number: float, si_unit: str, largest: float) -> str:
@@ -266,7 +266,7 @@ def _check_wheels(wheels: Wheels) -> None:
                 "wheels must be at different places to give three independent torques."
             )
     if np.linalg.svd(axles(wheels.azimuths, wheels.tilt), compute_uv=False)[-1] < _WEAKEST_AXIS:
-        places = ", ".join(f"{math.degrees(one):.4g}" for one in wheels.azimuths)
+        places = ", ".join(f"{math.degrees(azimuth):.4g}" for azimuth in wheels.azimuths)
         # 0, 2.09 and 4.19 written as degrees
         radians = 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi
         hint = (
@@ -287,7 +287,7 @@ def _check_wheels(wheels: Wheels) -> None:
 
 def _check_law(robot: RobotValues) -> None:
     friction, law = robot.friction, robot.friction.own_law
-    names = tuple(one.name for one in law.own) if law else ()
+    names = tuple(parameter.name for parameter in law.own) if law else ()
     if tuple(name for name, _ in friction.own) != names:
         raise InputError(
             f"The friction law {friction.law} has the parameters {list(names)} in friction.own; the robot states "

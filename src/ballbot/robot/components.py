@@ -182,7 +182,7 @@ class Sensors:
 class Friction:
     """The friction of a robot's wheels and of its ball on the floor; `ballbot.mechanics.friction` has the law.
 
-    The tuples hold a value for each wheel. Those of the last three terms are empty where a robot lacks the term.
+    The tuples hold a value for each wheel. Those of the last three terms are empty if the robot lacks the term.
 
     Usual values: torques are those of motors of some N m. A v_s far below the speeds of a log, with a large s, is
     friction that hardly ever acts, and traps a search. Measured delta range from 0.5 to 2, and are much larger where a
@@ -243,8 +243,10 @@ class Friction:
         if law is None:
             return replace(self, law=CLASSICAL, own=())
         values = {
-            one.name: given.get(one.name, (one.default,) * count if one.each_wheel else one.default)
-            for one in law.own
+            parameter.name: given.get(
+                parameter.name, (parameter.default,) * count if parameter.each_wheel else parameter.default
+            )
+            for parameter in law.own
         }
         return replace(self, law=law.text, own=tuple(values.items()))
 
@@ -365,7 +367,7 @@ class RobotValues:
 #: every parameter of a robot, in the order of robot files, and by its dotted name
 PARAMETERS = parameters_of(RobotValues)
 #: those of registered friction laws too
-BY_NAME: Mapping[str, Parameter] = ChainMap(OWN_PARAMETERS, {one.name: one for one in PARAMETERS})
+BY_NAME: Mapping[str, Parameter] = ChainMap(OWN_PARAMETERS, {item.name: item for item in PARAMETERS})
 
 
 def parameters_of_robot(robot: RobotValues) -> tuple[Parameter, ...]:
@@ -378,9 +380,9 @@ def deviation_labels(deviations: Mapping[str, Value]) -> Iterator[tuple[str, str
     for name in BY_NAME:
         deviation = deviations.get(name, 0.0)
         listed = isinstance(deviation, tuple)
-        for place, one in enumerate(deviation if listed else (deviation,)):
-            if one > 0.0:
-                yield f"{name}[{place}]" if listed else name, name, place, float(one)
+        for index, size in enumerate(deviation if listed else (deviation,)):
+            if size > 0.0:
+                yield f"{name}[{index}]" if listed else name, name, index, float(size)
 
 
 def scaled_body(body: Body, *, mass: float, height: float) -> Body:
@@ -411,11 +413,15 @@ def scaled_friction(
     of_floor = factor if rolling_factor is None else rolling_factor
     assert not isinstance(of_floor, Sequence)
     law = friction.own_law
-    proportional = {one.name for one in law.own if one.is_proportional} if law else ()
+    proportional = {item.name for item in law.own if item.is_proportional} if law else ()
 
     def scaled(value: Value) -> Value:
         if isinstance(value, tuple):
-            return tuple(one * number for one, number in zip(factors, value, strict=True)) if value else value
+            return (
+                tuple(factor * number for factor, number in zip(factors, value, strict=True))
+                if value
+                else value
+            )
         return value * max(factors)
 
     names = ("viscous", "coulomb", "stribeck", "coulomb_asymmetry", "stribeck_asymmetry", "load")
@@ -423,5 +429,5 @@ def scaled_friction(
         friction,
         **{name: scaled(getattr(friction, name)) for name in names},
         rolling=of_floor * friction.rolling,
-        own=tuple((name, scaled(one) if name in proportional else one) for name, one in friction.own),
+        own=tuple((name, scaled(value) if name in proportional else value) for name, value in friction.own),
     )

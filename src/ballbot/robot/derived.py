@@ -11,12 +11,20 @@ from ballbot.robot.robot import Robot
 
 
 def thin_shell_inertia(*, mass: float, radius: float) -> float:
-    """Return the inertia [kg m^2] of a thin spherical shell about its centre, 2/3 m r^2."""
+    """Return the inertia [kg m^2] of a thin spherical shell about its centre, 2/3 m r^2.
+
+    >>> round(thin_shell_inertia(mass=3.0, radius=0.1), 12)
+    0.02
+    """
     return 2.0 / 3.0 * mass * radius**2
 
 
 def solid_sphere_inertia(*, mass: float, radius: float) -> float:
-    """Return the inertia [kg m^2] of a solid sphere about its centre, 2/5 m r^2."""
+    """Return the inertia [kg m^2] of a solid sphere about its centre, 2/5 m r^2.
+
+    >>> round(solid_sphere_inertia(mass=3.0, radius=0.1), 12)
+    0.012
+    """
     return 0.4 * mass * radius**2
 
 
@@ -36,7 +44,7 @@ class Derived:
 
 
 def derived_quantities(robot: Robot) -> list[Derived]:
-    """Return what `ballbot check` prints of a robot's parameters, in reading order."""
+    """Return the derived quantities that `ballbot check` prints, in reading order."""
     ball, body, drive, wheels = robot.ball, robot.body, robot.drive, robot.wheels
     central = np.diag(body.inertia_about_center_of_mass())
     pivot = np.diag(body.inertia_about_ball_center())

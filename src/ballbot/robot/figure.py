@@ -86,8 +86,8 @@ def _draw_side(axes: Axes, robot: Robot, reach: float) -> None:
         axes.annotate("", (x, start), (x, end), arrowprops={"arrowstyle": "<->", "color": _MEASURE})
         for level in (start, end):
             axes.plot([0.0, x], [level, level], color=_MEASURE, linewidth=0.5, linestyle=":", zorder=7.0)
-        place = (1.12 * x, 0.5 * (start + end))
-        axes.text(*place, text, color=_MEASURE, fontsize=8, rotation=90, ha="center", va="center")
+        position = (1.12 * x, 0.5 * (start + end))
+        axes.text(*position, text, color=_MEASURE, fontsize=8, rotation=90, ha="center", va="center")
 
 
 def _draw_top(axes: Axes, robot: Robot, reach: float) -> None:

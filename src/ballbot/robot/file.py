@@ -122,7 +122,7 @@ def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value
         raise InputError(f"{parameter.name} has the value {value!r}; it must be {wanted}.")
     try:
         if isinstance(value, list):
-            return tuple(to_si(float(one), unit, parameter.unit) for one in value)
+            return tuple(to_si(float(number), unit, parameter.unit) for number in value)
         converted = to_si(float(value), unit, parameter.unit)
     except InputError as error:
         raise InputError(f"{parameter.name}: {error}.") from None
@@ -191,7 +191,7 @@ def _identification_lines(robot: RobotValues) -> Iterator[str]:
     if correlation.of:
         yield "\n# Correlations of the errors of numbers identified together."
         yield from ("[correlation]\nof = [", *(f"    {toml_string(label)}," for label in correlation.of), "]")
-        rows = ([float(one) for one in row] for row in correlation.lower)
+        rows = ([float(number) for number in row] for row in correlation.lower)
         yield from ("lower = [", *(f"    {toml_value(row)}," for row in rows), "]")
 
 
@@ -213,10 +213,10 @@ def _written(values: Sequence[Value], parameter: Parameter) -> tuple[list[str], 
     """Return values as texts and their unit: the file's unit where all read back exactly, else SI."""
     if parameter.shape == "whole number":
         return [str(value) for value in values], parameter.unit
-    numbers = [[float(one) for one in numbers_of(value)] for value in values]
-    converted = [[from_si(one, parameter.written_in, parameter.unit) for one in row] for row in numbers]
+    numbers = [[float(number) for number in numbers_of(value)] for value in values]
+    converted = [[from_si(number, parameter.written_in, parameter.unit) for number in row] for row in numbers]
     exact = all(None not in row for row in converted)
-    texts = [[repr(one) for one in row] for row in (converted if exact else numbers)]
+    texts = [[repr(number) for number in row] for row in (converted if exact else numbers)]
     joined = [f"[{', '.join(row)}]" if parameter.shape == "list" else row[0] for row in texts]
     return joined, parameter.written_in if exact else parameter.unit
 
@@ -248,14 +248,14 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: 
     # a Python file's path is relative to the folder of the robot file
     file, _, law_name = _text(leaves, _LAW, default=CLASSICAL).rpartition(":")
     law = friction_law(f"{folder / file}:{law_name}" if file else law_name)
-    own = {one.stated.name: one for one in law.own} if law else {}
+    own = {law_parameter.stated.name: law_parameter for law_parameter in law.own} if law else {}
     for key in leaves:
         if key in OWN_PARAMETERS and key not in own:
             raise InputError(f"{key} is no parameter of the friction law {law.name if law else CLASSICAL}.")
     values: dict[str, Value] = {}
     sources: dict[str, str] = {}
     deviations: dict[str, Value] = {}
-    for parameter in (*PARAMETERS, *(one.stated for one in own.values())):
+    for parameter in (*PARAMETERS, *(law_parameter.stated for law_parameter in own.values())):
         key = parameter.name
         if key in leaves:
             values[key], sources[key], deviation = parse_entry(parameter, leaves[key])
@@ -268,7 +268,7 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: 
     return {
         **values,
         _LAW: law.text if law else CLASSICAL,
-        _OWN: tuple((one.name, values[name]) for name, one in own.items()),
+        _OWN: tuple((law_parameter.name, values[name]) for name, law_parameter in own.items()),
         "name": name,
         "body.inertia_about": about,
         "sources": sources,

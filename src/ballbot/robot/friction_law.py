@@ -63,7 +63,7 @@ class LawParameter:
 
     @property
     def is_proportional(self) -> bool:
-        """Whether friction that is twice as large has it twice as large."""
+        """Whether the parameter doubles if the friction doubles."""
         return self.unit.startswith("N m") if self.proportional is None else self.proportional
 
     @property
@@ -156,7 +156,7 @@ def register_friction_law(
     """
     name = name or size.__name__
     arguments = list(signature(size).parameters)
-    own = {one.name: one for one in parameters}
+    own = {parameter.name: parameter for parameter in parameters}
     takes = tuple(arguments[2:])
     if not name.isidentifier() or name == CLASSICAL:
         raise InputError(
@@ -169,11 +169,18 @@ def register_friction_law(
             f"{', '.join(own) or 'none'}; they must be speed, load and at most {MOST_PARAMETERS} parameters, each "
             f"described or one of {', '.join(SHARED)}."
         )
-    others = {one.name: (one, law.name) for law in _LAWS.values() if law.name != name for one in law.own}
-    for one in own.values():
-        other, of_law = others.get(one.name, (one, ""))
-        if other != one:
-            raise InputError(f"The law {of_law} has another parameter {one.name}; give it a name of its own.")
+    others = {
+        parameter.name: (parameter, law.name)
+        for law in _LAWS.values()
+        if law.name != name
+        for parameter in law.own
+    }
+    for parameter in own.values():
+        other, of_law = others.get(parameter.name, (parameter, ""))
+        if other != parameter:
+            raise InputError(
+                f"The law {of_law} has another parameter {parameter.name}; give it a name of its own."
+            )
     law = FrictionLaw(
         name=name,
         size=size,
@@ -185,7 +192,9 @@ def register_friction_law(
     _check_proportional(law)
     _LAWS[name] = law
     OWN_PARAMETERS.clear()
-    OWN_PARAMETERS.update({one.stated.name: one.stated for law in _LAWS.values() for one in law.own})
+    OWN_PARAMETERS.update(
+        {parameter.stated.name: parameter.stated for law in _LAWS.values() for parameter in law.own}
+    )
     return law
 
 
@@ -195,8 +204,8 @@ _TRIED = {"coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6, "stribeck_exp
 
 def _check_proportional(law: FrictionLaw) -> None:
     """Raise InputError unless a law takes arrays and doubles with its proportional parameters, which scale it."""
-    scaled = {one.name for one in law.own if one.is_proportional} | {"coulomb", "stribeck"}
-    values = _TRIED | {one.name: 0.5 * sum(one.usual) for one in law.own}
+    scaled = {parameter.name for parameter in law.own if parameter.is_proportional} | {"coulomb", "stribeck"}
+    values = _TRIED | {parameter.name: 0.5 * sum(parameter.usual) for parameter in law.own}
     speed, load = np.array([0.0, 0.01, 0.5, 3.0, 20.0]), np.array([0.0, 0.1, 0.5, 1.0, 0.2])
     try:
         once, twice = (
@@ -209,7 +218,7 @@ def _check_proportional(law: FrictionLaw) -> None:
             "`np.where` in place of `if`."
         ) from error
     if not np.allclose(twice, 2.0 * np.asarray(once), rtol=1e-9, atol=0.0):
-        together = ", ".join(one for one in law.takes if one in scaled)
+        together = ", ".join(parameter for parameter in law.takes if parameter in scaled)
         raise InputError(
             f"The friction law {law.name} is not proportional to {together} together; set `proportional` of its "
             "parameters."

@@ -86,10 +86,10 @@ def parameter(
     usual: tuple[float, float] = (-math.inf, math.inf),
 ) -> Any:  # as `dataclasses.field`
     """Return a field that is a `Parameter`, with that default."""
-    one = Parameter(meaning, unit, written_in=written_in, most=most, usual=usual)
+    stated = Parameter(meaning, unit, written_in=written_in, most=most, usual=usual)
     if least is not None:
-        one = replace(one, least=least, least_is_allowed=True)
-    return field(default=default, metadata={"parameter": one})
+        stated = replace(stated, least=least, least_is_allowed=True)
+    return field(default=default, metadata={"parameter": stated})
 
 
 def components(heading: str, parts: Mapping[str, Parameter]) -> Any:  # as `dataclasses.field`
@@ -119,21 +119,21 @@ def parameter_class(kind: type[T]) -> type[T]:
 def parameters_of(kind: type) -> tuple[Parameter, ...]:
     """Return the parameters of a dataclass and of the dataclasses in it, in the order of a file."""
     # TOML wants what stands in no table at the top
-    return tuple(sorted(_parameters(kind), key=lambda one: bool(one.table)))
+    return tuple(sorted(_parameters(kind), key=lambda item: bool(item.table)))
 
 
 @cache
 def headings_of(kind: type) -> dict[str, str]:
     """Return the heading of each table of a dataclass, by its dotted name and in the order of a robot file."""
-    return {name: one.metadata["heading"] for name, one, _ in _walk(kind) if "heading" in one.metadata}
+    return {name: item.metadata["heading"] for name, item, _ in _walk(kind) if "heading" in item.metadata}
 
 
-def value_of(record: object, one: Parameter) -> Value:
+def value_of(record: object, parameter: Parameter) -> Value:
     """Return a parameter's value in SI units, a tuple where there is one for each wheel."""
-    value = attrgetter(one.field)(record)
-    if isinstance(one.place, str):  # of pairs (name, value); () if no pair has that name
-        return dict(value).get(one.place, ())
-    return value if one.place is None else value[one.place]
+    value = attrgetter(parameter.field)(record)
+    if isinstance(parameter.place, str):  # of pairs (name, value); () if no pair has that name
+        return dict(value).get(parameter.place, ())
+    return value if parameter.place is None else value[parameter.place]
 
 
 def numbers_of(value: Value) -> tuple[float, ...]:
@@ -150,14 +150,14 @@ def build(
     """Return a dataclass of values by dotted names; a parameter without a value gets the field's default."""
     assert isinstance(kind, type)
     hints, arguments = _hints(kind), dict[str, object]()
-    for one in _fields(kind):
-        name = f"{place}{one.name}"
-        if "components" in one.metadata:
-            arguments[one.name] = tuple(values[f"{name}.{key}"] for key in one.metadata["components"])
-        elif is_dataclass(hints[one.name]):
-            arguments[one.name] = build(hints[one.name], values, place=f"{name}.")
+    for item in _fields(kind):
+        name = f"{place}{item.name}"
+        if "components" in item.metadata:
+            arguments[item.name] = tuple(values[f"{name}.{key}"] for key in item.metadata["components"])
+        elif is_dataclass(hints[item.name]):
+            arguments[item.name] = build(hints[item.name], values, place=f"{name}.")
         elif name in values:
-            arguments[one.name] = values[name]
+            arguments[item.name] = values[name]
     return kind(**arguments)
 
 
@@ -173,22 +173,22 @@ def _hints(kind: type) -> dict[str, Any]:
 
 def _walk(kind: type, place: str = "") -> Iterator[tuple[str, Field[object], Any]]:
     """Yield dotted name, field and type of each field of a dataclass and of its tables."""
-    for one in _fields(kind):
-        name, hint = f"{place}{one.name}", _hints(kind)[one.name]
-        yield name, one, hint
-        if "heading" in one.metadata and (below := _table_of(hint)):
+    for item in _fields(kind):
+        name, hint = f"{place}{item.name}", _hints(kind)[item.name]
+        yield name, item, hint
+        if "heading" in item.metadata and (below := _table_of(hint)):
             yield from _walk(below, f"{name}.")
 
 
 def _parameters(kind: type) -> Iterator[Parameter]:
-    for name, one, hint in _walk(kind):
-        if "components" in one.metadata:
-            for index, (key, part) in enumerate(one.metadata["components"].items()):
+    for name, item, hint in _walk(kind):
+        if "components" in item.metadata:
+            for index, (key, part) in enumerate(item.metadata["components"].items()):
                 yield replace(part, name=f"{name}.{key}", field=name, place=index)
-        elif "parameter" in one.metadata:
-            default = None if one.default is MISSING else one.default
+        elif "parameter" in item.metadata:
+            default = None if item.default is MISSING else item.default
             yield replace(
-                one.metadata["parameter"], name=name, field=name, shape=_shape(hint), default=default
+                item.metadata["parameter"], name=name, field=name, shape=_shape(hint), default=default
             )
 
 
@@ -204,8 +204,8 @@ def _table_of(hint: object) -> type | None:
     """Return the dataclass that a field holds, may hold or holds several of; None for a union of several."""
     if is_dataclass(hint) and isinstance(hint, type):
         return hint
-    found = [one for one in map(_table_of, get_args(hint)) if one]
-    return found[0] if len(found) == 1 else None
+    tables = [kind for kind in map(_table_of, get_args(hint)) if kind]
+    return tables[0] if len(tables) == 1 else None
 
 
 _DEGREE, _TURN_A_MINUTE = math.pi / 180.0, math.pi / 30.0
@@ -265,6 +265,6 @@ def _scale(unit: str, si_unit: str) -> tuple[int, float]:
     known = UNITS.get(si_unit, {si_unit: (0, 1.0)})
     spelled = unit.replace("²", "^2").replace("·", " ").replace("°", "deg").strip()
     if spelled not in known:
-        quoted = either(f'"{one}"' for one in known)
+        quoted = either(f'"{name}"' for name in known)
         raise InputError(f"the unit {unit!r} is not known here; write {quoted}")
     return known[spelled]

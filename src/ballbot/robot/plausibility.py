@@ -1,4 +1,4 @@
-"""Whether a robot's numbers go together: sizes, masses, inertias, motors and rates against one another.
+"""Check that a robot's numbers are plausible together: sizes, masses, inertias, motors and rates.
 
 `ballbot.robot.checks` refuses impossible robots. `robot_findings` finds improbable ones, each a finding: an error where
 a result would be meaningless (a body of 17 g with 4.37 kg m^2), a warning where the value is unusual. The ranges are
@@ -28,7 +28,7 @@ Range = tuple[float, float]
 
 
 class _Usual(NamedTuple):
-    """What a number that follows from a robot's parameters is on robots."""
+    """A number that follows from a robot's parameters, with its usual range."""
 
     code: str  #: of its findings
     names: str  #: of the parameters that the sentence shows, with blanks between
@@ -151,15 +151,17 @@ def _of_drive(robot: Robot) -> Iterator[_Usual]:
 
 def _single(robot: Robot) -> Iterator[_Usual]:
     """Yield each number that has usual values."""
-    for one in PARAMETERS:
-        value, (low, high), table = value_of(robot, one), one.usual, one.table.partition(".")[0]
+    for parameter in PARAMETERS:
+        value, (low, high) = value_of(robot, parameter), parameter.usual
+        table = parameter.table.partition(".")[0]
         if isinstance(value, tuple) or math.isinf(low):
             continue
-        if one.key.startswith("stribeck_") and not any(robot.friction.stribeck):
+        if parameter.key.startswith("stribeck_") and not any(robot.friction.stribeck):
             continue  # the speed and the exponent of a term that no wheel has
         possible = _ANY if table == "friction" else (low / _FAR if low > 0.0 else -math.inf, _FAR * high)
-        slip = f"was it meant in {one.written_in}?" if value > high and one.written_in != one.unit else ""
-        rest = one.name, value, one.usual, possible, slip
+        in_file_units = value > high and parameter.written_in != parameter.unit
+        slip = f"was it meant in {parameter.written_in}?" if in_file_units else ""
+        rest = parameter.name, value, parameter.usual, possible, slip
         if table:
             code = f"robot-{table}"
             yield _Usual("robot-sensors", *rest) if table == "sensors" else _Usual(code, *rest)
@@ -168,7 +170,7 @@ def _single(robot: Robot) -> Iterator[_Usual]:
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:
-    """Yield a finding for each number that is beyond what robots have."""
+    """Yield a finding for each number outside the usual range of robots."""
     for code, columns, value, (least, most), possible, meaning in (
         *_single(robot),
         *_of_body(robot),
@@ -181,8 +183,8 @@ def _of_table(robot: Robot) -> Iterator[Finding]:
         said = every(f"{name} {_with_unit(name, value_of(robot, BY_NAME[name]))}" for name in names)
         words = f": {meaning.format(f'{value:.3g}')}" if meaning else ""
         usual = f"{least:g} to {most:g}" if math.isfinite(most) else f"{least:g} or more"
-        found = warning if possible[0] <= value <= possible[1] else error
-        yield found(code, f"{said}{words} (usual: {usual}).", *names)
+        make = warning if possible[0] <= value <= possible[1] else error
+        yield make(code, f"{said}{words} (usual: {usual}).", *names)
 
 
 def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
@@ -191,16 +193,16 @@ def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
     Their place is `file`, for messages that are about files as well, and its columns name the parameters.
     """
     findings = _findings(robot)
-    errors = [one for one in findings if one.severity == "error"]
+    errors = [item for item in findings if item.severity == "error"]
     slip = _likeliest_slip(robot, errors) if errors else None
 
     def completed(finding: Finding) -> Finding:
         text = finding.text
         if finding.severity == "error":
-            mended = slip and all((one.code, one.where) != (finding.code, finding.where) for one in slip[1])
-            text += (
-                f" Did you mean {slip[0]}?" if slip and mended else f" Check {every(finding.where.columns)}."
-            )
+            hint = f" Check {every(finding.where.columns)}."
+            if slip and all((item.code, item.where) != (finding.code, finding.where) for item in slip[1]):
+                hint = f" Did you mean {slip[0]}?"
+            text += hint
         return replace(finding, text=text, where=replace(finding.where, file=file))
 
     return by_severity(map(completed, findings))
@@ -213,12 +215,12 @@ def _findings(robot: Robot) -> list[Finding]:
 def _exact_friction(robot: Robot) -> Iterator[Finding]:
     """Yield friction without a standard deviation: it counts as exact where it is compensated."""
     exact = [
-        one.name
-        for one in PARAMETERS
-        if one.table == "friction"
-        and np.any(value_of(robot, one))
-        and one.name not in robot.standard_deviations
-        and not (one.key.startswith("stribeck_") and not any(robot.friction.stribeck))
+        parameter.name
+        for parameter in PARAMETERS
+        if parameter.table == "friction"
+        and np.any(value_of(robot, parameter))
+        and parameter.name not in robot.standard_deviations
+        and not (parameter.key.startswith("stribeck_") and not any(robot.friction.stribeck))
     ]
     if exact:
         text = f"No standard deviation of {every(exact)} is stated: compensation takes each value as exact."
@@ -231,7 +233,8 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
         if name.startswith("friction.") or (name.startswith("body.inertia.") and name[-2] != name[-1]):
             continue
         values, deviations = (
-            np.atleast_1d(np.array(one, dtype=float)) for one in (value_of(robot, BY_NAME[name]), deviation)
+            np.atleast_1d(np.array(value_or_deviation, dtype=float))
+            for value_or_deviation in (value_of(robot, BY_NAME[name]), deviation)
         )
         # an azimuth of zero, say, is known by its own scale
         scale = np.where(BY_NAME[name].unit == "rad", np.maximum(np.abs(values), 1.0), np.abs(values))
@@ -245,7 +248,7 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
 
 
 #: rescaled together: a file with one of them in another unit has all of them in it
-_INERTIA = tuple(one.name for one in PARAMETERS if one.table == "body.inertia")
+_INERTIA = tuple(parameter.name for parameter in PARAMETERS if parameter.table == "body.inertia")
 
 
 def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> tuple[str, Sequence[Finding]] | None:
@@ -263,19 +266,19 @@ def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> tuple[str, Seque
             to_si(1.0, unit, parameter.unit) for unit in UNITS[parameter.unit] if unit != parameter.unit
         ]
         for scale in [scale for factor in factors for scale in (factor, 1.0 / factor)]:
-            changed = {one: value_of(robot, BY_NAME[one]) for one in together}
+            changed = {key: value_of(robot, BY_NAME[key]) for key in together}
             try:
                 meant = with_values(
                     robot,
                     {
-                        one: tuple(scale * k for k in value) if isinstance(value, tuple) else scale * value
-                        for one, value in changed.items()
+                        key: tuple(scale * k for k in value) if isinstance(value, tuple) else scale * value
+                        for key, value in changed.items()
                     },
                 )
             except InputError:
                 continue
             left = _findings(meant)
-            wrong = sum(one.severity == "error" for one in left)
+            wrong = sum(item.severity == "error" for item in left)
             if len(left) - wrong <= others and (wrong, len(left)) < fewest:
                 words = f"{name} {_with_unit(name, value_of(meant, parameter))}"
                 best, fewest = (words, left), (wrong, len(left))
@@ -287,7 +290,7 @@ def _with_unit(name: str, value: Value) -> str:
     unit, numbers = BY_NAME[name].unit, numbers_of(value)
 
     def text(factor: float, unit: str) -> str:
-        listed = ", ".join(f"{factor * one:.4g}" for one in numbers)
+        listed = ", ".join(f"{factor * number:.4g}" for number in numbers)
         return f"{f'[{listed}]' if isinstance(value, tuple) else listed}{unit}"
 
     if unit == "rad":

@@ -95,7 +95,7 @@ class Robot(RobotValues):
         if "friction.law" in numbers:
             law = str(numbers.pop("friction.law"))
             before = dataclasses.replace(self, friction=self.friction.with_law(law, dict(self.friction.own)))
-        changed = with_values(before, {name: _shaped(before, name, one) for name, one in numbers.items()})
+        changed = with_values(before, {name: _shaped(before, name, value) for name, value in numbers.items()})
         copy = Robot(
             name=self.name if name is None else name,
             ball=ball or changed.ball,
@@ -106,7 +106,11 @@ class Robot(RobotValues):
             friction=friction or changed.friction,
             gravity=changed.gravity if gravity is None else gravity,
         )
-        stays = {key for key, one in BY_NAME.items() if value_of(copy, one) == value_of(self, one)}
+        stays = {
+            key
+            for key, parameter in BY_NAME.items()
+            if value_of(copy, parameter) == value_of(self, parameter)
+        }
         return copy.annotated(
             sources={key: source for key, source in self.sources.items() if key in stays},
             standard_deviations={
@@ -135,6 +139,13 @@ class Robot(RobotValues):
         ------
         InputError
             If a name is not a parameter's, or a source or a standard deviation is invalid.
+
+        Examples
+        --------
+        >>> robot = Robot.load("alten")
+        >>> weighed = robot.annotated(sources={**robot.sources, "ball.mass": "measured: kitchen scale"})
+        >>> weighed.sources["ball.mass"]
+        'measured: kitchen scale'
         """
         deviations = self.standard_deviations if standard_deviations is None else standard_deviations
         sizes = {label: size for label, *_, size in deviation_labels(deviations)}
@@ -145,7 +156,9 @@ class Robot(RobotValues):
             sources=self.sources if sources is None else sources,
             standard_deviations=deviations,
             correlation=(self.correlation if correlation is None else correlation).among(known),
-            intervals={label: one for label, one in limits.items() if label in sizes and label not in known},
+            intervals={
+                label: interval for label, interval in limits.items() if label in sizes and label not in known
+            },
             identified_from=self.identified_from if identified_from is None else tuple(identified_from),
         )
 
@@ -157,6 +170,14 @@ class Robot(RobotValues):
         ------
         InputError
             If there is neither, or the file does not describe a robot.
+
+        Examples
+        --------
+        >>> Robot.load("alten").wheel_count
+        3
+        >>> Robot.load("altn")
+        Traceback (most recent call last):
+        ballbot.errors.InputError: There is no robot file or preset 'altn'; did you mean the preset 'alten'?
         """
         presets = Robot.presets()
         if source in presets:
@@ -191,18 +212,32 @@ class Robot(RobotValues):
         ------
         InputError
             If the file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> folder = tempfile.TemporaryDirectory()
+        >>> path = Path(folder.name) / "heavy.toml"
+        >>> heavy = Robot.load("alten").replace({"body.mass": 20.0}, name="heavy")
+        >>> heavy.write(path)
+        >>> Robot.load(path).body.mass
+        20.0
         """
         write_text(path, robot_text(self))
 
     @staticmethod
     def presets() -> list[str]:
-        """Return the names of the robots that ship with Ballbot."""
+        """Return the names of the robots that ship with Ballbot.
+
+        >>> Robot.presets()
+        ['alten', 'cmu', 'kugle', 'rezero', 'rob311']
+        """
         return sorted(path.stem for path in _PRESETS.glob("*.toml"))
 
     def summary(self) -> Summary:
         """Return the robot's main parameters, and where they came from."""
         kinds = Counter(source.partition(":")[0] for source in self.sources.values())
-        tables = dict.fromkeys(one.table for one in parameters_of_robot(self))
+        tables = dict.fromkeys(parameter.table for parameter in parameters_of_robot(self))
         sources = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
         stated = f"of {len(self.standard_deviations)} parameters" if self.standard_deviations else "none"
         return Summary(
@@ -224,10 +259,10 @@ def _stated(robot: Robot, table: str) -> str:
     if table == "friction" and robot.friction == Friction.none(robot.wheel_count):
         return "none"
     said = []
-    for one in parameters_of_robot(robot):
-        if one.table == table and (value := value_of(robot, one)) != ():
-            values = np.atleast_1d(value) / to_si(1.0, one.written_in, one.unit)
-            said.append(f"{one.key} {listed(values, one.written_in.removesuffix('1'), digits=4)}")
+    for parameter in parameters_of_robot(robot):
+        if parameter.table == table and (value := value_of(robot, parameter)) != ():
+            values = np.atleast_1d(value) / to_si(1.0, parameter.written_in, parameter.unit)
+            said.append(f"{parameter.key} {listed(values, parameter.written_in.removesuffix('1'), digits=4)}")
     if table == "body.inertia":
         centre = "ball's centre" if robot.body.inertia_about == "ball_center" else "centre of mass"
         said.append(f"about the {centre}")
@@ -244,6 +279,9 @@ def as_robot(source: RobotLike) -> Robot:
     """Return the robot itself, the preset of that name, or the robot in that file.
 
     InputError if it is none of these.
+
+    >>> as_robot("alten") == as_robot(Robot.load("alten"))
+    True
     """
     return source if isinstance(source, Robot) else Robot.load(source)
 
@@ -278,7 +316,7 @@ def with_values(robot: Robot, changes: Mapping[str, Value]) -> Robot:
 
     InputError if that is not a robot.
     """
-    values = {one.name: value_of(robot, one) for one in PARAMETERS} | dict(changes)
+    values = {parameter.name: value_of(robot, parameter) for parameter in PARAMETERS} | dict(changes)
     own = {name: values.pop(f"friction.own.{name}", value) for name, value in robot.friction.own}
     texts = {"name": robot.name, "body.inertia_about": robot.body.inertia_about, "sources": robot.sources}
     law = {"friction.law": robot.friction.law, "friction.own": tuple(own.items())}

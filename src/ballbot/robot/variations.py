@@ -1,4 +1,4 @@
-"""Robots near this one, drawn from its standard deviations.
+"""Draw robots near this one from its standard deviations, and propagate them to results.
 
 Errors of different parameters count as independent, but for those whose correlations the robot states. A number that
 was estimated without a standard error is drawn within the interval that the robot states, with the deviation of an even
@@ -24,9 +24,9 @@ from ballbot.robot.robot import Robot, with_values
 
 #: differences are taken over this fraction of a standard deviation
 STEP = 0.1
-#: draws that describe no robot, for each that does, before a robot's standard deviations are refused
+#: draws that describe no robot, for each that does, before the standard deviations are refused
 _MOST_REFUSALS = 20
-#: of v_s and delta, which are above zero, at the least
+#: smallest fraction of v_s and delta, which must stay above zero, that is drawn
 _LEAST_SHARE = 0.1
 
 
@@ -43,16 +43,16 @@ class Uncertain:
 def uncertain(robot: Robot) -> list[Uncertain]:
     """Return the numbers that have a standard deviation above zero, in the files' order."""
     even = {label: (most - least) / math.sqrt(12.0) for label, (least, most) in robot.intervals.items()}
-    found = [
+    numbers = [
         Uncertain(label=label, name=name, place=place, deviation=even.get(label, deviation))
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
     ]
-    return [one for one in found if one.deviation > 0.0]
+    return [number for number in numbers if number.deviation > 0.0]
 
 
 def correlations(robot: Robot) -> NDArray[np.float64]:
     """Return the correlation matrix (k, k) of the errors of the numbers of `uncertain`."""
-    labels = [one.label for one in uncertain(robot)]
+    labels = [number.label for number in uncertain(robot)]
     result = np.eye(len(labels))
     known = robot.correlation.among(labels)
     places = [labels.index(label) for label in known.of]
@@ -74,11 +74,15 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
 def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
 
-    Friction is drawn at its least value if it would be below: estimates of a term that is hardly there lie near zero,
-    and several such terms would leave hardly any draw. Other draws that describe no robot (a negative mass, an inertia
+    Friction is drawn at its least value if it would be below: estimates of a very small term lie near zero, and with
+    several such terms hardly any draw would be valid. Other draws that describe no robot (a negative mass, an inertia
     that no body has) are drawn again.
 
-    InputError if nearly all draws are such.
+    InputError if nearly all draws describe no robot.
+
+    >>> weighed = Robot.load("alten").annotated(standard_deviations={"body.mass": 0.1})
+    >>> len({robot.body.mass for robot in draw_robots(weighed, 3, seed=0)})
+    3
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
     mixing = _square_root(correlations(robot))
@@ -88,8 +92,8 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
             break
         errors = mixing @ random.standard_normal(len(numbers))  # N(0, 1), correlated as stated
         amounts = {
-            one: _within(robot, one, one.deviation * float(error))
-            for one, error in zip(numbers, errors, strict=True)
+            number: _within(robot, number, number.deviation * float(error))
+            for number, error in zip(numbers, errors, strict=True)
         }
         try:
             robots.append(shifted(robot, amounts))
@@ -103,15 +107,15 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     return robots
 
 
-def _within(robot: Robot, one: Uncertain, amount: float) -> float:
+def _within(robot: Robot, number: Uncertain, amount: float) -> float:
     """Return an amount of friction that leaves zero or more, and of v_s and delta a tenth; others as they are.
 
     A number with an interval stays within it.
     """
-    parameter = BY_NAME[one.name]
-    value = float(numbers_of(value_of(robot, parameter))[one.place])
-    if one.label in robot.intervals:
-        least, most = robot.intervals[one.label]
+    parameter = BY_NAME[number.name]
+    value = float(numbers_of(value_of(robot, parameter))[number.place])
+    if number.label in robot.intervals:
+        least, most = robot.intervals[number.label]
         return min(max(amount, least - value), most - value)
     if parameter.table != "friction" or parameter.least < 0.0:
         return amount
@@ -144,7 +148,7 @@ class Propagated:
         if whole == 0.0:
             return []
         fractions = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
-        return sorted(fractions.items(), key=lambda one: -one[1])[:count]
+        return sorted(fractions.items(), key=lambda item: -item[1])[:count]
 
 
 def propagate(
@@ -155,21 +159,26 @@ def propagate(
     """Carry a robot's standard deviations through to a result, linearly.
 
     InputError if no robot a tenth of a standard deviation away can exist, on either side.
+
+    >>> weighed = Robot.load("alten").annotated(standard_deviations={"body.mass": 0.1})
+    >>> doubled = propagate(weighed, lambda robot: np.array(2.0 * robot.body.mass))
+    >>> round(float(doubled.deviation), 9)
+    0.2
     """
     value = np.asarray(result_of(robot), dtype=np.float64)
     parts = {}
-    for one in uncertain(robot):
+    for number in uncertain(robot):
         ends, refusal = [], None
         for step in (STEP, -STEP):
             try:
-                ends.append((step, result_of(shifted(robot, {one: step * one.deviation}))))
+                ends.append((step, result_of(shifted(robot, {number: step * number.deviation}))))
             except InputError as error:
                 refusal = error
         if not ends:
-            raise InputError(f"{one.label} cannot vary by a tenth of its standard deviation: {refusal}")
-        # one end alone is a number at what no robot goes beyond, as friction of zero
+            raise InputError(f"{number.label} cannot vary by a tenth of its standard deviation: {refusal}")
+        # a number at its bound, such as friction of zero, can only be shifted to one side
         (ahead, high), (behind, low) = ends if refusal is None else (*ends, (0.0, value))
-        parts[one.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
+        parts[number.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
     stacked = np.array([*parts.values()]).reshape(len(parts), *value.shape)
     variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
     return Propagated(value=value, deviation=np.sqrt(np.maximum(variance, 0.0)), parts=parts)

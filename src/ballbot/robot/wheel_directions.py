@@ -1,4 +1,4 @@
-"""Where omni-wheels touch the ball and how they turn, body frame, whose origin is the ball's centre.
+"""Contact points, rolling directions and axles of the omni-wheels, body frame with its origin at the ball's centre.
 
 Wheel i touches the ball at azimuth beta_i and tilt alpha from the zenith:
 

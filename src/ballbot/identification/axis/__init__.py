@@ -1,4 +1,4 @@
-"""One axis with friction: a mass or inertia and its friction, identified from records of force and position."""
+"""Identify the mass or inertia and the friction of one axis from records of force and position."""
 
 from ballbot.identification.axis.identify import AxisIdentification, AxisOptions, identify_axis
 from ballbot.identification.axis.record import AxisColumns, AxisRecord, read_axis_record, record_of_rows

@@ -1,6 +1,6 @@
-"""Wrong records of one axis, stopped with their cause.
+"""Checks of the record of an axis before it is identified.
 
-Over a whole record the inverse model must estimate a mass and a dry friction above zero, and explain the force.
+Over the complete record, the inverse model must estimate a mass above zero and explain the force.
 """
 
 from __future__ import annotations
@@ -21,31 +21,28 @@ from ballbot.identification.axis.motion import (
 from ballbot.identification.axis.record import GAP, AxisRecord
 from ballbot.log.signals import longest_repeat
 
-#: codes of the errors that are found here, which `--accept` takes
+#: codes of errors, for `--accept`
 ERROR_CODES = ("force-sign", "force-unrelated", "scale", "speed-limit", "spike", "stuck")
-#: share of the force that the motion must explain
+#: least share of the force that the motion explains, without an error and without a warning
 _EXPLAINED, _WELL_EXPLAINED = 0.3, 0.8
-#: [s]; slower samplings of an axis are rather another unit of time
+#: [s]; a longer one is rather another unit of time
 _SLOWEST_SAMPLING = 0.2
-#: the speed counts as at its limit from this share of the largest (the 99 % quantile), if more than so many rows are;
-#: there the unexplained force varies by this share of the whole force, and by so many times its usual variation
+#: the speed is at its limit above this share of the 99 % quantile, if a larger share of the rows is; there the
+#: unexplained force varies by this share of the force, and by so many times its variation elsewhere
 _AT_LIMIT, _LIMIT_ROWS, _FREE_FORCE, _FREE_TIMES = 0.98, 0.1, 0.1, 3.0
-#: fewer rows show no usual variation
+#: least rows below the limit that show the variation there
 _LEAST_ROWS = 100
-#: a position that is repeated for this time [s] and over this many rows does not repeat by chance
+#: a position that repeats for this long [s] and over this many rows does not do so by chance
 _LONG, _ROWS = 0.2, 40
-#: after it, it jumps by so many of the largest other steps
+#: after it, the position jumps by so many of the largest other steps
 _JUMP = 3.0
 
 
 def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
-    """Return what is wrong with a record, errors first.
-
-    InputError if the record cannot give mass and friction.
-    """
+    """Return the findings on a record, errors first; InputError if it does not determine mass and friction."""
     findings = [*record.findings, *_of_rows(record), *_of_stuck(record)]
-    # a constant force is refused by the identification itself
-    if np.ptp(record.force) > 0.0 and all(one.severity != "error" for one in findings):
+    # the identification itself refuses a constant force
+    if np.ptp(record.force) > 0.0 and all(finding.severity != "error" for finding in findings):
         motion = motion_of(record)
         model = with_gravity([motion], AxisModel(law="coulomb", interpolated=not record.even))
         findings += list(_of_speed(motion)) or _of_motion(record, inverse_model([motion], model))
@@ -53,7 +50,7 @@ def record_findings(record: AxisRecord) -> tuple[Finding, ...]:
 
 
 def _of_rows(record: AxisRecord) -> Iterator[Finding]:
-    """Find rows that come too slowly, gaps, and single positions that leave the others' range by twice its width."""
+    """Find a long sample time, gaps, and single positions outside the range by twice its width."""
     h, position, unit = record.sample_time, record.position, record.unit
     if h > _SLOWEST_SAMPLING:
         text = (
@@ -83,7 +80,7 @@ def _of_rows(record: AxisRecord) -> Iterator[Finding]:
 
 
 def _of_stuck(record: AxisRecord) -> Iterator[Finding]:
-    """Find a position that repeats its value while the axis moves: it jumps after it, which one at rest does not."""
+    """Find a position that repeats its value while the axis moves, which shows in a jump after it."""
     position, t = record.position, record.t
     first, last = longest_repeat(position)
     if last == len(record) - 1 or last - first < _ROWS or t[last + 1] - t[first] < _LONG:
@@ -99,14 +96,14 @@ def _of_stuck(record: AxisRecord) -> Iterator[Finding]:
 
 
 def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
-    """Find a speed that stays at its limit while a force pushes on that the motion does not explain."""
+    """Find a speed that stays at its limit under a force that the motion does not explain."""
     speed, F = motion.lowpassed(motion.speed), motion.lowpassed(motion.record.force)
     at_limit = np.abs(speed) >= _AT_LIMIT * float(np.quantile(np.abs(speed), 0.99))
     share = float(at_limit.mean())
     if share <= _LIMIT_ROWS or (~at_limit).sum() < _LEAST_ROWS:
         return
     columns = (motion.acceleration, motion.speed, np.sign(motion.speed), motion.position, np.ones(len(speed)))
-    X = np.column_stack([motion.lowpassed(one) for one in columns])
+    X = np.column_stack([motion.lowpassed(column) for column in columns])
     values, *_ = np.linalg.lstsq(X[~at_limit], F[~at_limit], rcond=None)
     left = F - X @ values
     excess = (np.sign(speed) * left)[at_limit]
@@ -126,18 +123,18 @@ def _of_speed(motion: AxisMotion) -> Iterator[Finding]:
         yield error("speed-limit", text, "force", "position")
 
 
-def _of_motion(record: AxisRecord, found: InverseModel) -> Iterator[Finding]:
-    """Find a force that cannot be what moves the axis."""
-    mass, explained = found.values["mass"], 100.0 * max(found.explained, 0.0)
+def _of_motion(record: AxisRecord, inverse: InverseModel) -> Iterator[Finding]:
+    """Find a force that does not move the axis."""
+    mass, explained = inverse.values["mass"], 100.0 * max(inverse.explained, 0.0)
     size, share_up = np.abs(record.force), float(np.mean(np.diff(record.position) > 0.0))
     one_sign = min(np.quantile(record.force, 0.99), -np.quantile(record.force, 0.01)) < 0.02 * size.max()
     if one_sign and 0.2 < share_up < 0.8 and np.quantile(size, 0.01) < 0.05 * size.max():
         text = (
-            "The force comes down to zero and never changes its sign, though the axis moves to and fro: it is the "
+            "The force falls to zero and never changes its sign, though the axis moves back and forth: it is the "
             "magnitude of a force or current. Record it with its sign."
         )
         yield error("force-sign", text, "force")
-    elif found.explained < _EXPLAINED:
+    elif inverse.explained < _EXPLAINED:
         text = (
             f"The motion of the axis explains only {explained:.0f} % of the force: the force is another column, the "
             "reference of the position, noise or from another run, or something else moves the axis."
@@ -150,7 +147,7 @@ def _of_motion(record: AxisRecord, found: InverseModel) -> Iterator[Finding]:
             "hardly accelerates."
         )
         yield error("force-sign", text, "force", "position")
-    elif found.explained < _WELL_EXPLAINED:
+    elif inverse.explained < _WELL_EXPLAINED:
         text = (
             f"The motion of the axis explains {explained:.0f} % of the force; something else moves it as well, or the "
             "force is a demand that the driver or the supply limits."

@@ -1,19 +1,19 @@
 """Identification of one axis: a wheel, a motor, a joint or a slide.
 
-The experiment (`axis_experiment`) is output error: simulated positions less the recorded ones over windows of records.
-The recorded force moves the axis through each window. Position and speed at its start are states of the window, which a
-fit eliminates, so that a noisy start is no error of the friction. Their prior is the filtered record, with the position
-noise and `_START_SPEED` of the record's usual speed as standard deviations. Windows last `WINDOW`: over much shorter
-ones the noise of the start hides the friction, and the parameters follow what varies within a tenth of a second; over
-much longer ones a single moment of sticking decides about all that follows.
+The experiment (`axis_experiment`) minimises the output error: simulated less recorded positions over windows of the
+records, under the recorded force. Position and speed at the start of a window are its states, which the fit eliminates,
+so that noise there does not count as friction. Their prior is the filtered record, with the noise of the position and
+`_START_SPEED` of the record's usual speed as standard deviations. Windows last `WINDOW`: over much shorter ones the
+noise of the start hides the friction, and the parameters follow variations within a tenth of a second; over much longer
+ones a single moment of sticking determines all that follows.
 
 1. The inverse model (`motion`) gives start values.
-2. The experiment fits nested models, and each is kept that predicts held-out blocks of time better than the simpler
-   one: gravity, friction under load, and a law of friction, if its own parameters are determined.
-3. Intervals: the covariance clustered in time; and how far the parameters are, beyond chance, from those of the inverse
-   model and of each record by itself.
+2. Nested models are fitted: gravity, friction under load, and a friction law. Each is kept if it predicts held-out
+   blocks of time better than the simpler one and its own parameters are determined.
+3. Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to
+   each record by itself.
 
-An asymmetry is not selected: blocks of the same record share whatever made it, such as a temperature.
+Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
 
 from __future__ import annotations
@@ -52,30 +52,30 @@ from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: length of a window [s], shorter where records are so short that there would be fewer than `_LEAST_WINDOWS`
+#: length of a window [s]; shorter if the records would have fewer than `_LEAST_WINDOWS`
 WINDOW = 1.0
-#: with six parameters, the least that give a covariance from windows some meaning
+#: least windows for a covariance of six parameters
 _LEAST_WINDOWS = 9
-#: blocks of time are held out and drawn together; there are about as many
+#: number of blocks of time, which are held out and drawn together, and of folds
 _BLOCKS = 12
 _FOLDS = 3
-#: standard errors that a difference or an effect is beyond, where chance makes one in 1,000 cases
+#: an effect is clear beyond so many standard errors: by chance in one case of 1,000
 CLEAR = 3.3
-#: positions are compared this often [s]
+#: positions are compared at this interval [s]
 _COMPARED_EVERY = 0.01
-#: standard deviation of the start's speed, as a share of the usual one
+#: prior standard deviation of a start's speed, as a share of the usual speed
 _START_SPEED = 0.2
-#: steps of the finite differences by a start's position and speed, in their standard deviations
+#: finite differences of a start's position and speed, in standard deviations
 _START_STEPS = np.array([10.0, 0.05])
 
 
 def window_duration(motions: Sequence[AxisMotion]) -> float:
-    """Return the length of the windows of records [s]."""
-    return min(WINDOW, sum(one.record.duration for one in motions) / _LEAST_WINDOWS)
+    """Return the length of the windows [s]."""
+    return min(WINDOW, sum(motion.record.duration for motion in motions) / _LEAST_WINDOWS)
 
 
 def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> Residuals:
-    """Return the errors of a model's positions over windows of about a duration [s], end to end between gaps."""
+    """Return the experiment of a model on windows of about this duration [s], end to end between gaps."""
     windows = [
         (number, a, b - a)
         for number, motion in enumerate(motions)
@@ -91,7 +91,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         every = max(1, round(_COMPARED_EVERY / record.sample_time))
         compared.append(np.arange(min(every, rows), rows + 1, every))
         measured.append(record.position[a + compared[-1]])
-    # of a start's position and speed, the first at least of rounding
+    # standard deviations of a start's position (at least rounding) and speed
     deviations = [
         (max(motion.noise, 1e-9 * float(np.ptp(motion.record.position))), _START_SPEED * motion.usual_speed)
         for motion in motions
@@ -101,7 +101,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
     def errors(
         values: NDArray[np.float64], states: NDArray[np.float64], blocks: NDArray[np.int64]
     ) -> NDArray[np.float64]:
-        """Return simulated less recorded positions, starts moved by so many standard deviations."""
+        """Return simulated less recorded positions, from starts that differ by so many standard deviations."""
         named = dict(zip(model.names, values.tolist(), strict=True))
         axis, begin, positions = model.axis(named), start[blocks] + states * sizes[blocks], []
         for number, motion in enumerate(motions):
@@ -111,13 +111,13 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
             rows = first[blocks[own]], count[blocks[own]], begin[own]
             positions.append(axis.windows(force, record.sample_time, *rows)[:, 0])
         before = np.cumsum(count[blocks]) - count[blocks] - 1
-        rows = np.concatenate([compared[one] + row for one, row in zip(blocks, before, strict=True)])
-        return np.concatenate(positions)[rows] - np.concatenate([measured[one] for one in blocks])
+        rows = np.concatenate([compared[block] + row for block, row in zip(blocks, before, strict=True)])
+        return np.concatenate(positions)[rows] - np.concatenate([measured[block] for block in blocks])
 
     return Residuals(
         coordinates=ParameterSpace(parameters=_parameters(model, motions)),
         errors_of=errors,
-        block=np.repeat(np.arange(len(log)), [len(one) for one in measured]),
+        block=np.repeat(np.arange(len(log)), [len(rows) for rows in measured]),
         block_log=log,
         state_steps=_START_STEPS,
         state_weight=sizes[:, 0],
@@ -125,40 +125,43 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
 
 
 def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[Parameter, ...]:
-    """Return the parameters with the bounds that the records' largest force, speed and acceleration set."""
+    """Return the parameters, with bounds from the largest force, speed and acceleration in the records."""
     force, speed, acceleration = (
         max(float(np.abs(values).max()) for values in column)
-        for column in zip(*((one.record.force, one.speed, one.acceleration) for one in motions), strict=True)
+        for column in zip(*((m.record.force, m.speed, m.acceleration) for m in motions), strict=True)
     )
     sizes = {"kg": force / acceleration, "N s/m": force / speed, "N": force, "m/s": speed}
     scaled = [(PARAMETERS[name], sizes.get(PARAMETERS[name].unit, 1.0)) for name in model.names]
-    return tuple(replace(one, bounds=(size * one.bounds[0], size * one.bounds[1])) for one, size in scaled)
+    return tuple(
+        replace(parameter, bounds=(size * parameter.bounds[0], size * parameter.bounds[1]))
+        for parameter, size in scaled
+    )
 
 
 def _edges(first: int, last: int, length: float) -> list[int]:
-    """Return the rows from the first to the last that part windows of about a length."""
+    """Return the rows that divide first to last into windows of about this length."""
     count = max(1, round((last - first) / length))
     return list(dict.fromkeys(np.linspace(first, last, count + 1).astype(int).tolist()))
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisErrors:
-    """How well parameters predict a record."""
+    """Prediction errors on a record."""
 
-    window_rmse: float  #: of the position over windows from their best starts [m]
-    open_loop_rmse: float  #: of the position over the whole record, from its start [m]; NaN if it has gaps
+    window_rmse: float  #: of the position over windows, from their best starts [m]
+    open_loop_rmse: float  #: of the position over the complete record, from its start [m]; NaN with gaps
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisEstimate:
-    """A model's parameters, fitted to windows."""
+    """A model fitted to windows."""
 
     model: AxisModel
     motions: tuple[AxisMotion, ...]  #: of the records
     experiment: Residuals
     fit: Fit[BlockErrors]
     standard_errors: dict[str, float]  #: by name, clustered by window; NaN for a parameter at a bound
-    errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: those fitted, then others
+    errors: dict[str, AxisErrors] = field(default_factory=dict)  #: by record: first those fitted, then others
     gain: Gain | None = None  #: on held-out blocks over the simpler law
 
     @cached_property
@@ -173,17 +176,17 @@ class AxisEstimate:
 
     @cached_property
     def held_out(self) -> NDArray[np.float64]:
-        """The mean square errors [m^2] of windows (w,), by fits without the third of the blocks with them."""
+        """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
         end = self.fit.finished.end
         return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
-        """Return by how much less it errs on held-out blocks than a simpler model."""
+        """Return the gain on held-out blocks over a simpler model."""
         squares, others = self.held_out[:, None], simpler.held_out[:, None]
         return gain_between(squares, others, blocks_of(len(squares)))
 
     def is_clear(self, name: str) -> bool:
-        """Return whether a parameter is beyond chance."""
+        """Return whether a parameter differs from zero beyond chance."""
         return abs(self.values[name]) > CLEAR * self.standard_errors[name]
 
     @property
@@ -192,16 +195,16 @@ class AxisEstimate:
         return {name: self.fit.quantile * error for name, error in self.standard_errors.items()}
 
     def axis(self) -> Axis:
-        """Return the axis."""
+        """Return the axis with the estimated parameters."""
         return self.model.axis(self.values)
 
     def on(self, motion: AxisMotion, duration: float) -> AxisErrors:
-        """Return how well it predicts a record over windows of a duration [s], and whole."""
-        windows, whole = axis_experiment(self.model, [motion], duration), np.nan
+        """Return the prediction errors on a record, over windows of a duration [s] and over all of it."""
+        windows, open_loop = axis_experiment(self.model, [motion], duration), np.nan
         end = windows.begin(windows.coordinates.scaled(self.fit.values))
         if len(motion.record.parts) == 1:
-            whole = float(np.sqrt(np.mean(open_loop_error(self.axis(), motion.record) ** 2)))
-        return AxisErrors(window_rmse=float(np.sqrt(np.mean(end.errors**2))), open_loop_rmse=whole)
+            open_loop = float(np.sqrt(np.mean(open_loop_error(self.axis(), motion.record) ** 2)))
+        return AxisErrors(window_rmse=float(np.sqrt(np.mean(end.errors**2))), open_loop_rmse=open_loop)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -217,52 +220,52 @@ class AxisEstimate:
 
 
 def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
-    """Return the error [m] of the position (N - 1,) after each row, moved by the force from the first row on."""
+    """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
     rows = np.array([0]), np.array([len(record) - 1])
     return axis.windows(record.force, record.sample_time, *rows, start)[:, 0] - record.position[1:]
 
 
 def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> AxisEstimate:
-    """Fit a model from parameters by name.
-
-    InputError if the simulation diverges there.
-    """
+    """Fit a model, starting from parameters by name; InputError if the simulation diverges there."""
     experiment = axis_experiment(model, motions, window_duration(motions))
     point = experiment.coordinates.scaled(np.array([start[name] for name in model.names]))
     if not np.isfinite(experiment.costs(point[None])).all():
         raise InputError(
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
-    found = fit(experiment, point)
-    errors = dict(zip(model.names, found.errors.tolist(), strict=True))
+    result = fit(experiment, point)
+    errors = dict(zip(model.names, result.errors.tolist(), strict=True))
     return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=found, standard_errors=errors
+        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
     )
 
 
 def blocks_of(windows: int) -> list[NDArray[np.int64]]:
-    """Return the windows of each block of time: neighbours, which are held out and drawn together."""
+    """Return the windows of each block of time, neighbours that are held out and drawn together."""
     size = max(1, min(block_length(windows), windows // _BLOCKS))
     return neighbours(range(windows), block=size)
 
 
-#: a force or a law that lowers the error on held-out blocks by less than this share is not worth its parameters
+#: least gain on held-out blocks for which a force or a law is kept
 USEFUL_GAIN = 0.02
-#: Stribeck speeds that a fit begins at, over the fastest speed, and shares of the load
+#: start values: Stribeck speeds over the fastest speed, and the friction share of the load
 _STRIBECK_STARTS, _LOAD_START = (0.03, 0.15), 0.05
-#: a break-away force fades if its speed is below this share of the fastest; it represents another curve otherwise
+#: largest Stribeck speed over the fastest speed; above it, the law fits another curve than a fading break-away force
 _FADES = 0.5
-#: least share of the residual force's variance that a dependence explains, and the largest p-value of it
+#: least share of the residual force's variance that a reported dependence explains, and its largest p-value
 _LEAST_SHARE, _LARGEST_CHANCE = 0.05, 1e-3
 _DRAWS, _SEED = 2000, 0
 
 
 @dataclass(frozen=True, kw_only=True)
 class AxisOptions:
-    """How an axis is identified; what is None is selected by errors on held-out blocks.
+    """Options of `identify_axis`; those that are None are selected by errors on held-out blocks.
 
     InputError if there is no such law.
+
+    >>> AxisOptions(law="stribeck", gravity=False).load_friction is None
+    True
     """
 
     law: str | None = None
@@ -287,14 +290,14 @@ _NOTHING: Mapping[str, float] = MappingProxyType({})
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisIdentification:
-    """An axis, identified."""
+    """Result of `identify_axis`."""
 
-    records: tuple[str, ...]  #: that were fitted
+    records: tuple[str, ...]  #: names of the fitted records
     unit: str  #: of positions: "m" or "rad"
-    forces: dict[str, Gain]  #: gravity and load that were selected, with their gains
+    forces: dict[str, Gain]  #: gains of gravity and load, if they were selected
     window: float  #: length of the windows [s]
     law: str  #: that was selected or requested
-    #: the laws that were fitted: all, or the requested one and a simpler one; errors of `law` include what it may lack
+    #: the fitted laws: all, or the requested and a simpler one; the errors of `law` include differences between methods
     by_law: dict[str, AxisEstimate]
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
@@ -305,13 +308,13 @@ class AxisIdentification:
         return self.by_law[self.law]
 
     def summary(self) -> Summary:
-        """Return the law's parameters with their standard errors, the error to expect elsewhere, and findings."""
+        """Return the parameters with standard errors, the expected error on other records, and findings."""
         best, unit = self.best, f"m{self.unit}"
         rows = [
             (name, estimated(value, best.standard_errors[name], unit_for(PARAMETERS[name], self.unit)))
             for name, value in best.values.items()
         ]
-        error, low, high = (1e3 * one for one in self.expected)
+        error, low, high = (1e3 * value for value in self.expected)
         words = (
             f"{error:.3g} {unit} RMS over {self.window:.3g} s, 95 % interval {low:.3g} to {high:.3g} {unit}"
         )
@@ -322,7 +325,7 @@ class AxisIdentification:
         )
 
     def plot(self) -> Figure:
-        """Return a figure of what each law gains on held-out blocks over the simpler law."""
+        """Return a figure of the gain of each law on held-out blocks over the simpler law."""
         return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
@@ -336,7 +339,7 @@ class AxisIdentification:
             "window": self.window,
             "parameters": self.best.values,
             "standard_errors": self.best.standard_errors,
-            "laws": {name: one.to_dict() for name, one in self.by_law.items()},
+            "laws": {name: estimate.to_dict() for name, estimate in self.by_law.items()},
             "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
             "findings": finding_results(self.findings),
         }
@@ -360,19 +363,32 @@ def identify_axis(
         Several are fitted together.
     options : AxisOptions, optional
     known : mapping of str to float, optional
-        Parameters that are not estimated, by name.
+        Values of parameters that are not estimated, by name.
     validation_records : sequence of AxisRecord
-        Other records of the axis, which every estimate predicts and none is fitted to.
+        Other records of the axis, which are predicted and not fitted.
     run : Run, optional
-        Who watches the progress. Its seed is not used.
+        Its progress callback is used, its seed is not.
+
+    Examples
+    --------
+    >>> from ballbot.identification.axis import record_of_rows
+    >>> from ballbot.identification.axis.model import Axis
+    >>> t = 0.002 * np.arange(6000)
+    >>> force = 60.0 * np.sin(4.0 * t) + 30.0 * np.sin(1.7 * t)  # [N]
+    >>> slide = Axis(values={"mass": 5.0, "viscous": 8.0, "coulomb": 10.0})
+    >>> position = slide.windows(force, 0.002, np.array([0]), np.array([5999]), np.zeros((1, 2)))[:, 0]
+    >>> record = record_of_rows("slide", t, force, np.append(0.0, position))
+    >>> axis = identify_axis(record, options=AxisOptions(law="coulomb"))
+    >>> round(axis.best.values["mass"], 2), round(axis.best.values["coulomb"], 1)  # [kg], [N]
+    (5.0, 10.0)
     """
     records = (record,) if isinstance(record, AxisRecord) else tuple(record)
     _check(records, validation_records, options)
     run.progress(Progress(stage="forces"))
-    motions, others = ([motion_of(one) for one in several] for several in (records, validation_records))
+    motions, others = [motion_of(r) for r in records], [motion_of(r) for r in validation_records]
     coulomb, forces = _with_forces(motions, options, known)
     law, duration = options.law, window_duration(motions)
-    # a law that is requested is fitted beside the simpler one
+    # a requested law is fitted beside the simpler one
     wanted = [name for name in LAWS if law is None or name in (law, LAWS[law][1] or "coulomb")]
     fits = dict[str, AxisEstimate]()
     for number, name in enumerate(wanted):
@@ -393,10 +409,10 @@ def identify_axis(
         *_undetermined(best),
         *_delayed(fits[chosen]),
         *_residual_findings(best),
-        *_elsewhere(best, expected, [one.name for one in validation_records]),
+        *_elsewhere(best, expected, [other.name for other in validation_records]),
     )
     return AxisIdentification(
-        records=tuple(one.name for one in records),
+        records=tuple(fitted.name for fitted in records),
         unit=records[0].unit,
         forces=forces,
         window=duration,
@@ -410,28 +426,28 @@ def identify_axis(
 def _check(
     records: Sequence[AxisRecord], validation_records: Sequence[AxisRecord], options: AxisOptions
 ) -> None:
-    names = [one.name for one in (*records, *validation_records)]
+    names = [record.name for record in (*records, *validation_records)]
     if options.gravity and records[0].unit == "m":
         raise InputError(
-            "An axis that slides has no gravity over its position (--gravity), but in its offset."
+            "Gravity on a sliding axis does not vary with its position (--gravity); it is part of the offset."
         )
     if len(set(names)) < len(names):
         raise InputError(
             f"Two of the records have the same name ({', '.join(names)}); give each its own name."
         )
-    for one in records:
-        if np.ptp(one.force) == 0.0:
+    for record in records:
+        if np.ptp(record.force) == 0.0:
             raise InputError(
-                f"{one.name}: the force is {one.force[0] + 0.0:g} {one.force_unit} throughout, so nothing can be "
-                "identified; check its column and its scale."
+                f"{record.name}: the force is {record.force[0] + 0.0:g} {record.force_unit} throughout, so nothing can "
+                "be identified; check its column and its scale."
             )
 
 
 def _with_forces(
     motions: Sequence[AxisMotion], options: AxisOptions, known: Mapping[str, float]
 ) -> tuple[AxisEstimate, dict[str, Gain]]:
-    """Return the fit of the law `coulomb` with gravity and load as requested or selected, and the gains of these."""
-    # rows at uneven times are not those of the loop that holds the force
+    """Return the fit of the law `coulomb`, with gravity and load as requested or selected, and their gains."""
+    # uneven rows are not the samples over which a controller holds the force
     uneven = not all(motion.record.even for motion in motions)
     asked = {"gravity": options.gravity, "load": options.load_friction}
     forces = tuple(name for name, wanted in asked.items() if wanted)
@@ -448,7 +464,7 @@ def _with_forces(
     fit = fit_axis(wider, motions, start)
 
     def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
-        """Return the fit with a force if held-out blocks support it, and note its gain; else the one without."""
+        """Return the fit with a force if held-out blocks support it, and store its gain; else the one without."""
         gain = fit.gain_over(without)
         if not (_useful(gain) and any(map(fit.is_clear, FORCES[name]))):
             return without
@@ -462,7 +478,7 @@ def _with_forces(
         wider = replace(fit.model, forces=(*fit.model.forces, "load"))
         fit = if_useful("load", fit_axis(wider, motions, {**fit.values, "load": _LOAD_START}), fit)
     if not uneven:
-        # a log that is slower than its loop contains some of its rows; the force changes between them
+        # a log slower than its control loop misses changes of the force between rows
         other = fit_axis(replace(fit.model, interpolated=True), motions, fit.values)
         fit = other if other.rms < (1.0 - USEFUL_GAIN) * fit.rms else fit
     return fit, gains
@@ -473,7 +489,7 @@ def _useful(gain: Gain | None) -> bool:
 
 
 def _fit_law(law: str, coulomb: AxisEstimate) -> AxisEstimate:
-    """Fit a law with the forces of a fit of the law `coulomb`, and from its values."""
+    """Fit a law with the forces of a fit of the law `coulomb`, starting from its values."""
     fastest = max(float(np.abs(motion.speed).max()) for motion in coulomb.motions)
     begin = {**coulomb.values, "asymmetry": 0.0, "stribeck": 0.2 * coulomb.values["coulomb"]}
     # a Stribeck speed has several minima
@@ -492,12 +508,12 @@ def _selected(fits: Mapping[str, AxisEstimate]) -> str:
     )
     if _useful(stribeck.gain) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
         return "stribeck"
-    # noise of the position may be most of the error, and hide a friction that is known to a few percent
+    # noise of the position may dominate the error, and hide friction that is known to a few percent
     return "coulomb" if _useful(coulomb.gain) or coulomb.is_clear("coulomb") else "viscous"
 
 
 def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
-    """Return the fit with intervals that contain what differs between records and methods, and a finding on that."""
+    """Return the fit with errors that include differences between records and methods, and a finding on these."""
     inverse, motions = inverse_model(fit.motions, fit.model), fit.motions
     others = {"by the inverse model": (inverse.values, inverse.errors)}
     for number, motion in enumerate(motions if len(motions) > 1 else (), start=1):
@@ -505,7 +521,7 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
         others[f"in record {number}"] = alone.values, alone.standard_errors
     errors, words = dict(fit.standard_errors), []
     for name, own in fit.standard_errors.items():
-        # what exceeds chance, squared; a parameter at a bound has no interval
+        # squared differences beyond chance; a parameter at a bound has no interval
         beyond = [
             ((fit.values[name] - values[name]) ** 2 - theirs[name] ** 2 - np.nan_to_num(own) ** 2, cause)
             for cause, (values, theirs) in others.items()
@@ -517,32 +533,32 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
         if most > CLEAR * own:
             words.append(f"{PARAMETERS[name].symbol} by {most:.2g} {cause}")
     text = (
-        "The model may lack something: parameters differ by more than chance between records or methods "
-        f"({'; '.join(words)}). The 95 % intervals include that."
+        "The model may lack an effect: parameters differ by more than chance between records or methods "
+        f"({'; '.join(words)}). The 95 % intervals include these differences."
     )
     return replace(fit, standard_errors=errors), [note("discrepancy", text)] if words else []
 
 
 def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Return the error [m] of held-out windows with mean square errors (w,), with the interval of a like record's."""
+    """Return the error [m] of held-out windows with mean squares (w,), and its 95 % interval on a similar record."""
     means = np.array([squares[block].mean() for block in blocks_of(len(squares))])
     drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))
     middle = float(np.sqrt(squares.mean()))
-    # this record's mean varies as the other one's does
+    # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))
     return middle, middle / factor, middle * factor
 
 
-#: what to do about a residual force that depends on a quantity
+#: advice on a residual force that depends on a quantity
 _ADVICE = {
-    "position": "a force over position is missing, as of a cable, cogging or gravity (--gravity)",
-    "speed": "friction is no straight line over speed: compare the laws",
+    "position": "the model lacks a force over position, as of a cable, cogging or gravity (--gravity)",
+    "speed": "the friction law does not fit over the speed: compare the laws",
     "time": "friction or the constant force drifts; record the warm machine",
 }
 
 
 def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the force that the result leaves depends on position, speed or time, by straight pieces over each."""
+    """Warn if the residual force depends on position, speed or time, as piecewise linear functions show."""
     axis, tables = best.axis(), []
     for number, motion in enumerate(best.motions):
         force, rows = motion.force(interpolated=best.model.interpolated), motion.moving
@@ -596,7 +612,7 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
 
 
 def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
-    """Warn if the motion shows that the force acts later or earlier than its rows."""
+    """Warn if the force acts later or earlier than its rows."""
     model = replace(fit.model, forces=(*fit.model.forces, "delay"))
     late = fit_axis(model, fit.motions, {**fit.values, "delay": 0.0})
     delay, row = late.values["delay"], max(motion.record.sample_time for motion in fit.motions)
@@ -612,7 +628,7 @@ def _delayed(fit: AxisEstimate) -> Iterator[Finding]:
 def _elsewhere(
     best: AxisEstimate, expected: tuple[float, float, float], others: Sequence[str]
 ) -> Iterator[Finding]:
-    """Compare the errors on other records with the error expected there."""
+    """Compare the errors on other records with the expected error."""
     middle, low, high = (1e3 * error for error in expected)
     for name in others:
         error, unit = 1e3 * best.errors[name].window_rmse, f"m{best.motions[0].record.unit}"

@@ -1,14 +1,14 @@
-"""One axis under friction: its parameters, the friction laws that are tried, and its motion.
+"""One axis with friction: its parameters, friction laws and motion.
 
     M a = F - offset - G(q) - b v - d |v| - (c + s exp(-|v/v_s|) + mu W) sgn(v)        G(q) = S sin q + C cos q
 
-G is gravity on an axis that turns. The viscous friction is b + d forwards and b - d backwards; Coulomb friction that
-differs by direction is c with part of the offset. Dry friction may grow with the load W = |F + G(q)| / 2 that gears
-transmit: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
+G is gravity on an axis that turns. The viscous friction is b + d forwards and b - d backwards; a difference of Coulomb
+friction between the directions is part of the offset. Dry friction may grow with the load W = |F + G(q)| / 2 of the
+gears: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
 (2024), with mu twice theirs.
 
-The motion is that of `ballbot.mechanics.friction_laws`, the force held over a row or changing evenly to the next one, G
-taken in the middle of each step.
+The motion is that of `ballbot.mechanics.friction_laws`, with the force held over a row or changing linearly to the
+next, and G evaluated in the middle of each step.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Clas
 
 Values = Mapping[str, float]
 
-#: what a record's largest force, speed and acceleration make possible: parameters are within so many times that
+#: bounds of the parameters, over the sizes that the largest force, speed and acceleration of a record imply
 _REACH = 100.0
 _LEAST: Mapping[Scale, float] = {"amount": 0.0, "ratio": 1.0 / _REACH, "signed": -_REACH}
 _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
@@ -46,8 +46,8 @@ _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
     ("load", "mu", "1", "Coulomb, as a share of the load", "amount"),
     ("delay", "delay", "s", "of the force behind its rows", "signed"),
 )
-#: by name; units are those of an axis that moves along a line, see `unit_for`, and bounds are those of an axis whose
-#: largest force, speed and acceleration are one
+#: by name; units are those of a sliding axis (see `unit_for`), and bounds those for a largest force, speed and
+#: acceleration of 1
 PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
     {
         name: Parameter(
@@ -65,12 +65,12 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 
 
 def unit_for(parameter: Parameter, axis_unit: str) -> str:
-    """Return a parameter's unit for an axis of positions in "m" or "rad"; empty for a number without one."""
+    """Return a parameter's unit for positions in "m" or "rad"; empty for one without a unit."""
     turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "1": ""}
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]
 
 
-#: the friction laws: the parameters of each, and the simpler law that it is compared with
+#: friction laws: the parameters of each, and the simpler law with which it is compared
 LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
     {
         "viscous": (("mass", "viscous", "offset"), ""),
@@ -79,7 +79,7 @@ LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
         "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
     }
 )
-#: what else may act, and its parameters
+#: optional forces, and their parameters
 FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",), "delay": ("delay",)}
 )
@@ -87,16 +87,16 @@ FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class AxisModel:
-    """What is estimated."""
+    """A law and forces, and which parameters are estimated."""
 
     law: str  #: one of `LAWS`
     forces: tuple[str, ...] = ()  #: those of `FORCES`
-    interpolated: bool = False  #: whether the force changes evenly from row to row; it is held otherwise
-    known: Values = field(default_factory=dict)  #: parameters that are not estimated, by name
+    interpolated: bool = False  #: whether the force changes linearly between rows; otherwise it is held
+    known: Values = field(default_factory=dict)  #: values of parameters that are not estimated, by name
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The parameters that are estimated."""
+        """Names of the estimated parameters."""
         every = (*LAWS[self.law][0], *(name for force in self.forces for name in FORCES[force]))
         return tuple(name for name in every if name not in self.known)
 
@@ -106,7 +106,7 @@ class AxisModel:
 
 
 class _AxisNumbers(NamedTuple):
-    """An axis as compiled code reads it."""
+    """The parameters of an axis as compiled code reads them."""
 
     law: ClassicalNumbers  #: without asymmetry and load
     asymmetry: float
@@ -118,7 +118,7 @@ class _AxisNumbers(NamedTuple):
 
 @inlined
 def _step(axis, position, speed, force, h) -> tuple[float, float]:
-    """Return position and speed after h [s] under a force, less gravity halfway."""
+    """Return position and speed after h [s] under a force, with gravity at half the step."""
     halfway = position + 0.5 * h * speed
     gravity = axis.sine * math.sin(halfway) + axis.cosine * math.cos(halfway)
     dry = axis.law.c + 0.5 * axis.mu * abs(force + gravity)
@@ -133,10 +133,10 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
 
 @compiled
 def follow_windows(axis, firsts, counts, starts, forces, rises, h, steps, states):
-    """Move in windows; `states` takes, one window after another, position and speed at each row's end.
+    """Simulate windows, and write position and speed at each row's end to `states`, window after window.
 
-    A window begins at a row (`firsts`), in a state there (`starts`), and runs over some rows (`counts`). The force of
-    each row begins at `forces` (N,) [N] and rises evenly by `rises` (N,) [N] over h [s].
+    A window starts at row `firsts` in the state `starts` and has `counts` rows. The force in a row starts at `forces`
+    (N,) [N] and rises linearly by `rises` (N,) [N] over h [s].
     """
     row = 0
     for w in range(len(firsts)):
@@ -149,11 +149,11 @@ def follow_windows(axis, firsts, counts, starts, forces, rises, h, steps, states
             row += 1
 
 
-#: explicit steps are at most this part of the axis's fastest time constant
+#: longest explicit step, as a share of the fastest time constant
 _LARGEST_RATE_STEP = 0.5
-#: and at most this part of gravity's time constant [rad]: an error of 1e-3 of its phase
+#: and as an angle of the oscillation under gravity [rad]: an error of 1e-3 of its phase
 _LARGEST_GRAVITY_STEP = 0.15
-#: steps of the simulation in one row, at most
+#: steps in one row, at most
 _MOST_STEPS = 50
 
 
@@ -161,12 +161,12 @@ _MOST_STEPS = 50
 class Axis:
     """A mass with friction, a constant force against it and gravity."""
 
-    values: Values  #: parameters that are not there are zero
-    interpolated: bool = False  #: whether the force changes evenly from row to row
+    values: Values  #: by name; missing parameters are zero
+    interpolated: bool = False  #: whether the force changes linearly between rows
 
     @cached_property
     def _all(self) -> dict[str, float]:
-        """The values of all parameters, those that are not there too."""
+        """The values of all parameters."""
         return {**dict.fromkeys(PARAMETERS, 0.0), "stribeck_speed": 1.0, **self.values}
 
     @property
@@ -185,10 +185,10 @@ class Axis:
         counts: NDArray[np.int64],
         starts: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return position and speed at the ends of the rows of windows, one window after another (sum of counts, 2).
+        """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
 
-        The force (N,) [N] is that of rows that last h [s]. Each window has its first row (w,), how many rows it runs
-        over (w,), and position and speed at its first row (w, 2).
+        The force (N,) [N] is of rows that last h [s]. Each window has its first row (w,), its number of rows (w,), and
+        its initial position and speed (w, 2).
         """
         values = self._all
         acting = force - values["offset"]
@@ -216,20 +216,20 @@ class Axis:
         speed: NDArray[np.float64],
         acceleration: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Return the part of a force (N,) that is not `friction`: of the mass, the offset, G(q) and the load."""
+        """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""
         values = self._all
         G = values["gravity_sine"] * np.sin(position) + values["gravity_cosine"] * np.cos(position)
         loaded = 0.5 * values["load"] * np.abs(force - values["offset"] + G) * np.sign(speed)
         return values["mass"] * acceleration + values["offset"] + G + loaded
 
     def _steps(self, row: float) -> int:
-        """Return the steps in a row that lasts `row` [s]."""
+        """Return the number of steps in a row of `row` [s]."""
         values, mass = self._all, self._all["mass"]
         viscous = values["viscous"] + abs(values["asymmetry"])
         fading = values["stribeck"] / values["stribeck_speed"]
         wanted = row * (viscous + fading) / mass / _LARGEST_RATE_STEP
         if wanted > _MOST_STEPS:
-            # a Stribeck speed that one step passes: the law is Coulomb's but for its break-away
+            # one step passes the Stribeck speed; the law is then Coulomb friction except at break-away
             wanted = row * viscous / mass / _LARGEST_RATE_STEP
         gravity = math.hypot(values["gravity_sine"], values["gravity_cosine"])
         turning = row * math.sqrt(gravity / mass) / _LARGEST_GRAVITY_STEP

@@ -1,11 +1,11 @@
-"""Speed and acceleration of an axis from its position, and the inverse model, in which output error begins.
+"""Speed and acceleration of an axis from its position, and the inverse model, which starts the output-error fit.
 
     F = M a + b v + d |v| + c sgn(v) + offset + G(q)
 
-The position passes a Butterworth filter run forwards and backwards, without delay, and is differentiated by central
-differences. Every column of the regression passes the same filter at a lower frequency (M. Gautier, Dynamic
-identification of robots with power model, ICRA 1997). Rows at rest are left out, as friction balances any force there,
-and rows next to the ends of a part, where the filters have no rows beyond.
+A Butterworth filter, run forwards and backwards and so without delay, smooths the position, which is differentiated by
+central differences. The same filter at a lower frequency smooths every column of the regression (M. Gautier, Dynamic
+identification of robots with power model, ICRA 1997). Rows at rest, where friction balances any force, and rows near
+the ends of a part, where the filters have no data beyond, are left out.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.record import LEAST_PART, AxisRecord
 
 _ORDER = 4
-#: frequencies of the filters of the position and of the regression's columns, over the motion's bandwidth
+#: cut-off frequencies of the position and of the regression's columns, over the bandwidth of the motion
 _POSITION_FILTER, _COLUMN_FILTER = 5.0, 2.0
-#: largest bandwidth assumed for a motion; faster axes are rare [Hz]
+#: largest bandwidth of a motion; faster axes are rare [Hz]
 LARGEST_BANDWIDTH = 20.0
 _START_ROWS = 15
-#: an axis slower than this share of its usual speed is at rest
+#: an axis is at rest below this share of its usual speed
 REST = 0.02
 #: residuals within a block may depend on each other [s]
 BLOCK = 1.0
-#: noise of the position adds at most this share to the mean square of the acceleration
+#: largest share of position noise in the mean square of the acceleration
 _NOISE_SHARE = 0.02
-#: for that the bandwidth is lowered by this factor at a time, down to so many periods in the record
+#: factor by which the bandwidth is lowered for that, and least number of its periods in the record
 _LOWERED, _LEAST_MOTIONS = 1.25, 10.0
-#: of columns of length one: beyond it their errors are 1e4 times those of the force, which no record has to 1e-4
+#: largest condition number of columns of length one: errors are then 1e4 times those of the force
 LARGEST_CONDITION = 1e4
-#: and below it a further force or a delay is distinguished from the others
+#: and largest one with which a further force or a delay is separated from the others
 DISTINGUISHED = 300.0
 
 
@@ -55,7 +55,7 @@ class AxisMotion:
 
     @cached_property
     def noise(self) -> float:
-        """Standard deviation [m] of white noise in the recorded position, from the part that the filter removes."""
+        """Standard deviation [m] of white noise in the position, from the part that the filter removes."""
         removed = self.record.position - self.position
         share = 1.0 - 2.0 * _POSITION_FILTER * self.bandwidth * self.record.sample_time
         return float(np.sqrt(np.mean(removed**2) / max(share, 0.1)))
@@ -67,7 +67,7 @@ class AxisMotion:
 
     @cached_property
     def moving(self) -> NDArray[np.bool_]:
-        """Which rows (N,) are neither at rest nor near an end of a part; those at rest too if there is little else."""
+        """Which rows (N,) are not near an end of a part nor at rest; those at rest count if 90 % are."""
         inside = np.zeros(len(self.speed), dtype=bool)
         for first, end in self.record.long_parts:
             near = min(round(1.0 / (self.bandwidth * self.record.sample_time)), (end - first) // 5)
@@ -76,12 +76,12 @@ class AxisMotion:
         return moving if moving.mean() > 0.1 else inside
 
     def force(self, *, interpolated: bool) -> NDArray[np.float64]:
-        """Return the force (N,) at the moment of each row: between what is held before and after it."""
+        """Return the force (N,) at the time of each row, the mean of those held before and after it."""
         force = self.record.force
         return force if interpolated else 0.5 * (force + np.append(force[0], force[:-1]))
 
     def lowpassed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return values (N,), filtered as the columns of the regression are."""
+        """Return values (N,) with the filter of the regression's columns."""
         return _filtered(self.record, values, _COLUMN_FILTER * self.bandwidth)
 
     @cached_property
@@ -91,9 +91,9 @@ class AxisMotion:
 
 
 def motion_of(record: AxisRecord) -> AxisMotion:
-    """Return the motion of a record, its bandwidth 20 Hz, or less if the sampling is slow or the position noisy.
+    """Return the motion of a record; InputError if no part is long enough.
 
-    InputError if no part is long enough.
+    The bandwidth is 20 Hz, or less if the sampling is slow or the position noisy.
     """
     if not record.long_parts:
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
@@ -124,7 +124,7 @@ def _motion(record: AxisRecord, band: float) -> AxisMotion:
 
 
 def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
-    """Return values (N,) without what is faster than a frequency [Hz], in each part that is long enough."""
+    """Return values (N,), low-pass filtered at `cutoff` [Hz] in each part that is long enough."""
     b, a = np.asarray(scipy.signal.butter(_ORDER, 2.0 * cutoff * record.sample_time), dtype=float)
     smooth = values.copy()
     for first, end in record.long_parts:
@@ -133,10 +133,7 @@ def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) ->
 
 
 def speed_at_start(record: AxisRecord) -> float:
-    """Return the speed [m/s] at the record's first row, where a filter has no past values.
-
-    It is the slope there of a cubic through the first 15 rows, by least squares.
-    """
+    """Return the speed [m/s] at the first row, from a cubic fitted to the first 15 rows."""
     rows = slice(0, _START_ROWS)
     return float(np.polynomial.Polynomial.fit(record.t[rows], record.position[rows], 3).deriv()(0.0))
 
@@ -145,33 +142,30 @@ def speed_at_start(record: AxisRecord) -> float:
 class InverseModel:
     """The inverse model of the moving axis, by least squares."""
 
-    values: dict[
-        str, float
-    ]  #: the parameters that the force is linear in, by name; friction may be below zero
+    values: dict[str, float]  #: by name, those in which the force is linear; friction may be negative
     errors: dict[str, float]  #: their standard errors
-    explained: float  #: share of the force's square
+    explained: float  #: share of the squared force
     condition: float  #: of the columns, each of length one
 
 
 def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseModel:
-    """Fit the linear part of a model, without the load.
-
-    InputError if the records do not distinguish the parameters.
-    """
+    """Fit the linear part of a model, without load; InputError if the records do not separate the parameters."""
     parts = [_columns(motion, model) for motion in motions]
     names = tuple(name for name in model.names if name in parts[0])
     force = np.concatenate([part["force"] for part in parts])
     X = np.column_stack([np.concatenate([part[name] for part in parts]) for name in names])
-    begins = np.cumsum([0, *(int(one.block[-1]) + 1 for one in motions)])
-    block = np.concatenate([one.block[one.moving] + a for one, a in zip(motions, begins[:-1], strict=True)])
+    begins = np.cumsum([0, *(int(motion.block[-1]) + 1 for motion in motions)])
+    block = np.concatenate(
+        [motion.block[motion.moving] + a for motion, a in zip(motions, begins[:-1], strict=True)]
+    )
     lengths = np.linalg.norm(X, axis=0)
     singular, directions = np.linalg.svd(X / np.maximum(lengths, 1e-300), full_matrices=False)[1:]
     if len(X) <= len(names) or singular[0] > LARGEST_CONDITION * singular[-1]:
         mixed = np.abs(directions[-1])
         which = [name for name, share in zip(names, mixed, strict=True) if share > 0.3 * mixed.max()]
         raise InputError(
-            f"{motions[0].record.name} cannot show {' and '.join(which)} apart: the motion is too short, too even or "
-            "of one direction only. Record speeding up, slowing down and both directions at several speeds."
+            f"{motions[0].record.name} does not separate {' and '.join(which)}: the motion is too short, too even or "
+            "in one direction only. Record acceleration, deceleration and both directions at several speeds."
         )
     fit: LinearFit = fit_linear(X, force, block)
     return InverseModel(
@@ -183,7 +177,7 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
 
 
 def with_gravity(motions: Sequence[AxisMotion], model: AxisModel) -> AxisModel:
-    """Return a model with gravity if the axis turns, and far enough to distinguish it; itself if not."""
+    """Return the model with gravity if the axis turns far enough to identify it, otherwise the model itself."""
     if motions[0].record.unit == "m":
         return model
     wider = replace(model, forces=("gravity", *model.forces))
@@ -194,7 +188,7 @@ def with_gravity(motions: Sequence[AxisMotion], model: AxisModel) -> AxisModel:
 
 
 def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
-    """Return the force and its part for each parameter of one, of the moving rows (n,)."""
+    """Return the force, and its part by a unit of each parameter, in the moving rows (n,)."""
     position, speed = motion.position, motion.speed
     columns = {
         "mass": motion.acceleration,
@@ -207,4 +201,4 @@ def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float
     }
     force = motion.force(interpolated=model.interpolated)
     columns["force"] = force - sum((value * columns[name] for name, value in model.known.items()), 0.0)
-    return {name: motion.lowpassed(one)[motion.moving] for name, one in columns.items()}
+    return {name: motion.lowpassed(column)[motion.moving] for name, column in columns.items()}

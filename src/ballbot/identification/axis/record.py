@@ -3,13 +3,13 @@
 The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
 [kg m^2], forces are torques [N m] and positions angles [rad].
 
-Rows are even. Where the time between two of them is more than `GAP` times the usual one, the force between them is
-unknown: the record has parts there, and no prediction runs across. Rows that came at uneven times are interpolated.
+Rows are evenly spaced; uneven rows are interpolated. An interval of more than `GAP` times the usual one is a gap, in
+which the force is unknown. Gaps divide the record into parts, and no prediction runs across one.
 
-A file of any format of logs holds a record, as columns or named variables (docs/logs.md). A file gives a unit in a row
-below the header, in brackets behind a column's name, or at the end of the name; it is converted unless an option gives
-the factor. Rows with a missing value are left out, so that a gap remains. A position that wraps is unwrapped. If the
-velocity is recorded and not the position, it is integrated.
+A record is read from any log format, as columns or named variables (docs/logs.md). A unit in a row below the header, in
+brackets after a column's name or at the end of the name is converted, unless an option gives the factor. Rows with a
+missing value are left out, which leaves a gap. A position that wraps is unwrapped. A velocity without a position is
+integrated.
 """
 
 from __future__ import annotations
@@ -28,27 +28,32 @@ from numpy.typing import NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, UNIT_OF, Columns
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 
-#: rows that make a record too short for any of the methods
+#: least rows of a record
 LEAST_ROWS = 200
-#: rows are even if no interval within a part differs from the usual one by more than this share of it
+#: largest deviation of an interval from the usual one, as a share of it, in even rows
 EVEN = 0.05
-#: an interval of so many usual ones is a gap
+#: shortest gap, over the usual interval
 GAP = 4.0
-#: a part between gaps with fewer rows is not used
+#: least rows of a part between gaps that is used
 LEAST_PART = 30
-#: a record in which more rows than this share lack a value is refused
+#: largest share of rows that lack a value
 MOST_MISSING = 0.2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AxisRecord:
-    """A record of one axis; `record_of_rows` makes one of rows at any times.
+    """A record of one axis with even rows; `record_of_rows` makes one from rows at any times.
 
     InputError if lengths differ, values are missing, the axis never moves, or there are too few rows.
+
+    >>> t = 0.01 * np.arange(300)
+    >>> record = AxisRecord(name="slide", sample_time=0.01, force=np.cos(t), position=np.sin(t))
+    >>> len(record), record.duration, record.force_unit
+    (300, 3.0, 'N')
     """
 
     name: str
@@ -56,9 +61,9 @@ class AxisRecord:
     force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
     position: NDArray[np.float64]  #: (N,) [m]
     unit: Literal["m", "rad"] = "m"
-    times: NDArray[np.float64] | None = None  #: (N,) [s] of rows with gaps between them; none without
-    even: bool = True  #: whether rows came at even times, as those of a loop that holds the force
-    findings: tuple[Finding, ...] = ()  #: what was done to the file's values
+    times: NDArray[np.float64] | None = None  #: (N,) [s] if there are gaps
+    even: bool = True  #: whether the original rows were evenly spaced
+    findings: tuple[Finding, ...] = ()  #: on how the file was read
 
     def __post_init__(self) -> None:
         if not 0.0 < self.sample_time < np.inf:
@@ -88,13 +93,13 @@ class AxisRecord:
 
     @cached_property
     def parts(self) -> tuple[tuple[int, int], ...]:
-        """First row and row after the last of the parts between gaps."""
+        """First row and row after the last of each part between gaps."""
         ends = np.flatnonzero(np.diff(self.t) > GAP * self.sample_time) + 1
         return tuple(pairwise((0, *ends.tolist(), len(self))))
 
     @property
     def long_parts(self) -> list[tuple[int, int]]:
-        """Those parts that are long enough to be used."""
+        """The parts that are long enough to be used."""
         return [(first, end) for first, end in self.parts if end - first >= LEAST_PART]
 
     @property
@@ -117,9 +122,13 @@ def record_of_rows(
     unit: Literal["m", "rad"] = "m",
     findings: tuple[Finding, ...] = (),
 ) -> AxisRecord:
-    """Return the record of rows at times t (N,) [s]; uneven ones are interpolated in each part between gaps.
+    """Return the record of rows at times t (N,) [s]; uneven rows are interpolated in each part between gaps.
 
-    InputError if time does not increase from row to row, or the rows make no record.
+    InputError if time does not increase from row to row, or the rows do not make a record.
+
+    >>> t = np.sort(np.random.default_rng(0).uniform(0.0, 5.0, 500))
+    >>> record_of_rows("slide", t, np.cos(t), np.sin(t)).even
+    False
     """
     if len(t) < 2:
         raise InputError(f"{name}: the time has fewer than two rows.")
@@ -154,7 +163,11 @@ def record_of_rows(
 
 @dataclass(frozen=True, kw_only=True)
 class AxisColumns:
-    """The variables of a file. A number is written out, or is the name of a variable or of a constant column."""
+    """The variables of a file. A number is written out, or is the name of a constant variable.
+
+    >>> AxisColumns(time="0.001", position="angle", force="torque", unit="rad").force
+    'torque'
+    """
 
     time: str = "t"
     """The variable with the time; or the time between rows [s]: a number, or a variable of one."""
@@ -187,7 +200,7 @@ class AxisColumns:
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
 
-#: by the unit of positions, what each quantity may be in, with the factor to its unit
+#: by the unit of positions: the units of each quantity, with the factor to SI units
 _UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
     "m": {"position": FACTORS["m"], "velocity": FACTORS["m/s"], "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3}},
     "rad": {"position": FACTORS["rad"], "velocity": FACTORS["rad/s"], "force": FACTORS["N m"]},
@@ -196,7 +209,7 @@ _UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class _File:
-    """A file's variables and their units, and the unit of positions that the user gave."""
+    """The variables of a file with their units, and the unit of positions that the user gave."""
 
     name: str
     variables: Columns
@@ -204,14 +217,14 @@ class _File:
     unit: str
 
     def column(self, name: str, option: str) -> NDArray[np.float64]:
-        """Return the variable of that name (N,), which an option gives."""
+        """Return the variable (N,) that an option names."""
         if name not in self.variables:
             hint = suggest(name, self.variables, otherwise="it has")
             raise InputError(f"{self.name} has no variable {name!r} for {option}; {hint}")
         return self.variables[name]
 
     def number(self, text: str, option: str) -> float:
-        """Return a factor, written out or that of a constant variable; only that of the time must be above zero."""
+        """Return a factor, written out or from a constant variable; that of the time must be above zero."""
         try:
             value = float(text)
         except ValueError:
@@ -228,7 +241,7 @@ class _File:
         return value
 
     def factor(self, quantity: str, name: str, scale: str | None) -> float:
-        """Return the factor of a variable: the option's, or that of the file's unit."""
+        """Return the factor of a variable, from the option or the unit in the file."""
         if scale is not None:
             return self.number(scale, f"--{'position' if quantity == 'velocity' else quantity}-scale")
         other = "rad" if self.unit == "m" else "m"
@@ -242,20 +255,20 @@ class _File:
         return own.get(given, 1.0)
 
     def unit_of(self, name: str) -> str:
-        """Return the unit of a variable as `FACTORS` spells it; empty if the file does not give one.
+        """Return the unit of a variable as `FACTORS` spells it; empty if the file gives none.
 
-        At the end of a name, as "deg" of "position_deg", single letters are no units: "position_m" may be the motor's.
+        It may end the name, as in "position_deg", but not as a single letter: "position_m" may be the motor's.
         """
         text = self.units.get(name, "")
         bracketed = re.search(r"[\[(<]([^\])>]*)[\])>]$", text or name)
         if unit := (bracketed.group(1) if bracketed else text).strip():
-            return UNIT_OF.get(re.sub(r"[ ·*]", "", unit).lower(), unit)
-        parts = name.lower().split("_")
-        ends = ("/".join(parts[-2:]), parts[-1]) if len(parts) > 2 else parts[1:]
-        return next((UNIT_OF[end] for end in ends if len(end) > 1 and end in UNIT_OF), "")
+            return unit_spelled(unit) or unit
+        parts = name.split("_")
+        rest, unit = unit_at_the_end(parts)
+        return unit if unit and len("".join(parts[len(rest) :])) > 1 else ""
 
     def times(self, name: str, rows: int) -> NDArray[np.float64]:
-        """Return the time of each row (N,), by a variable or the interval that is given instead."""
+        """Return the time of each row (N,), from a variable or from the interval between rows."""
         times = self.variables.get(name)
         if times is not None and times.size != 1:
             return times
@@ -272,9 +285,17 @@ class _File:
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
-    """Read a record.
+    """Read a record from a file.
 
-    InputError if the file cannot be read, a variable is missing or is of the wrong shape, or the rows make no record.
+    InputError if the file cannot be read, a variable is missing or has the wrong shape, or the rows do not make a
+    record.
+
+    >>> t = 0.01 * np.arange(300)
+    >>> rows = np.column_stack([t, np.cos(t), 1e3 * np.sin(t)])
+    >>> np.savetxt("slide.csv", rows, delimiter=",", header="t,force,position_mm", comments="")
+    >>> record = read_axis_record("slide.csv", AxisColumns(position="position_mm"))
+    >>> float(np.ptp(record.position).round(1))  # [m]
+    1.0
     """
     path = Path(path)
     variables, units = read_variables(path)
@@ -282,7 +303,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     motion = "velocity" if columns.position is None and columns.velocity else "position"
     moving = (columns.velocity if motion == "velocity" else columns.position) or "position"
     names = {"time": columns.time, motion: moving, "force": columns.force}
-    # variables that the user did not name are asked for all at once
+    # all missing default variables are named in one message
     defaults = {"time": "t", "position": "position", "force": "force"}.items()
     if lacking := {
         key: name for key, name in defaults if names.get(key) == name and name not in file.variables
@@ -332,28 +353,28 @@ def _complete_rows(name: str, columns: Columns) -> NDArray[np.bool_]:
     return ~lacking
 
 
-#: after what a position begins again, before its scale: a turn in either unit, and encoders' counters of 8 to 32 bits
+#: periods after which a position wraps: a turn in radians or degrees, and encoder counters of 8 to 32 bits
 _TURN, _DEGREES = 2.0 * np.pi, 360.0
 _COUNTERS = tuple(2.0**bits for bits in range(8, 33))
-#: an ordinary step is at most this share of the period; a jump differs from the period by no more than such a step
+#: largest ordinary step, as a share of the period; a jump differs from the period by no more than such a step
 _LARGEST_STEP = 0.25
-#: noise and rounding let a position that wraps cover so much more than its period, and a jump that much more, too
+#: excess of a wrapping position's range, and of a jump, over the period by noise and rounding
 _BEYOND = 0.01
 
 
 def _without_wraps(
     position: NDArray[np.float64], scale: float, unit: str
 ) -> tuple[NDArray[np.float64], list[Finding]]:
-    """Return a position (N,), recorded in `scale` of its unit, unwrapped, and findings about that."""
+    """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, and findings on that."""
     travel, steps = float(np.ptp(position)), np.abs(np.diff(position))
-    # of a jump of two periods' size only the right one is within an ordinary step
+    # only with the right period does a jump differ from it by an ordinary step
     for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
         jumps = steps > 0.5 * period
         usual = float(steps[~jumps].max(initial=0.0))
         if (
             not (0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any())
             or usual > _LARGEST_STEP * period
-            # the axis moves on during the step in which it wraps
+            # the axis moves during the step in which it wraps
             or np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period
         ):
             continue

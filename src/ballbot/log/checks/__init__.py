@@ -6,8 +6,7 @@ rates            positions, angles and gyro against rates: units, signs, swapped
 stuck_encoders   encoders that hold their angle while their wheels turn
 kinematics       wheel columns against the states
 lean             lean axes against the ball's acceleration
-torque_balance   torques against those that the motion needs: how large each is
-physics          the last two in their order, with delay, order and sign of the torques; several logs against each other
+physics          the lean axes, then delay, order, sign and scale of the torques; several logs against each other
 
 `check` gives the findings of one log, `check_logs` those of several logs of a robot, and `checked_logs` the input of
 an analysis: logs whose checks ran once, before any computation, and whose errors, if any, the user accepted. Findings
@@ -45,14 +44,14 @@ from ballbot.robot.plausibility import robot_findings
 if TYPE_CHECKING:
     from ballbot.log.checks.physics import PhysicsOfLog
 
-#: what a fault makes other checks find: its codes, theirs, and whether only on its own columns
+#: findings that a fault causes in other checks: its codes, theirs, and whether only on the fault's columns
 _FOLLOWS = (
     (("stuck", "dead-motor"), ("torque-",), True),
     (("lean-axes",), ("sign", "swapped"), True),
     (("degrees",), ("lean-scale",), True),
     # a scaled velocity of the ball, which both checks use
     (("lean-scale",), ("wheels",), False),
-    # from the wrong axes of the ball, or the ball's path by wrong wheels
+    # the ball's axes are wrong, or its path comes from wrong wheels
     (("ball-axes", "heading-sign", "encoders"), ("lean-", "torque-", "physics"), False),
 )
 
@@ -61,18 +60,24 @@ def _causes(findings: Sequence[Finding]) -> list[Finding]:
     """Return findings without those that follow from others."""
     kept = list(findings)
     for causes, followers, beside in _FOLLOWS:
-        columns = [{*one.where.columns} for one in kept if one.code in causes]
+        columns = [{*finding.where.columns} for finding in kept if finding.code in causes]
         kept = [
-            one
-            for one in kept
-            if not one.code.startswith(followers)
-            or all(beside and own.isdisjoint(one.where.columns) for own in columns)
+            finding
+            for finding in kept
+            if not finding.code.startswith(followers)
+            or all(beside and own.isdisjoint(finding.where.columns) for own in columns)
         ]
     return kept
 
 
 def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
-    """Return the findings of all checks of a log, errors first; see `check_logs`."""
+    """Return the findings of all checks of a log, errors first; see `check_logs`.
+
+    >>> t = 0.005 * np.arange(400)
+    >>> log = Log({"t": t, "theta": 0.05 * np.sin(3.0 * t), "theta_dot": -0.15 * np.cos(3.0 * t)})
+    >>> [finding.code for finding in check(log) if finding.severity == "error"]
+    ['sign']
+    """
     return check_logs({"": log}, robot=robot)
 
 
@@ -87,15 +92,15 @@ def _log_findings(log: Log, robot: Robot | None, of_physics: Sequence[Finding]) 
         check_jitter, check_missing_values, check_rates, check_gyro, check_lean, check_constant, check_stuck,
         check_held, check_names,
     )  # fmt: skip
-    findings = [*log.changes, *check_rows(log, robot), *(one for find in of_columns for one in find(log))]
+    findings = [*log.changes, *check_rows(log, robot), *(item for find in of_columns for item in find(log))]
     findings += [*check_uses(log, wheel_count=wheel_count), *judged("rows", [], 2.0 - len(log))]
     # in another unit of time no motion can be checked
-    if not any(one.code == "time-scale" for one in findings):
+    if not any(item.code == "time-scale" for item in findings):
         findings += [*check_stuck_encoders(log, wheel_count=wheel_count), *of_physics]
         findings += [*check_sampling(log, robot), *check_wheels(log, robot)] if robot else []
     findings = _causes(findings)
-    # an error would be its cause, and it takes the longest
-    if robot and not any(one.severity == "error" for one in findings):
+    # an error would explain a disturbance, and this check takes the longest
+    if robot and not any(item.severity == "error" for item in findings):
         findings += check_disturbance(log, robot)
     return by_severity(findings)
 
@@ -115,7 +120,7 @@ def check_logs(logs: Mapping[str, Log], *, robot: Robot | None) -> tuple[Finding
         of_all = [*different_robots(examined), *torque_bounds(examined.values(), robot)]
     for name, log in logs.items():
         of_log = _log_findings(log, robot, examined[name].findings if robot else ())
-        findings += [replace(one, where=replace(one.where, file=name)) for one in of_log]
+        findings += [replace(item, where=replace(item.where, file=name)) for item in of_log]
     return by_severity([*findings, *of_all])
 
 
@@ -125,7 +130,7 @@ DRIVELINES = "identification of drivelines"
 
 
 def missing_columns(log: Log, *, wheel_count: int) -> dict[str, list[str]]:
-    """Return the columns that the log lacks by its uses; none if it permits the use."""
+    """Return, for each use of a log, the columns that it lacks; an empty list if it permits the use."""
     torques, speeds = torque_names(wheel_count), wheel_speed_names(wheel_count)
     needed = {
         BALANCING: ("t", *torques, *STATE_NAMES),
@@ -160,7 +165,7 @@ class CheckedLogs:
 
 
 def findings_of(robot: Robot | None, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
-    """Return what is wrong with logs by their names, and with their robot; errors first.
+    """Return the findings on logs, by name, and on their robot; errors first.
 
     InputError if two logs are of the same run.
     """
@@ -189,7 +194,7 @@ def checked_logs(
 def bench_findings(robot: Robot, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return the findings of a robot and of its logs, by their names, on a bench, on which it does not balance."""
     # these codes concern a balancing robot
-    of_logs = (one for one in check_logs(logs, robot=None) if one.code not in ("use", "saturation"))
+    of_logs = (item for item in check_logs(logs, robot=None) if item.code not in ("use", "saturation"))
     return by_severity([*robot_findings(robot, file=f"robot {robot.name}"), *of_logs])
 
 

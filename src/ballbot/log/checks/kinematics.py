@@ -1,8 +1,7 @@
 """Wheel columns against the states: order, sign and gain; disturbances other than wheels and gravity.
 
-Wheel speed seen by an encoder = A (z - w), z = R^T Omega, Omega = (-y_dot, x_dot, 0)/r_b, w = B(Phi)
-Phi_dot, A the thesis's T_owb. It needs no torque and no model of friction. (For a foreign log, which has no states yet,
-see `ballbot.log.mapping_search`.)
+The comparison (`ballbot.log.wheel_speeds`) needs no torque and no model of friction. For a foreign log, which has no
+states yet, see `ballbot.log.mapping_search`.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
+from ballbot.log.wheel_speeds import wheel_speeds_of_states
 from ballbot.robot import Robot
 from ballbot.summary import counted
 
@@ -56,30 +56,6 @@ class WheelAgreement:
     def own(self) -> bool:
         """Whether order and signs are those of the columns."""
         return self.order == tuple(sorted(self.order)) and min(self.signs) > 0
-
-
-def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
-    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without slip."""
-    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
-
-    theta, phi, psi = states[:, 2], states[:, 3], states[:, 4]
-    x_dot, y_dot = states[:, 5], states[:, 6]
-    Omega = np.column_stack([-y_dot, x_dot, np.zeros_like(x_dot)]) / robot.ball.radius
-    z = np.einsum("nji,nj->ni", rotation(theta, phi, psi), Omega)
-    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), states[:, 7:10])
-    return (z - w) @ transforms(robot).T_owb.T
-
-
-def measured_wheel_speeds(log: Log, robot: Robot) -> Floats:
-    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
-    names = wheel_speed_names(robot.wheel_count)
-    logged = set(names) <= set(log.names)
-    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
-    if np.isfinite(speeds).all():
-        return speeds
-    zero = np.zeros(len(log))  # the position does not matter
-    states = np.column_stack([zero, zero, *(log[name] for name in STATE_NAMES[2:])])
-    return np.where(np.isfinite(speeds), speeds, wheel_speeds_of_states(states, robot))
 
 
 def _rolling(log: Log, robot: Robot) -> tuple[Floats, Floats] | None:
@@ -251,7 +227,9 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
         return None
     _, usable, motion = moved
     lean, heading, wheels = (
-        Smooth(*(one[:, part] for one in (motion.value, motion.rate, motion.acceleration)))
+        Smooth(
+            *(part_of_motion[:, part] for part_of_motion in (motion.value, motion.rate, motion.acceleration))
+        )
         for part in (slice(2), slice(2, 3), slice(3, None))
     )
     return lean_test(robot, lean, wheels, heading, usable)

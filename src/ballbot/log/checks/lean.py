@@ -1,15 +1,4 @@
-"""The filtered motion in a log of balancing, and the lean axes against the ball's acceleration.
-
-All signals pass one filter (a local cubic fit with Gaussian weights), so that a linear relation between them is
-kept, whatever the filter removes. Horizontal vectors are in the heading frame, which turns with psi, and are stored
-as complex numbers, x + j y:
-
-    ball velocity       v = (x_dot + j y_dot) e^{-j psi}
-    upward direction    g = (-sin phi + j sin theta) e^{-j psi}
-    lean rate           w = (theta_dot + j phi_dot) e^{-j psi}
-
-g and w are kept as the contributions of theta and phi (or their rates), so that a check can exchange or negate these
-columns.
+"""Lean axes against the ball's acceleration, by the filtered motion of `ballbot.log.balancing_motion`.
 
 The law is that of the momentum about the floor's contact,
 
@@ -19,136 +8,33 @@ It contains no torque and no driveline friction: the robot accelerates towards i
 evaluated with the lean columns and their rates as they are, and with every exchange and change of sign of them; then
 both terms get a free complex gain, whose size is a scale and whose angle is a turn about the vertical.
 
-What else moves the ball is not independent of the lean: a controller answers a push with a lean, again and again in the
-same way, so that no standard error over blocks shows it. Unless the law explains nearly everything, a scale is an error
-only if a disturbance of the size of the residual, correlated with the lean by `CONFOUNDED`, could not have made it.
-
-The significance of a comparison comes from blocks of the log, which are nearly independent; neighbouring rows are not.
+Disturbances of the ball are not independent of the lean: a controller answers each push with a lean, always in the
+same way, so that no standard error over blocks shows the correlation. Unless the law explains nearly everything, a
+scale is an error only if a disturbance of the size of the residual, correlated with the lean by `CONFOUNDED`, could not
+have made it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding
+from ballbot.log.balancing_motion import Complex, Motion, as_complex, as_plane, block_sums, clarity
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import Bools, Floats, torque_names
-from ballbot.log.log import Log
-from ballbot.log.signals import INTERVAL, across_a_gap, near, smooth
+from ballbot.log.columns import Floats
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-Complex = NDArray[np.complex128]
 #: in place of zero, the motion of a robot at rest
 _TINY = float(np.finfo(float).tiny)
-
-
-def block_sums(values: Floats, block: NDArray[np.intp]) -> Floats:
-    """Return the sums (B,) over blocks of values (N,)."""
-    return np.asarray(np.bincount(block, weights=values), dtype=np.float64)
-
-
-def clarity(advantage: Floats) -> float:
-    """Return the mean, over its standard error, of the advantage of one explanation over another by blocks (B,)."""
-    spread = float(advantage.std(ddof=1)) if len(advantage) > 1 else 0.0
-    mean = float(advantage.mean())
-    if spread == 0.0:
-        return float(np.copysign(np.inf, mean)) if mean else 0.0
-    return mean / (spread / np.sqrt(len(advantage)))
 
 
 def _unexplained(columns: Complex, values: Complex) -> Complex:
     """Return values (N,) less their least-squares fit by columns (N, m)."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-
-
-#: standard deviation of the filter's weights [s]; encoder and gyro noise would hide the accelerations with less
-WIDTH = 0.12
-#: every so many-th row is kept; neighbours within the filter's width are redundant
-EVERY = 4
-#: length of the blocks for the significance of a result [s]; longer than the filter's memory
-BLOCK, LEAST_BLOCKS = 1.0, 4
-#: rows this near a gap, a missing value or a large lean are excluded, in widths of the filter
-AWAY = 2.5
-LONGEST_GAP, LARGEST_LEAN = 0.05, 0.3  #: [s], [rad]
-LONGEST_SAMPLE_TIME = 0.03  #: [s], beyond which the filter sees too few rows
-#: part of a log that is used, from its start [s]
-LONGEST_LOG = 600.0
-
-COLUMNS = ("x_dot", "y_dot", "theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
-    """Filtered motion at the N usable rows of a log, one in `EVERY` of M even ones."""
-
-    even: Floats  #: (M,) [s], at `INTERVAL`
-    usable: NDArray[np.intp]  #: (N,) indices into `even`
-    known: Bools  #: rows of the log without a missing value in the needed columns
-    block: NDArray[np.intp]  #: (N,) number of the row's block, from 0 without gaps
-    velocity: Complex  #: (N,) v [m/s]
-    acceleration: Complex  #: (N,) dv/dt in the heading frame [m/s^2]
-    lean: Complex  #: (2, N) sin theta e^{-j psi}, sin phi e^{-j psi}
-    lean_rate: Complex  #: (2, N) theta_dot e^{-j psi}, phi_dot e^{-j psi} [rad/s]
-    lean_acceleration: Complex  #: (2, N) their rates [rad/s^2]
-    turning: Floats  #: (N,) psi_dot [rad/s]
-    turning_rate: Floats  #: (N,) [rad/s^2]
-
-    def filtered(self, log: Log, values: Floats, *, late: float = 0.0) -> Floats:
-        """Return signals (len(log), c) filtered at the usable rows; they are valid `late` [s] after their row."""
-        return smooth(self.even, log.t[self.known] + late, values[self.known], width=WIDTH).value[self.usable]
-
-
-def motion_of(log: Log, robot: Robot) -> Motion | None:
-    """Return the filtered motion of a log at the rows on which its physics can be checked.
-
-    None if the log lacks a column of `COLUMNS`, is sampled too slowly, or has too little balancing.
-    """
-    if not set(COLUMNS) <= set(log.names) or len(log) < 2 or log.sample_time > LONGEST_SAMPLE_TIME:
-        return None
-    torques = [name for name in torque_names(robot.wheel_count) if name in log]
-    table = np.column_stack([log[name] for name in (*COLUMNS, *torques)])
-    known = np.isfinite(table).all(axis=1) & (log.t <= log.t[0] + LONGEST_LOG)
-    t = log.t[known]
-    if len(t) < 2 or t[-1] - t[0] < LEAST_BLOCKS * BLOCK:
-        return None
-    even = np.arange(t[0], t[-1], INTERVAL)
-    lean = np.hypot(log["theta"][known], log["phi"][known])
-    fallen = lean[np.searchsorted(t, even, side="right") - 1] > LARGEST_LEAN
-    reach = round(AWAY * WIDTH / INTERVAL)
-    bad = near(across_a_gap(even, t, LONGEST_GAP) | fallen, AWAY * WIDTH)
-    bad[:reach] = bad[len(bad) - reach :] = True
-    usable = np.flatnonzero(~bad)[::EVERY]
-    if len(usable) * EVERY * INTERVAL < LEAST_BLOCKS * BLOCK:
-        return None
-    angles, rates = (np.sin(log["theta"]), np.sin(log["phi"])), (log["theta_dot"], log["phi_dot"])
-    signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * np.exp(-1j * log["psi"])
-    columns = np.vstack([signals.real, signals.imag, log["psi_dot"]]).T
-    found = smooth(even, t, columns[known], width=WIDTH)
-    value, rate = (one[usable, :5].T + 1j * one[usable, 5:10].T for one in (found.value, found.rate))
-    passed = even[usable] - even[usable[0]]
-    return Motion(
-        even=even, usable=usable, known=known,
-        block=np.unique(np.floor(passed / BLOCK).astype(int), return_inverse=True)[1],
-        velocity=value[0], acceleration=rate[0],
-        lean=value[1:3], lean_rate=value[3:], lean_acceleration=rate[3:],
-        turning=found.value[usable, 10], turning_rate=found.rate[usable, 10],
-    )  # fmt: skip
-
-
-def as_plane(z: Complex) -> Floats:
-    """Return complex numbers (N,) as vectors (N, 2)."""
-    return np.column_stack([z.real, z.imag])
-
-
-def as_complex(vectors: Floats) -> Complex:
-    """Return vectors (N, 2) as complex numbers (N,)."""
-    return vectors[:, 0] + 1j * vectors[:, 1]
 
 
 #: readings within this factor of the best are indistinguishable; one that is clearly better than the columns as logged
@@ -179,7 +65,7 @@ READINGS: list[Reading] = list(product((False, True), (1, -1), (1, -1)))
 
 
 def matrix_of(reading: Reading) -> Floats:
-    """Return what turns (2, 2) the logged columns into the quantities."""
+    """Return the matrix (2, 2) from the logged columns to the quantities."""
     exchanged, *signs = reading
     return np.diag(np.array(signs, dtype=np.float64))[:: -1 if exchanged else 1]
 
@@ -220,7 +106,9 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     alone, rest = _unexplained(rates[:, None], gravity), _unexplained(rates[:, None], y)
     score = alone.conj() * residual
     scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
-    power_alone, power, unknown = (max(float(np.vdot(one, one).real), _TINY) for one in (alone, y, residual))
+    power_alone, power, unknown = (
+        max(float(np.vdot(signal, signal).real), _TINY) for signal in (alone, y, residual)
+    )
     size, turn, explained = abs(gains[1]), float(np.angle(gains[1])), 1.0 - unknown / power
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN
@@ -258,12 +146,12 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
         return as_complex(as_plane(z) @ matrix.T)
 
     rates = [
-        by(law.lever[:, :2], place * w_dot) + turning * by(law.lever[:, :2], place * w)
+        by(law.lever[:, :2], axis * w_dot) + turning * by(law.lever[:, :2], axis * w)
         for w, w_dot in zip(motion.lean_rate, motion.lean_acceleration, strict=True)
-        for place in (1.0, 1j)
+        for axis in (1.0, 1j)
     ]
     # sin theta in theta's place is +j of g, in phi's place -1
-    angles = [by(law.pull, place * lean) for lean in motion.lean for place in (1j, -1.0)]
+    angles = [by(law.pull, axis * lean) for lean in motion.lean for axis in (1j, -1.0)]
     rolling = motion.velocity / np.maximum(np.abs(motion.velocity), ROLLING)
     # rolling friction, and the constant of a slope or of a lean's zero
     removed = np.column_stack([rolling, np.ones_like(rolling)])
@@ -274,8 +162,8 @@ def _terms(motion: Motion, robot: Robot) -> Complex:
 def _misread(readings: Sequence[tuple[Reading, Reading]]) -> list[Finding]:
     """Return the finding that names every simplest reading, of those that explain the motion best, simplest first."""
     causes, columns = [], set[str]()
-    for angles, rates in (one for one in readings if _changes(one) == _changes(readings[0])):
-        parts = [one for one in (fault(angles, _LEAN), fault(rates, _RATES)) if one]
+    for angles, rates in (reading for reading in readings if _changes(reading) == _changes(readings[0])):
+        parts = [text for text in (fault(angles, _LEAN), fault(rates, _RATES)) if text]
         causes.append(fault(angles, _LEAN, with_rates=True) if angles == rates else " and ".join(parts))
         columns |= {name for name in (*_LEAN, *_RATES) if any(name in part.split() for part in parts)}
     return judged("lean-axes", sorted(columns), causes=", or ".join(causes))

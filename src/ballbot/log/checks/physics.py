@@ -1,4 +1,4 @@
-"""Whether logs agree with the robot's own equations: one log by itself, several logs with each other.
+"""Check logs against the robot's equations: one log by itself, several logs with each other.
 
 `examine` runs the checks of one log in the order in which they depend on each other: the delay of the torques, the lean
 axes against the ball's acceleration, the torques against those that the motion needs. They use neither friction nor the
@@ -18,22 +18,24 @@ from scipy.optimize import nnls
 
 from ballbot.errors import every
 from ballbot.findings import Finding
-from ballbot.log.checks.lean import EVERY, check_lean_axes, motion_of
+from ballbot.log.balancing_motion import EVERY, motion_of
+from ballbot.log.checks.lean import check_lean_axes
 from ballbot.log.checks.table import judged
-from ballbot.log.checks.torque_balance import (
-    TURNED_POWER,
-    USUAL,
-    Driving,
-    Gains,
-    driving_of,
-    gain_findings,
-    gains_of,
-    together,
-)
 from ballbot.log.columns import STATE_NAMES, Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import CommandOrder, assign, by_wheel
 from ballbot.log.signals import INTERVAL
+from ballbot.log.torque_balance import (
+    SURE,
+    TURNED_POWER,
+    UNLIKE,
+    USUAL,
+    Driving,
+    Gains,
+    driving_of,
+    gains_of,
+    together,
+)
 from ballbot.robot import Robot
 
 
@@ -92,7 +94,7 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     # in the heading frame, in which a feedback is constant
     pairs = (("x", "y"), ("theta", "phi"), ("x_dot", "y_dot"), ("theta_dot", "phi_dot"))
     turned = [(log[a] + 1j * log[b]) * np.exp(-1j * log["psi"]) for a, b in pairs]
-    parts = [part for one in turned for part in (one.real, one.imag)]
+    parts = [part for signal in turned for part in (signal.real, signal.imag)]
     table = np.column_stack([*parts, *(log[name] for name in ("psi", "psi_dot", *names))])[:ENOUGH_ROWS]
     table = np.diff(table[np.isfinite(table).all(axis=1)], axis=0)
     size = LARGE_CHANGE * np.median(np.abs(table), axis=0) if len(table) >= FEWEST_ROWS else np.zeros(1)
@@ -123,7 +125,7 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
 
 def torque_bounds(examined: Iterable[PhysicsOfLog], robot: Robot) -> list[Finding]:
     """Return how well a robot's logs together bound the scale of its torques, unless they bound it well."""
-    known = [one.gains for one in examined if one.gains is not None]
+    known = [log_physics.gains for log_physics in examined if log_physics.gains is not None]
     wide, names = together(known).unbounded() if known else {}, torque_names(robot.wheel_count)
     bounds = ", ".join(
         f"{names[i]} from {low:.2g} to {high:.2g} times" if np.isfinite(high) else f"{names[i]} not at all"
@@ -137,7 +139,7 @@ def torque_scale_errors(logs: Iterable[Log], robot: Robot) -> Floats:
 
     Zero where they bound it; what is usual where they do not show it at all.
     """
-    known = [one.gains for log in logs if (one := examine(log, robot)).gains is not None]
+    known = [log_physics.gains for log in logs if (log_physics := examine(log, robot)).gains is not None]
     return together(known).scale_errors() if known else np.full(robot.wheel_count, USUAL)
 
 
@@ -158,12 +160,26 @@ def _explained(driving: Driving, i: int) -> float:
     return max(1.0 - float(nnls(columns / size, u)[1]) ** 2 / max(float(u @ u), 1e-30), 0.0)
 
 
+def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
+    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
+    factors, errors = gains.unlike()
+    off = np.nan_to_num(np.abs(np.log(factors)))
+    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
+    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
+        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
+    factor, uncertain = gains.common()
+    heavier = "heavier" if factor > 1.0 else "lighter"
+    return judged(
+        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
+    )
+
+
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:
     """Return the error of torques of another order or sign than the motion's, or without a relation to it."""
     own = tuple(range(len(names)))
     order = assign(driving, [1] * len(names))
     corrected = replace(driving, torque=by_wheel(driving.torque, (order.wheels, order.signs)))
-    explained, after = (np.array([_explained(one, i) for i in own]) for one in (driving, corrected))
+    explained, after = (np.array([_explained(motion, i) for i in own]) for motion in (driving, corrected))
     turned = EVERY * INTERVAL * float(np.sum(driving.turning**TURNED_POWER))
     enough = turned > LEAST_TURNING and order.explained > EXPLAINED and after.min() > UNRELATED
     if enough and (order.wheels != own or min(order.signs) < 0):
@@ -172,7 +188,7 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
         if wrong := judged(key, names, order.confidence, fault=fault, after=after, before=before):
             return wrong
     unrelated = np.full(len(names), True) if explained.mean() < UNRELATED else explained < UNRELATED
-    columns = [name for name, one in zip(names, unrelated, strict=True) if one]
+    columns = [name for name, is_unrelated in zip(names, unrelated, strict=True) if is_unrelated]
     if not columns or (len(columns) < len(names) and explained.max() <= EXPLAINED):
         return []
     percent = 100.0 * explained[unrelated].max()
@@ -180,11 +196,11 @@ def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding
 
 
 def _fault(names: tuple[str, ...], order: CommandOrder) -> str:
-    """Return what is wrong with torques of this order and these signs."""
+    """Return the fault of torques with this order and these signs, in words."""
     moved = [f"{names[j]} drives wheel {wheel + 1}" for j, wheel in enumerate(order.wheels) if wheel != j]
     negated = [name for name, sign in zip(names, order.signs, strict=True) if sign < 0]
     have = f"{every(negated)} {'have' if len(negated) > 1 else 'has'} the opposite sign" if negated else ""
-    return " and ".join(one for one in (", ".join(moved), have) if one)
+    return " and ".join(text for text in (", ".join(moved), have) if text)
 
 
 #: two scales are of different robots if they differ by more than this factor and by more than their uncertainty, and by
@@ -203,10 +219,10 @@ def different_robots(examined: Mapping[str, PhysicsOfLog]) -> Iterator[Finding]:
 
     It is on the two that differ most clearly, in the one that is farther from the robot file.
     """
-    torque = {name: one.gains.common() for name, one in examined.items() if one.gains}
+    torque = {name: log_physics.gains.common() for name, log_physics in examined.items() if log_physics.gains}
     scales = {
         _TORQUE: {name: (k, 3.0 * error) for name, (k, error) in torque.items() if np.isfinite(error)},
-        _LEAN: {name: one.lean for name, one in examined.items() if one.lean},
+        _LEAN: {name: log_physics.lean for name, log_physics in examined.items() if log_physics.lean},
     }
     for quantity, of_logs in scales.items():
         margins = {

@@ -94,14 +94,16 @@ def _contradictions(
     pairs: Iterable[tuple[str, str]],
 ) -> tuple[dict[str, float], list[Finding]]:
     """Return the clear ratios of columns to their own rates, and findings on these and on pairs that are exchanged."""
-    agreements = {name: one for name in names if (one := compared(name, name))}
-    clear = {name: one for name, one in agreements.items() if abs(one[0]) >= CLEAR_CORRELATION}
-    findings = [one for name in clear for one in _verdict(name, rates(name), *clear[name])]
+    agreements = {name: agreement for name in names if (agreement := compared(name, name))}
+    clear = {
+        name: agreement for name, agreement in agreements.items() if abs(agreement[0]) >= CLEAR_CORRELATION
+    }
+    findings = [item for name in clear for item in _verdict(name, rates(name), *clear[name])]
     for first, second in (pair for pair in pairs if {*pair} <= set(agreements)):
         crossed = (compared(first, second), agreements[first]), (compared(second, first), agreements[second])
         if all(
-            one and abs(one[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
-            for one, own in crossed
+            agreement and abs(agreement[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
+            for agreement, own in crossed
         ):
             findings += judged("swapped", [first, second], first=first, second=second)
     return {name: ratio for name, (_, ratio) in clear.items()}, findings

@@ -48,10 +48,10 @@ def check_stuck_encoders(log: Log, *, wheel_count: int) -> Iterator[Finding]:
     """
     names = wheel_angle_names(wheel_count)
     holds = [(i, *span) for i, name in enumerate(names) if name in log for span in _holds(log, name)]
-    found = smoothed_motion(log, wheel_count, width=WIDTH) if holds else None
-    if found is None:
+    motion = smoothed_motion(log, wheel_count, width=WIDTH) if holds else None
+    if motion is None:
         return
-    (rows, usable, moved), apart = found, APART * WIDTH
+    (rows, usable, moved), apart = motion, APART * WIDTH
     near_holds = [(rows >= start - apart) & (rows <= end + apart) for _, start, end in holds]
     free = usable & ~np.any(near_holds, axis=0)
     if free.sum() * INTERVAL < FEWEST_SECONDS:

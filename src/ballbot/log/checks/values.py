@@ -1,4 +1,4 @@
-"""What columns show by themselves: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
+"""Check each column by itself: gaps, missing values, spikes, jumps, limits, falls, dead, frozen and slow columns.
 
 A value is a spike if it differs from both neighbouring rows, to the same side, by more than five times the range of
 nearly all others: a corrupted message, or a marker such as 9999 for a missing one. A motion takes several rows to get
@@ -37,7 +37,7 @@ from ballbot.log.log import Log
 from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
-#: an interval this many times the usual longest one is a gap; one missing row of a regular log gives 2
+#: an interval this many times the longest usual one is a gap; one missing row of a regular log gives 2
 GAP_RATIO = 1.5
 FALLEN_LEAN = 0.6  #: [rad], from which no ball-balancing robot of this kind recovers
 #: smallest jump beyond the integral of the rates [m, m, rad, rad, rad]; and so many times the usual change
@@ -61,18 +61,18 @@ _NOT_MEASURED = ("ref_", TRUE_PREFIX)
 
 def spikes(values: Floats) -> Bools:
     """Return which rows of a signal (N,) are spikes; the first and the last, and missing values, never are."""
-    found = np.zeros(len(values), dtype=bool)
+    is_spike = np.zeros(len(values), dtype=bool)
     rows = np.flatnonzero(np.isfinite(values))
     if rows.size < 50:  # the usual range is unknown
-        return found
+        return is_spike
     known = values[rows]
     there, back = np.diff(known)[:-1], -np.diff(known)[1:]
     off = np.where(there * np.sign(back) > 0.0, np.minimum(np.abs(there), np.abs(back)), 0.0)
     excluded = math.ceil(0.005 * known.size)
     ordered = np.sort(known)
     usual = ordered[-1 - excluded] - ordered[excluded]
-    found[rows[1:-1]] = (usual > 0.0) & (off > 5.0 * usual)
-    return found
+    is_spike[rows[1:-1]] = (usual > 0.0) & (off > 5.0 * usual)
+    return is_spike
 
 
 def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
@@ -121,7 +121,7 @@ def _gaps(log: Log, *_: object) -> Floats:
     return np.where(intervals > _longest_usual(log), intervals, 0.0)
 
 
-#: faults that single rows of a signal show: the key, the signals that may have it, and the statistic of each row (N,)
+#: faults in single rows of a signal: the key, the signals that may have it, and the statistic of each row (N,)
 ROW_CHECKS: tuple[tuple[str, tuple[str, ...], Callable[[Log, str, Drive | None], Floats | Bools]], ...] = (
     ("gap", ("t",), _gaps),
     (  # accelerometers measure shocks, and references may jump
@@ -257,7 +257,9 @@ def _resting_lean(log: Log, rows: Bools) -> complex:
     # a positive phi leans towards x, a positive theta away from y
     pull = 1j * np.gradient(velocity, t) * turn
     starts = np.unique(np.floor(t - t[0]), return_index=True)[1]
-    lean, pull = (np.add.reduceat(one, starts) / np.diff(np.append(starts, len(t))) for one in (lean, pull))
+    lean, pull = (
+        np.add.reduceat(signal, starts) / np.diff(np.append(starts, len(t))) for signal in (lean, pull)
+    )
     centred = pull - pull.mean()
     slope = float(np.vdot(centred, lean).real) / max(float(np.vdot(centred, centred).real), 1e-12)
     return complex(lean.mean() - slope * pull.mean())
@@ -273,7 +275,7 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         return
     torques = [name for name in _TORQUES if name in log and {*STATE_NAMES} <= set(log.names)]
     noisy = [n for n in log.names if n.startswith(("theta", "phi", "psi", "gyro_", "acc_", "ball_omega_"))]
-    together: list[tuple[int, int, list[str]]] = []  # the columns that stand still from one row to another
+    together: list[tuple[int, int, list[str]]] = []  # the columns that are constant between two rows
     for name in (*noisy, *torques):
         values, shortest = log[name], FROZEN_TORQUE_TIME if name in torques else STUCK_TIME
         starts, lengths = runs_of(values)

@@ -61,25 +61,25 @@ def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
         if isinstance(values, list) and len(values) > 1 and all(map(_is_cell, values))
     }
     inner = [_table(value, depth=depth + 1) for value in tree.values()]
-    return max([columns, *inner], key=lambda found: sum(map(len, found.values())))
+    return max([columns, *inner], key=lambda table: sum(map(len, table.values())))
 
 
 def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
     """Return the numbers of an object by their keys, joined as this module says; other values are left out."""
-    found: dict[str, float] = {}
+    cells: dict[str, float] = {}
     for key, value in row.items():
         name = f"{before}{key}"
         if _is_cell(value):
-            found[name] = _number(value)
+            cells[name] = _number(value)
         elif isinstance(value, Mapping) and depth < _DEEPEST:
-            found |= flattened(value, before=f"{name}.", depth=depth + 1)
+            cells |= flattened(value, before=f"{name}.", depth=depth + 1)
         elif isinstance(value, list) and len(value) <= _WIDEST and all(map(_is_cell, value)):
-            found |= {f"{name}_{place}": _number(cell) for place, cell in enumerate(value, start=1)}
+            cells |= {f"{name}_{index}": _number(cell) for index, cell in enumerate(value, start=1)}
         elif isinstance(value, list) and len(value) <= _WIDEST and depth < _DEEPEST:
-            for place, item in enumerate(value, start=1):
+            for index, item in enumerate(value, start=1):
                 if isinstance(item, Mapping):
-                    found |= flattened(item, before=f"{name}_{place}.", depth=depth + 1)
-    return found
+                    cells |= flattened(item, before=f"{name}_{index}.", depth=depth + 1)
+    return cells
 
 
 def _is_cell(value: object) -> bool:

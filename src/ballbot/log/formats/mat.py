@@ -36,13 +36,13 @@ def read_mat(path: Path) -> Columns:
         raise InputError(
             f"{path} is a MATLAB file of version 7.3; save it with -v7, which Ballbot reads."
         ) from None
-    found: Columns = {}
+    vectors: Columns = {}
     parts: Columns = {}
     for name, values in _short_names(dict(_variables(content))).items():
-        found[name] = values.ravel()
-        for place, numbers in enumerate(_columns_of(values), start=1):
-            parts.setdefault(f"{name}_{place}", numbers)
-    return parts | found
+        vectors[name] = values.ravel()
+        for index, numbers in enumerate(_columns_of(values), start=1):
+            parts.setdefault(f"{name}_{index}", numbers)
+    return parts | vectors
 
 
 def write_mat(path: Path, columns: Mapping[str, Floats]) -> None:
@@ -76,7 +76,7 @@ def _short_names(variables: Columns) -> Columns:
     Structures of single numbers, such as a robot's parameters beside its log, do not count if one has series.
     """
     structures = {name.partition(".")[0] for name in variables if "." in name}
-    series = {name.partition(".")[0] for name, one in variables.items() if "." in name and one.size > 1}
+    series = {name.partition(".")[0] for name, values in variables.items() if "." in name and values.size > 1}
     chosen = series if len(series) == 1 else structures
     if len(chosen) != 1:
         return variables

@@ -36,13 +36,15 @@ def read_mcap(path: Path) -> Columns:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
-        encodings = {one.message_encoding for one in summary.channels.values()} if summary else set[str]()
+        encodings = (
+            {channel.message_encoding for channel in summary.channels.values()} if summary else set[str]()
+        )
         if "cdr" in encodings:
             return read_bag(path)
         if encodings and "json" not in encodings:
             named = " and ".join(sorted(encodings))
             raise InputError(f"{path} cannot be read: its messages are in {named}, and JSON or cdr is read.")
-        own = [one.metadata["columns"] for one in reader.iter_metadata() if one.name == _METADATA]
+        own = [record.metadata["columns"] for record in reader.iter_metadata() if record.name == _METADATA]
         for _, channel, message in reader.iter_messages(log_time_order=False):
             if channel.message_encoding == "json":
                 fields = json.loads(message.data)

@@ -38,13 +38,15 @@ def read_bag(path: Path) -> Columns:
     rows: list[Floats] = []
     topics: Topics = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        known = [one for one in reader.connections if one.msgtype in reader.typestore.types]
+        known = [
+            connection for connection in reader.connections if connection.msgtype in reader.typestore.types
+        ]
         for connection, time, data in reader.messages(known) if known else ():
             message = reader.deserialize(data, connection.msgtype)
             if connection.topic in (_NAMES, _VALUES):
                 content = getattr(message, "data")  # noqa: B009 - the class is made by rosbags
                 if connection.topic == _NAMES:
-                    names = names or [str(one) for one in json.loads(content)]
+                    names = names or [str(name) for name in json.loads(content)]
                 else:
                     rows.append(content)
                 continue
@@ -59,36 +61,39 @@ def read_bag(path: Path) -> Columns:
 
 
 def _fields_of(message: object) -> dict[str, object]:
-    """Return a message's numbers as nested dicts; arrays that have names are told apart by these."""
-    found: dict[str, object] = {}
-    for one in fields(message) if is_dataclass(message) else ():
-        covariance = getattr(message, f"{one.name}_covariance", ())
+    """Return a message's numbers as nested dicts; arrays with names are split by them."""
+    values: dict[str, object] = {}
+    for field in fields(message) if is_dataclass(message) else ():
+        covariance = getattr(message, f"{field.name}_covariance", ())
         unknown = len(covariance) > 0 and covariance[0] == _NOT_MEASURED
-        if unknown or one.name == "__msgtype__" or one.name.endswith("covariance"):
+        if unknown or field.name == "__msgtype__" or field.name.endswith("covariance"):
             continue
-        value = getattr(message, one.name)
+        value = getattr(message, field.name)
         if is_dataclass(value):
-            found[one.name] = _fields_of(value)
+            values[field.name] = _fields_of(value)
         elif isinstance(value, np.ndarray):
-            found[one.name] = value.tolist()
+            values[field.name] = value.tolist()
         elif isinstance(value, list) and value and is_dataclass(value[0]):
             frames = [getattr(part, "child_frame_id", "") or str(k) for k, part in enumerate(value, start=1)]
-            parts = [{key: one for key, one in _fields_of(part).items() if key != "header"} for part in value]
-            found[one.name] = dict(zip(frames, parts, strict=True))
+            parts = [
+                {key: content for key, content in _fields_of(part).items() if key != "header"}
+                for part in value
+            ]
+            values[field.name] = dict(zip(frames, parts, strict=True))
         else:
-            found[one.name] = value
-    if set(found) == {"x", "y", "z", "w"}:
+            values[field.name] = value
+    if set(values) == {"x", "y", "z", "w"}:
         from ballbot.mechanics.geometry import roll_pitch_yaw
 
         angles = roll_pitch_yaw(*(float(getattr(message, name)) for name in "wxyz"))
         return dict(zip(("roll", "pitch", "yaw"), angles.tolist(), strict=True))
-    names = found.get("name")
+    names = values.get("name")
     if isinstance(names, list) and names:  # those of arrays, as JointState's
-        del found["name"]
-        for key, value in found.items():
+        del values["name"]
+        for key, value in values.items():
             if isinstance(value, list) and len(value) == len(names):
-                found[key] = dict(zip(map(str, names), value, strict=True))
-    return found
+                values[key] = dict(zip(map(str, names), value, strict=True))
+    return values
 
 
 def _stamp(header: object) -> int:

@@ -60,7 +60,7 @@ class Head:
     named: bool = False  #: whether a line is above them
     #: lines down to the one with the names, or units; None if no line has a name for each column
     above: int | None = None
-    problems: tuple[str, ...] = ()  #: sentences on what the names lack
+    problems: tuple[str, ...] = ()  #: sentences on missing or unusable names
     units: Mapping[str, str] = field(default_factory=dict)  #: by column, as a row below the names gives them
 
     @property
@@ -193,7 +193,7 @@ def infer_text_table(path: str | Path, *, given_names: Sequence[str] | None = No
     notes = [] if given_names else list(head.problems)
     layout = replace(head.layout, names=names, damaged_rows="drop")
     columns = read_text_table(path, layout, notes=notes)
-    if not any(one.startswith("Skipped") for one in notes):
+    if not any(text.startswith("Skipped") for text in notes):
         layout = replace(layout, damaged_rows="refuse")
     named = bool(given_names) or head.named
     return ForeignTable(layout=layout, columns=columns, named=named, notes=tuple(notes), units=head.units)
@@ -265,7 +265,7 @@ def _is_row(cells: list[str], layout: TextLayout) -> bool:
 
 
 def _are_units(row: list[str]) -> bool:
-    """Return whether the cells of a row are units, with marks of none among them."""
+    """Return whether the cells of a row are units, some of them marks for no unit."""
     units = [cell for cell in row if cell not in ("", "-", "1")]
     return bool(units) and all(map(_is_unit, units))
 
@@ -308,13 +308,15 @@ def names_of(cells: list[str], width: int) -> tuple[list[str], list[str]]:
     """Return a name for each of `width` columns by the cells of a header, and sentences on what these lack."""
     if not cells:
         problem = f"The file has no header; its columns are called column_1 to column_{width}."
-        return [f"column_{place}" for place in range(1, width + 1)], [problem]
+        return [f"column_{number}" for number in range(1, width + 1)], [problem]
     given, filled = [cell.lstrip("#%").strip() for cell in cells], filled_cells(cells)
     if len(given) != width and (len(filled) == width or (cells[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
     unnamed = [
-        str(place) for place, name in enumerate(given[:width], start=1) if not name.isprintable() or not name
+        str(number)
+        for number, name in enumerate(given[:width], start=1)
+        if not name.isprintable() or not name
     ]
     problems = []
     if unnamed:
@@ -322,11 +324,11 @@ def names_of(cells: list[str], width: int) -> tuple[list[str], list[str]]:
     if len(given) != width:
         problems.append(f"The header names {len(given)} columns and the rows have {width}.")
     names: list[str] = []
-    for place, name in enumerate([*given, *[""] * width][:width], start=1):
-        known = name if name and name.isprintable() else f"column_{place}"
+    for number, name in enumerate([*given, *[""] * width][:width], start=1):
+        known = name if name and name.isprintable() else f"column_{number}"
         if known in names:
             problems.append(f"The column name {known} appears twice.")
-        names.append(f"{known}_{place}" if known in names else known)
+        names.append(f"{known}_{number}" if known in names else known)
     return names, problems
 
 

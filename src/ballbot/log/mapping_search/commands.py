@@ -1,6 +1,6 @@
-"""What the commands of a foreign log are: which wheel each drives, with which sign, in which scale, and how late.
+"""Identify the commands of a foreign log: the wheel that each drives, its sign, its scale and its delay.
 
-Ball and wheels pass each other the torques that the motion needs (`ballbot.log.checks.torque_balance`): about upright,
+Ball and wheels pass each other the torques that the motion needs (`ballbot.log.torque_balance`): about upright,
 wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
 
     s_j d_j = a n_i + b w_i + h mean(w) + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
@@ -27,8 +27,7 @@ from scipy.optimize import nnls
 
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.checks.lean import Motion, motion_of
-from ballbot.log.checks.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
+from ballbot.log.balancing_motion import Motion, motion_of
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
@@ -46,10 +45,11 @@ from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
 from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
+from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
 from ballbot.robot import Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
-#: assignments whose torques differ by less than this part of their size are one: half of what torques may be off
+#: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
 SAME_TORQUES = 0.1
 #: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
 OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
@@ -81,7 +81,7 @@ FULL_SCALE_FITS = 0.35
 #: both, each of 6 logs of the campaign whose torques one made wrong by more than a fifth is asked for, and none of 9
 #: without one. A wheel's torque counts as at least this part of all wheels' (root mean square)
 LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.25, 0.5
-#: what turns a number in a unit into N m, A or V
+#: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
     "current": {"A": 1.0, "mA": 1e-3},
@@ -108,12 +108,12 @@ class CommandOrder:
 
 @dataclass(frozen=True, kw_only=True)
 class CommandDrive:
-    """What the commands are."""
+    """Assignment, kind, scale and delay of the commands."""
 
     assigned: CommandOrder | None  #: None if the motion cannot be compared with them
     kind: InputKind | None  #: None if nobody states it
     scales: tuple[str, ...]  #: names of scales that fit alike, the likeliest first; empty if one is clear
-    #: by kind, what most likely turns the file's number into N m, A, V or a duty, and how many times as large as the
+    #: by kind, the likeliest factor from the file's number to N m, A, V or a duty, and how many times as large as the
     #: motion needs the torques then are (nan if that is not known)
     ratios: dict[InputKind, tuple[float, float]]
     delay: float  #: [s]
@@ -121,7 +121,7 @@ class CommandDrive:
 
     @property
     def scale(self) -> float:
-        """What turns the file's number into N m, A, V or a duty."""
+        """The factor from the file's number to N m, A, V or a duty."""
         return self.ratios[self.kind][0] if self.kind in self.ratios else 1.0
 
     @property
@@ -147,7 +147,7 @@ def drive_of(base: Columned, motion: SensedMotion, frame: SensorFrame, needs: _N
         assigned = turned_by(base, motion)
     elif needs is not None:
         driving = needs[1]
-        assigned = assign(driving, [frame.signs[place - 1] for place in frame.order])
+        assigned = assign(driving, [frame.signs[position - 1] for position in frame.order])
         ordered = replace(driving, torque=by_wheel(driving.torque, (assigned.wheels, assigned.signs)))
         gain, error = gains_of(ordered).common()
     delay, delay_error = (math.nan, math.inf) if assigned is None else _delay(base, motion, frame, assigned)
@@ -161,9 +161,11 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
     held = base.held_commands(motion.signals.rows)
     R = correlations(held, motion.signals.wheels.rate)
-    sums = {one: sum(abs(R[j, wheel]) for j, wheel in enumerate(one)) for one in permutations(range(len(R)))}
+    sums = {
+        order: sum(abs(R[j, wheel]) for j, wheel in enumerate(order)) for order in permutations(range(len(R)))
+    }
     # of commands that are alike, the file's own order
-    best, other = sorted(sums, key=lambda one: (-round(sums[one], 6), one))[:2]
+    best, other = sorted(sums, key=lambda order: (-round(sums[order], 6), order))[:2]
     if min(abs(R[j, wheel]) for j, wheel in enumerate(best)) < FOLLOWED:
         return None
     return CommandOrder(
@@ -193,9 +195,9 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     score = np.log(totals + floors) @ weights
     without = totals[None] - np.moveaxis(np.array(list(left.values())), 2, 0)
     gained, z = gains_over(score, np.log(np.maximum(without, 0.0) + floors) @ weights)
-    usual, least = [_usual(one, counted) for one in every], int(np.argmin(score))
+    usual, least = [_usual(order, counted) for order in every], int(np.argmin(score))
     odds = behind(z, gained, len(without), each_second=EACH_SECOND)
-    probability = posterior([min(one, usual[least]) for one in usual], odds)
+    probability = posterior([min(probability_of_order, usual[least]) for probability_of_order in usual], odds)
     torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
     likeliest = next(iter(torques.values()))
     size = SAME_TORQUES * float(np.std(likeliest))
@@ -215,21 +217,21 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     )
 
 
-def _usual(one: _Order, counted: Sequence[int]) -> float:
+def _usual(wheels: _Order, counted: Sequence[int]) -> float:
     """Return the probability of an order before the motion is seen.
 
     Motors are numbered as encoders, and turn all alike or as these count, in most robots.
     """
-    order, signs = one
+    order, signs = wheels
     n, relative = len(order), {sign * counted[wheel] for wheel, sign in zip(order, signs, strict=True)}
     own, even = order == tuple(range(n)), len(set(signs)) == 1 or len(relative) == 1
     p = OWN_ORDER if own else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
     return p * (EQUAL_SIGNS / 2.0 if even else (1.0 - EQUAL_SIGNS) / (2**n - 2))
 
 
-def by_wheel(commands: Floats, one: _Order) -> Floats:
+def by_wheel(commands: Floats, wheels: _Order) -> Floats:
     """Return the commands (N, n) of the robot's wheels in turn, by the wheels (from 0) and signs of the file's."""
-    order, signs = one
+    order, signs = wheels
     return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
 
 
@@ -261,14 +263,14 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     parts = parts / np.maximum(np.sqrt(np.square(parts).sum(axis=(0, 1))), 1e-30)
     table = np.concatenate([u, *parts], axis=1)
     seconds = [table[driving.block == b] for b in range(int(driving.block[-1]) + 1)]
-    products = np.array([one.T @ one for one in seconds])
+    products = np.array([rows.T @ rows for rows in seconds])
     power = products[:, :n, :n]
     crossed = products[:, :n, n:].reshape(-1, n, 3, count)
     own = np.array([products[:, k : k + count, k : k + count] for k in range(n, n + 3 * count, count)])
     whole, together = float(np.trace(power.sum(axis=0))), crossed.sum(axis=0)
     # the same sums of squares, by a triangular matrix in place of all rows
     root = np.linalg.cholesky(own.sum(axis=(0, 1)) + 1e-9 * np.eye(count)).T
-    found = {}
+    unexplained = {}
     for order in permutations(range(n)):
         for signs in product((1, -1), repeat=n):
             way = basis[list(order)].T * np.asarray(signs)  # parts of each command
@@ -278,8 +280,10 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
             left[:3] -= 2.0 * np.einsum("mj,bjmk,k->mb", way[:3], crossed, factors)
             left[:3] += np.einsum("k,mbkl,l->mb", factors, own, factors)
             left = np.maximum(left, 0.0) / max(whole, TINY)
-            found[order, signs] = np.array([left[1] + left[2], left[0], left[3:].sum(axis=0)][: 2 + (n > 3)])
-    return found
+            unexplained[order, signs] = np.array(
+                [left[1] + left[2], left[0], left[3:].sum(axis=0)][: 2 + (n > 3)]
+            )
+    return unexplained
 
 
 def _delay(
@@ -288,8 +292,8 @@ def _delay(
     """Return how late the wheels answer to the commands [s], and its standard error; nan, inf if unknown."""
     driven = np.zeros((len(frame.order), len(frame.order)))
     for j, wheel in enumerate(assigned.wheels):  # in the order of the log that was compared
-        place = frame.order[wheel] - 1
-        driven[frame.order[j] - 1, place] = assigned.signs[j] * frame.signs[place]
+        position = frame.order[wheel] - 1
+        driven[frame.order[j] - 1, position] = assigned.signs[j] * frame.signs[position]
     rows, kept = motion.signals.rows, new_messages(motion.sampled)
     wheels = smooth(rows, motion.sampled[kept], motion.angles[kept], width=DELAY_WIDTH)
     commands = smooth(rows, rows, base.held_commands(rows), width=DELAY_WIDTH).value
@@ -310,7 +314,9 @@ def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Float
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
     places, left = np.arange(len(usable), dtype=np.float64), []
     for delay in DELAYS:
-        late = np.column_stack([np.interp(places - delay / INTERVAL, places, one) for one in commands.T])
+        late = np.column_stack(
+            [np.interp(places - delay / INTERVAL, places, command) for command in commands.T]
+        )
         speed = wheels.rate
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12
@@ -319,7 +325,7 @@ def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Float
         backwards = float((factors[: len(driven)] / size[: len(driven), None] * driven).sum()) <= 0.0
         rest = y if backwards else y - X / size @ factors
         left.append(np.bincount(blocks, weights=(rest**2).sum(axis=1)) / float((y**2).sum()))
-    if 1.0 - min(float(one.sum()) for one in left) < LEAST_ACCELERATION:
+    if 1.0 - min(float(remainder.sum()) for remainder in left) < LEAST_ACCELERATION:
         return math.nan, math.inf
     return vertex_with_error(DELAYS, np.array(left))
 
@@ -369,8 +375,8 @@ def _scale_of(
         "voltage": drive.torque_limit / drive.supply_voltage,
         "duty": drive.torque_limit,
     }
-    for one, torque in standstill.items():
-        scales = _scales(one, base)
+    for candidate, torque in standstill.items():
+        scales = _scales(candidate, base)
         if not scales:
             continue
         size = gain * torque
@@ -380,10 +386,10 @@ def _scale_of(
         # without a motion that shows it, the smallest number that holds them all
         ranked = list(likely) if math.isfinite(size) else sorted(scales, key=lambda name: -scales[name])
         scale = scales[ranked[0]]
-        ratios[one] = scale, size * scale
-        if one == kind:
+        ratios[candidate] = scale, size * scale
+        if candidate == kind:
             others = [name for name in ranked[1:] if abs(math.log(scales[name] / scale)) > math.log(1.2)]
-            fits = one != "duty" or abs(logs[ranked[0]]) < FULL_SCALE_FITS
+            fits = candidate != "duty" or abs(logs[ranked[0]]) < FULL_SCALE_FITS
             if others and not (sum(likely[name] for name in others) <= 1.0 - CONFIDENT and fits):
                 alike = (ranked[0], *others[:3])
     return kind, ratios, alike
@@ -395,11 +401,11 @@ def _scales(kind: InputKind, base: Columned) -> dict[str, float]:
     if kind != "duty":
         return {named: _SCALES[kind][named]} if named in _SCALES[kind] else _SCALES[kind]
     commands = base.stacked(base.roles.commands)
-    fitting = [one for one in FULL_SCALES if float(np.abs(commands).max()) <= 1.01 * one]
+    fitting = [full_scale for full_scale in FULL_SCALES if float(np.abs(commands).max()) <= 1.01 * full_scale]
     if full is not None:
         fitting = [full]
     elif named == "%":
         fitting = [100.0]
     elif fitting[:1] == [1.0] and not np.array_equal(commands, np.round(commands)):
         fitting = [1.0]  # no robot balances with a hundredth of its voltage
-    return {f"{one:g}": 1.0 / one for one in fitting}
+    return {f"{full_scale:g}": 1.0 / full_scale for full_scale in fitting}

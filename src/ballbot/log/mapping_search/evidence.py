@@ -1,4 +1,4 @@
-"""Weights of explanations, and standard errors by blocks that are left out in turn."""
+"""Probabilities of hypotheses, and jackknife standard errors over blocks."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ CONFIDENT = 0.9
 #: weight of standard errors over blocks of a second: these are not independent, and the best of several explanations
 #: fits better by chance
 ERRORS_WEIGHT = 0.6
-#: logarithm of the ratio of what two explanations leave from which it counts
+#: log ratio of the residuals of two explanations above which it counts
 LEAST_RATIO = 0.2
-#: power of the prior in a confidence: what is usual is preferred among explanations that fit alike, but does not make
-#: one certain
+#: power of the prior in a confidence: the usual one of explanations that fit alike is preferred, but is not made
+#: certain
 PRIOR_POWER = 0.7
 #: no log gives more confidence than this
 MOST = 0.999
@@ -31,10 +31,10 @@ Candidate = TypeVar("Candidate", bound=Hashable)
 def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
     """Return the candidates' probabilities from the logarithms of their weights, the likeliest first."""
     largest = max(log_weights.values())
-    weights = {one: math.exp(weight - largest) for one, weight in log_weights.items()}
+    weights = {hypothesis: math.exp(weight - largest) for hypothesis, weight in log_weights.items()}
     total = sum(weights.values())
-    ranked = sorted(weights, key=lambda one: -weights[one])
-    return {one: weights[one] / total for one in ranked}
+    ranked = sorted(weights, key=lambda hypothesis: -weights[hypothesis])
+    return {hypothesis: weights[hypothesis] / total for hypothesis in ranked}
 
 
 def advantage_confidence(z: float) -> float:
@@ -48,7 +48,7 @@ def behind(z: Floats, log_ratio: Floats, seconds: float, *, each_second: float) 
     """Return by how much (logarithm of odds) explanations are less likely than one that is z standard errors better.
 
     Either the difference repeats in every block of a second, or it is so large that few blocks are enough: then the
-    logarithm of the ratio of what the two leave counts from `LEAST_RATIO`, with a weight for each second. These are
+    log ratio of their residuals counts from `LEAST_RATIO` on, with a weight for each second. These are
     chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence.
     """
     repeated = ERRORS_WEIGHT * np.clip(z, 0.0, 60.0)
@@ -91,7 +91,7 @@ def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
     if np.argmin(total) in (0, len(total) - 1):
         return _vertex(places, total), math.inf  # it may lie beyond
     used = by_block.sum(axis=0) > 0.0
-    each = np.array([_vertex(places, total - one) for one in by_block.T[used]])
+    each = np.array([_vertex(places, total - values) for values in by_block.T[used]])
     return _vertex(places, total), float(jackknife_error(each))
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.log.checks.lean import block_sums
+from ballbot.log.balancing_motion import block_sums
 from ballbot.log.columns import FACTORS, Bools, Columns, Floats
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
@@ -44,7 +44,7 @@ WORTH_REPAIRING, REPAIR_ROWS = 0.7, 6000
 EVEN_TIMES = 0.01
 #: correlations of a gyro with the rates of the angles from which it is taken, and how far its gain may be off [log]
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
-#: [s] at the ends, where a fit is from one side, that do not show the handedness; least standard error of what shows it
+#: time [s] at each end, with a one-sided fit, that is not used for the handedness; its least standard error
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
 #: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
 PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
@@ -85,9 +85,11 @@ class Columned:
         for column in table.T:
             known = np.isfinite(column)
             if not known.all():
-                found = np.interp(places, places[known], column[known]) if known.any() else 0.0 * places
+                interpolated = (
+                    np.interp(places, places[known], column[known]) if known.any() else 0.0 * places
+                )
                 whole = np.array_equal(column[known], np.round(column[known]))
-                column[:] = np.round(found) if whole else found
+                column[:] = np.round(interpolated) if whole else interpolated
         return table
 
     def held_commands(self, rows: Floats) -> Floats:
@@ -163,27 +165,27 @@ def motion_of_file(base: Columned) -> SensedMotion:
     leans = [Unit(name="rad", factor=1.0, reason="of a quaternion")]
     if roles.attitude and not roles.quaternion:
         leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
-    likely, found = likeliest_units(leans, wheels), None
+    likely, motion = likeliest_units(leans, wheels), None
     heading_named = roles.unit(roles.attitude[2:]) is not None
     for _ in range(4):
         units = next(iter(likely))
-        if found is not None and found.units == units:
+        if motion is not None and motion.units == units:
             break
-        found = _with_units(base, raw, wrap, units)
-        gain = found.tested.gain if found.tested else None
-        turning = found.tested.heading.turning if found.tested and found.tested.heading else None
+        motion = _with_units(base, raw, wrap, units)
+        gain = motion.tested.gain if motion.tested else None
+        turning = motion.tested.heading.turning if motion.tested and motion.tested.heading else None
         likely = likeliest_units(
             leans, wheels, units, gain=gain, turning=turning, heading_named=heading_named
         )
-    assert found is not None
-    return replace(found, likely=likely)
+    assert motion is not None
+    return replace(motion, likely=likely)
 
 
 def _continued(angles: Floats, *, of_speeds: bool) -> tuple[Floats, float | None]:
     """Return angles (M, n) without the jumps of a full counter or turn, and its period if there is one."""
     periods = PERIODS if np.all(angles == np.round(angles)) else TURNS
     jump, extent = float(np.abs(np.diff(angles, axis=0)).max(initial=0.0)), float(np.ptp(angles))
-    period = next((one for one in periods if 0.6 * one < extent < 1.0001 * one), None)
+    period = next((period for period in periods if 0.6 * period < extent < 1.0001 * period), None)
     if of_speeds or period is None or jump < 0.6 * period:
         return angles, None
     return np.column_stack([unwrapped(column, period=period) for column in angles.T]), period
@@ -201,14 +203,16 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         gyro = _gyro(base, sampled, attitude) if roles.gyro else None
     tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
     tests = [
-        (one, lean_test(robot, one.lean, one.wheels, one.heading, one.usable)) for one in tried if one.lean
+        (signals, lean_test(robot, signals.lean, signals.wheels, signals.heading, signals.usable))
+        for signals in tried
+        if signals.lean
     ]
-    known = [(one, test) for one, test in tests if test is not None]
+    known = [(signals, test) for signals, test in tests if test is not None]
     # the smallest error of the phase, which counts more if the placement is in doubt
     signals, tested = min(
         known,
-        key=lambda one: (
-            (math.pi if one[1].phase_error is None else one[1].phase_error) / max(one[1].confidence, 0.05)
+        key=lambda pair: (
+            (math.pi if pair[1].phase_error is None else pair[1].phase_error) / max(pair[1].confidence, 0.05)
         ),
         default=(tried[0], None),
     )
@@ -260,11 +264,11 @@ def _signals(
         if attitude.shape[1] > 2:
             heading = smoothed(np.unwrap(attitude[:, 2:], axis=0))
     if gyro is not None and tilt is not None:
-        found = smoothed(gyro.rates(base.stacked(base.roles.gyro)))
-        tilt = Smooth(value=tilt.value, rate=found.value[:, :2], acceleration=found.rate[:, :2])
+        rates = smoothed(gyro.rates(base.stacked(base.roles.gyro)))
+        tilt = Smooth(value=tilt.value, rate=rates.value[:, :2], acceleration=rates.rate[:, :2])
         if heading is None:
-            value = INTERVAL * np.cumsum(found.value[:, 2:], axis=0)
-            heading = Smooth(value=value, rate=found.value[:, 2:], acceleration=found.rate[:, 2:])
+            value = INTERVAL * np.cumsum(rates.value[:, 2:], axis=0)
+            heading = Smooth(value=value, rate=rates.value[:, 2:], acceleration=rates.rate[:, 2:])
     usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
     return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
 
@@ -275,7 +279,9 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
     yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
     angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
     named = base.roles.unit(base.roles.gyro)
-    smoothed = [[smooth(rows, sampled[kept], one[kept], width=w) for one in (angles, gyro)] for w in WIDTHS]
+    smoothed = [
+        [smooth(rows, sampled[kept], signal[kept], width=w) for signal in (angles, gyro)] for w in WIDTHS
+    ]
     fits = [_gyro_fit(turned, turning.value, named, with_yaw=with_yaw) for turned, turning in smoothed]
     return max((fit for fit in fits if fit), key=lambda fit: min(fit.correlations[:2]), default=None)
 
@@ -286,21 +292,21 @@ def _gyro_fit(angles: Smooth, a: Floats, named: str | None, *, with_yaw: bool) -
     R = correlations(a, b)
     axes = (0, 1, 2) if with_yaw else (0, 1)
     order = max(permutations(range(3)), key=lambda p: sum(abs(R[p[axis], axis]) for axis in axes))
-    found = [abs(float(R[order[axis], axis])) for axis in axes]
-    if min(found[:2]) < GYRO_CORRELATION:
+    agreement = [abs(float(R[order[axis], axis])) for axis in axes]
+    if min(agreement[:2]) < GYRO_CORRELATION:
         return None
     signs = [1 if R[order[axis], axis] > 0.0 else -1 for axis in axes]
     if not with_yaw:  # axes of one handedness
         signs.append(signs[0] * signs[1] * (1 if order in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1))
     # noise makes a slope too small: least so on the axis that agrees best
-    best = int(np.argmax(found))
+    best = int(np.argmax(agreement))
     gain = float(np.std(a[:, order[best]]) / np.std(b[:, best]))
     table = FACTORS["rad/s"]
     names = (named,) if named in table else ("rad/s", "deg/s")
-    unit = min(names, key=lambda one: abs(math.log(gain * table[one])))
+    unit = min(names, key=lambda name: abs(math.log(gain * table[name])))
     if abs(math.log(gain * table[unit])) > GYRO_GAIN:
         return None
-    gyro = Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(found))
+    gyro = Gyro(order=order, signs=tuple(signs), unit=unit, correlations=tuple(agreement))
     return replace(gyro, handedness=_shared_handedness(angles, gyro.rates(a), with_yaw=with_yaw))
 
 
@@ -318,7 +324,7 @@ def _shared_handedness(angles: Smooth, turning: Floats, *, with_yaw: bool) -> fl
     left, products = left[inside, :axes], products[inside, :axes]
     block = np.arange(len(left)) // round(1.0 / INTERVAL)
     left = left - left.mean(axis=0)
-    along, power = (block_sums((products * one).sum(axis=1), block) for one in (left, products))
+    along, power = (block_sums((products * factor).sum(axis=1), block) for factor in (left, products))
     if len(along) < 3 or not power.any():
         return 0.0
     k = float(along.sum() / power.sum())

@@ -1,4 +1,4 @@
-"""What the names of a foreign table say: the kind, axis or wheel, and unit of each column, and its role in the log.
+"""Read the names of a foreign table: the kind, axis or wheel, and unit of each column, and its role in the log.
 
 A name is cut into words at separators, brackets, digits and capital letters, so that `GyroX_dps`, `gyro_x (deg/s)` and
 `GYRO-X [dps]` have one reading. Words in brackets, or at the end, that are a unit are the unit. Letters, corners and
@@ -9,7 +9,7 @@ current in amperes. The rest decides the kind:
 2. Words for time, roll, pitch and yaw, and gyro.
 3. Words with the number of a wheel: a command, an angle or a speed.
 
-A name that says nothing is of the kind "other". How plainly a name says what it says is its weight, from 0 to 1.
+A name without a known word is of the kind "other". The weight, from 0 to 1, is how clearly a name states its kind.
 
 A series is as many columns of one kind and stem as the robot has wheels, numbered from 1 or 0. Of several the plainest
 name is taken.
@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.log.columns import UNIT_OF, Floats
+from ballbot.log.columns import UNIT_OF, Floats, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 
@@ -34,7 +34,7 @@ Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "comman
 
 _ANGLES = ("rad", "deg", "turn", "counts")
 _RATES = ("rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "turn/s", "rps", "counts/s")
-#: what a unit says of a command
+#: the kind of a command by its unit
 INPUT_OF_UNIT: dict[str, InputKind] = {
     **dict.fromkeys(("N m", "mN m", "N cm"), "torque"),
     **dict.fromkeys(("A", "mA"), "current"),
@@ -52,7 +52,7 @@ _UNITS_OF_KIND: dict[Kind, tuple[str, ...]] = {
     "other": (),
 }
 
-#: the words of names, English and German, by what they say
+#: the words of names, English and German, by meaning
 _WORDS = {
     group: frozenset(words.split())
     for group, words in {
@@ -92,7 +92,7 @@ _KNOWN = frozenset().union(*_WORDS.values())
 _LONG = "|".join(sorted((word for word in _KNOWN if len(word) > 2), key=len, reverse=True))
 #: words that are written as one: imuroll, gyrox, dpsi, motorstrom
 _GLUED = re.compile(rf"(d)?((?:{_LONG})+|q|th)([xyz])?")
-#: what numbers the wheels of a robot besides numbers: letters, corners and sides
+#: series that number a robot's wheels without digits: letters, corners and sides
 _SERIES = ("abcdef", ("fl", "fr", "rl", "rr"), ("lf", "rf", "lr", "rr"), ("fl", "fr", "bl", "br"),
            ("front", "rear", "back", "left", "right"))  # fmt: skip
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
@@ -101,7 +101,7 @@ _ONE_LETTER = ("A", "m", "s", "V")
 
 @dataclass(frozen=True, kw_only=True)
 class NameReading:
-    """What the name of a column says."""
+    """The meaning of a column's name."""
 
     name: str  #: as the file has it
     kind: Kind
@@ -109,17 +109,17 @@ class NameReading:
     index: int | None = None  #: number of a wheel or motor, as the file counts
     unit: str | None = None  #: one of `columns.UNITS`; None if the name has none that fits the kind
     stem: str = ""  #: the words without number, axis and unit: columns of one group have one stem
-    weight: float = 0.0  #: how plainly the name says it, from 0 to 1
+    weight: float = 0.0  #: how clearly the name states its kind, from 0 to 1
 
 
 def read_names(names: Sequence[str], units: Mapping[str, str]) -> list[NameReading]:
-    """Return what the names of a file's columns say, with the units (by name) that a row below the header has."""
-    numbered, found = _numbered(names), []
+    """Return the readings of a file's column names; `units`, by name, are those of a row below the header."""
+    numbered, readings = _numbered(names), []
     for name in names:
         spelled, unit = numbered.get(name, name), units.get(name, "").strip("[](){}<> ")
         with_unit = f"{spelled} [{unit}]" if unit and _words_and_unit(spelled)[1] is None else spelled
-        found.append(replace(read_name(with_unit), name=name))
-    return found
+        readings.append(replace(read_name(with_unit), name=name))
+    return readings
 
 
 def _numbered(names: Sequence[str]) -> dict[str, str]:
@@ -134,19 +134,19 @@ def _numbered(names: Sequence[str]) -> dict[str, str]:
                 if part.group().lower() in tuple(members):
                     before, after = name[: part.start()], name[part.end() :]
                     series.setdefault((before, after, k), []).append((name, part.group().lower()))
-    found: dict[str, str] = {}
+    numbered: dict[str, str] = {}
     for (before, after, k), members in series.items():
         if k == 0:
-            members.sort(key=lambda one: one[1])
+            members.sort(key=lambda member: member[1])
         if len(members) < 3 or (k == 0 and not "abcdef".startswith("".join(letter for _, letter in members))):
             continue
-        for place, (name, _) in enumerate(members, start=1):
-            found.setdefault(name, f"{before}{place}{after}")
-    return found
+        for index, (name, _) in enumerate(members, start=1):
+            numbered.setdefault(name, f"{before}{index}{after}")
+    return numbered
 
 
 def read_name(name: str) -> NameReading:
-    """Return what a column's name says; any text has a reading."""
+    """Return the reading of a column's name; every text has one."""
     words, unit = _words_and_unit(name)
     axis, index, bare = None, None, list[str]()
     for word in words:
@@ -186,7 +186,7 @@ def _kind(
     if plain and ("time" in says or present - _WORDS["empty"] == {"t"} or of_time):
         return "time", 0.8 if "time" in says else 0.7, None
     if "no inertial" not in says:
-        named = next((one for one in "xyz" if one in says), None)
+        named = next((axis for axis in "xyz" if axis in says), None)
         changing = "changing" in says or unit in _RATES
         euler = present & set(_EULER)
         if "gyro" in says and (axis or named):
@@ -207,7 +207,9 @@ def _kind(
 
 def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     """Return whether words with a number are a motor's command, or a wheel's angle or speed, and the weight."""
-    wheel, angle, changing, command = (_WORDS[one] for one in ("wheel", "wheel angle", "changing", "command"))
+    wheel, angle, changing, command = (
+        _WORDS[topic] for topic in ("wheel", "wheel angle", "changing", "command")
+    )
     of_unit = INPUT_OF_UNIT.get(unit or "")
     if not present <= wheel | angle | changing | command:
         # words of any language
@@ -232,20 +234,20 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
     """Return the words of a name in lower case without its unit, and the unit."""
     unit, name = None, name.translate(_UMLAUTS)
     for content in re.findall(r"[\(\[\{]([^\)\]\}]*)[\)\]\}]", name):
-        spelled = re.sub(r"[\s_·*\.]", "", content.lower())
-        if spelled in UNIT_OF:
-            unit = UNIT_OF[spelled]
-            name = name.replace(content, " ")
+        if spelled := unit_spelled(content):
+            unit, name = spelled, name.replace(content, " ")
     name = re.sub(r"/(?!(?:s|sec|min)\b)", " ", name)  # of a path, not of a unit
     parts = [part for part in re.split(r"[^0-9A-Za-zµμ%°/^²]+", name) if part]
     if unit is None:
-        parts, unit = _unit_at_the_end(parts)
+        parts, unit = unit_at_the_end(parts)
     if unit is None and len(parts) > 2 and (parts[-1].isdigit() or parts[-1].lower() in "xyz"):
-        rest, unit = _unit_at_the_end(parts[:-1])  # before a number or an axis: torque_Nm_1
+        rest, unit = unit_at_the_end(parts[:-1])  # before a number or an axis: torque_Nm_1
         if unit in _ONE_LETTER and not {part.lower() for part in rest} & _WORDS["command"]:
             unit = None
         parts = [*rest, parts[-1]] if unit else parts
-    words = [word for part in parts for one in _CAPITALS.findall(part) for word in _parted(one.lower())]
+    words = [
+        word for part in parts for word_part in _CAPITALS.findall(part) for word in _parted(word_part.lower())
+    ]
     # camel case: timeMs, angleDeg; one letter alone is an axis or a number
     last = words[-1] if len(words) > 1 and len(words[-1]) > 1 else ""
     if unit is None and last in UNIT_OF and last not in _WORDS["wheel angle"] | _WORDS["command"]:
@@ -257,28 +259,16 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
 _CAPITALS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-zµμ]+|[A-Z]+|[0-9]+|[%°/^²]+")
 
 
-def _unit_at_the_end(parts: list[str]) -> tuple[list[str], str | None]:
-    """Return the parts of a name without the unit at their end, and the unit; its slash may be a part: gyro_x_rad_s."""
-    for length in (4, 3, 2, 1):
-        first, *rest = [part.lower() for part in parts[-length:] if part.lower() != "per"] or [""]
-        spelled = f"{first}/{''.join(rest)}".replace("sec", "s") if rest else first
-        if first in ("n", "mn"):
-            spelled = first + "".join(rest)
-        if len(parts) > length and (not rest) == (length == 1) and spelled in UNIT_OF:
-            return parts[:-length], UNIT_OF[spelled]
-    return parts, None
-
-
 def _parted(word: str) -> list[str]:
-    """Return the words that one in lower case is made of; itself if they are not known."""
+    """Return the words that make up a word in lower case; the word itself if they are not known."""
     if word in _KNOWN or word in UNIT_OF:
         return [word]
     if re.fullmatch("[gw][xyz]", word):
         return ["gyro", word[1]]
-    found = _GLUED.fullmatch(word)
-    if not found:
+    match = _GLUED.fullmatch(word)
+    if not match:
         return [word]
-    d, middle, axis = found.groups(default="")
+    d, middle, axis = match.groups(default="")
     return [*d, *(re.findall(_LONG, middle) or [middle]), *axis]
 
 
@@ -290,7 +280,7 @@ UPSIDE_DOWN, UPSIDE_DOWN_ROWS = 0.1, 0.9
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """The file's names of what the log is made of; empty or None if there is none."""
+    """The file's column of each quantity of the log; empty or None if there is none."""
 
     time: str
     attitude: tuple[str, ...]  #: roll, pitch and, if there is one, yaw
@@ -342,10 +332,10 @@ def roles_by_name(names: Sequence[str], *, wheel_count: int, units: Mapping[str,
     angles, speeds, commands = (
         _series(readings, kind, wheel_count) for kind in ("wheel angle", "wheel speed", "command")
     )
-    times = [one for one in readings if one.kind == "time"]
+    times = [reading for reading in readings if reading.kind == "time"]
     attitude, gyro = _axes(readings, "attitude"), _axes(readings, "gyro")
     return Roles(
-        time=max(times, key=lambda one: one.weight).name if times else "",
+        time=max(times, key=lambda reading: reading.weight).name if times else "",
         attitude=tuple(attitude[axis] for axis in "xyz" if axis in attitude)
         if {"x", "y"} <= set(attitude)
         else (),
@@ -353,38 +343,40 @@ def roles_by_name(names: Sequence[str], *, wheel_count: int, units: Mapping[str,
         of_speeds=not angles and bool(speeds),
         commands=commands,
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
-        units={one.name: one.unit for one in readings if one.unit},
+        units={reading.name: reading.unit for reading in readings if reading.unit},
     )
 
 
 def _series(readings: Iterable[NameReading], kind: Kind, count: int) -> tuple[str, ...]:
     """Return the complete series of columns of a kind with the plainest names; empty without one."""
     series: dict[str, dict[int, NameReading]] = {}
-    for one in readings:
-        if one.kind == kind and one.index is not None:
-            series.setdefault(one.stem, {}).setdefault(one.index, one)
-    found = []
+    for reading in readings:
+        if reading.kind == kind and reading.index is not None:
+            series.setdefault(reading.stem, {}).setdefault(reading.index, reading)
+    candidates = []
     for members in series.values():
         first = min(members)
         if first in (0, 1) and set(members) == set(range(first, first + count)):
-            found.append([members[first + k] for k in range(count)])
-    plainest = max(found, key=lambda chosen: min(one.weight for one in chosen), default=[])
-    return tuple(one.name for one in plainest)
+            candidates.append([members[first + k] for k in range(count)])
+    plainest = max(candidates, key=lambda chosen: min(reading.weight for reading in chosen), default=[])
+    return tuple(reading.name for reading in plainest)
 
 
 def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     """Return the columns of a kind by axis, of one family of names: that with the most axes, then the plainest."""
     families: dict[str, dict[str, NameReading]] = {}
-    for one in readings:
-        if one.kind == kind and one.axis is not None:
-            families.setdefault(one.stem, {}).setdefault(one.axis, one)
+    for reading in readings:
+        if reading.kind == kind and reading.axis is not None:
+            families.setdefault(reading.stem, {}).setdefault(reading.axis, reading)
     if not families:
         return {}
-    best = max(families.values(), key=lambda f: (len(f) > 1, min(one.weight for one in f.values()), len(f)))
+    best = max(
+        families.values(), key=lambda f: (len(f) > 1, min(reading.weight for reading in f.values()), len(f))
+    )
     # a heading by itself belongs to roll and pitch of another family
     for family in families.values() if len(best) > 1 else ():
         best = family | best
-    return {axis: one.name for axis, one in best.items()}
+    return {axis: reading.name for axis, reading in best.items()}
 
 
 def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
@@ -392,28 +384,28 @@ def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
 
     They differ in one letter, w, x, y and z, and the sum of their squares is one.
     """
-    found = []
+    candidates = []
     for name in columns:
-        for place, mark in enumerate(name):
+        for position, mark in enumerate(name):
             if mark not in "wW":
                 continue
             marks = "wxyz" if mark == "w" else "WXYZ"
-            series = tuple(name[:place] + one + name[place + 1 :] for one in marks)
-            if all(one in columns for one in series):
-                values = np.column_stack([columns[one] for one in series])
+            series = tuple(name[:position] + letter + name[position + 1 :] for letter in marks)
+            if all(column in columns for column in series):
+                values = np.column_stack([columns[column] for column in series])
                 values = values[np.isfinite(values).all(axis=1)]
                 norm = np.linalg.norm(values, axis=1)
                 unit = np.abs(norm - 1.0) < UNIT_NORM
                 if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
-                    found.append(series)
-    return min(found, key=lambda series: "odom" in series[0].lower(), default=())
+                    candidates.append(series)
+    return min(candidates, key=lambda series: "odom" in series[0].lower(), default=())
 
 
 def _half_turn(roll: Floats, unit: str | None) -> float | None:
     """Return half a turn in the unit of a roll (N,) that shows an IMU upside down; None if it shows none."""
     known = roll[np.isfinite(roll)]
-    for one, half in (("deg", 180.0), ("rad", np.pi)):
+    for angle_unit, half in (("deg", 180.0), ("rad", np.pi)):
         near = np.abs(np.abs(known) - half) < UPSIDE_DOWN * 2.0 * half
-        if unit in (None, one) and len(known) and near.mean() > UPSIDE_DOWN_ROWS:
+        if unit in (None, angle_unit) and len(known) and near.mean() > UPSIDE_DOWN_ROWS:
             return half
     return None

@@ -56,7 +56,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
-from ballbot.log.checks.lean import block_sums, clarity
+from ballbot.log.balancing_motion import block_sums, clarity
 from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
@@ -100,7 +100,7 @@ LEAST_TOGETHER = 0.003
 #: weight of motion that all wheels share in a log without heading, over motion that no rolling ball allows. Four wheels
 #: have both: opposite wheels exchanged and negated turn the one into the other, and change nothing else
 UNKNOWN_HEADING = 0.3
-#: before the log is seen: wheels in the robot's order, and in the opposite one; wheels of equal signs
+#: prior probabilities: wheels in the robot's order, and in the opposite one; wheels of equal signs
 OWN_ORDER, MIRRORED_ORDER, EQUAL_SIGNS = 0.55, 0.25, 0.6
 #: weight for each second of the logarithm of the ratio of two misfits (`behind`)
 EACH_SECOND = 0.6
@@ -202,13 +202,15 @@ class LeanTest:
 
         The wheels' motion by itself may decide if the lean does not.
         """
-        found, count = self.placements[0], len(self.placements[0].positions)
-        own = [one for one in self.placements if one.positions == tuple(range(1, count + 1))]
-        if found is not own[0] or self.confidence < CONFIDENT:
-            found, second = sorted(own, key=lambda one: one.together)[:2]
-            if found.together > min(RIGHT_TOGETHER, second.together / WRONG_TOGETHER):
+        likeliest, count = self.placements[0], len(self.placements[0].positions)
+        own = [
+            placement for placement in self.placements if placement.positions == tuple(range(1, count + 1))
+        ]
+        if likeliest is not own[0] or self.confidence < CONFIDENT:
+            likeliest, second = sorted(own, key=lambda placement: placement.together)[:2]
+            if likeliest.together > min(RIGHT_TOGETHER, second.together / WRONG_TOGETHER):
                 return ()
-        return tuple(i for i, sign in enumerate(found.signs, start=1) if sign < 0)
+        return tuple(i for i, sign in enumerate(likeliest.signs, start=1) if sign < 0)
 
 
 def torque_free_gains(robot: Robot) -> tuple[float, float]:
@@ -243,9 +245,12 @@ def lean_test(
     if heading is None:  # that which the wheels give, as the likeliest placement without one has them
         ranked, _ = _ranked_placements(robot, law, None, weights, gamma)
         law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
-    law = min((replace(law, sigma=sigma) for sigma in sigmas), key=lambda one: float(one.left(weights).sum()))
+    law = min(
+        (replace(law, sigma=sigma) for sigma in sigmas),
+        key=lambda candidate: float(candidate.left(weights).sum()),
+    )
     weights, _ = _weights(law, usable)
-    lag, lag_error = vertex_with_error(LAGS, np.array([replace(law, lag=one).left(weights) for one in LAGS]))
+    lag, lag_error = vertex_with_error(LAGS, np.array([replace(law, lag=lag).left(weights) for lag in LAGS]))
     law = replace(law, lag=lag)
     weights, pushed = _weights(law, usable)
     usable = usable & ~pushed
@@ -256,7 +261,7 @@ def lean_test(
     law = replace(law, way=way, heading=heading or _heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
-    gains = [_solved((sums.sum(axis=0) - one)[:-1])[0] for one in sums]
+    gains = [_solved((sums.sum(axis=0) - block)[:-1])[0] for block in sums]
     rest = driven - turning @ _solve(turning, driven, weights)
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
@@ -308,7 +313,7 @@ class _LeanLaw:
         """D^2 Theta - kappa Theta (N,), a lag later: what the wheels must explain."""
         plane = np.array([1.0, 1j])
         value, rate, acceleration = (
-            self.late(one) @ plane for one in (self.lean.value, self.lean.rate, self.lean.acceleration)
+            self.late(signal) @ plane for signal in (self.lean.value, self.lean.rate, self.lean.acceleration)
         )
         turn, changing = self.turn_rate, 0.0
         if self.heading is not None:
@@ -356,18 +361,18 @@ def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floa
     return HeadingTest(correlation=correlation, gain=gain, confidence=advantage_confidence(z))
 
 
-def _advantage(one: Floats, other: Floats, weights: Floats) -> float:
+def _advantage(better: Floats, other: Floats, weights: Floats) -> float:
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
     Either the difference repeats in every block, or it is so large that few blocks are enough. The spread of few blocks
     is itself not well known: Student's t, taken for the normal deviate of the same probability.
     """
     used = np.bincount(_blocks(len(weights)), weights=weights) > 0.0
-    gained = (other - one)[used] / float((one + other)[used].mean())
+    gained = (other - better)[used] / float((better + other)[used].mean())
     if len(gained) < 3:
         return 0.0
     repeated = -float(ndtri(stdtr(len(gained) - 1, -abs(clarity(gained)))))
-    ratio = math.log(float(other[used].sum()) / float(one[used].sum()))
+    ratio = math.log(float(other[used].sum()) / float(better[used].sum()))
     odds = behind(np.array(repeated), np.array(abs(ratio)), len(gained), each_second=0.5)
     return math.copysign(math.sqrt(2.0 * float(odds)) / ERRORS_WEIGHT, ratio)
 
@@ -417,8 +422,8 @@ def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
     for _ in range(FIT_ROUNDS):
         rest = np.abs(driven - X @ _solve(X, driven, weights)) ** 2
         size, whole = (
-            np.sqrt(np.bincount(blocks, weights=one * usable) / np.maximum(count, 1.0))
-            for one in (rest, swings)
+            np.sqrt(np.bincount(blocks, weights=rows * usable) / np.maximum(count, 1.0))
+            for rows in (rest, swings)
         )
         usual = float(np.median(size[count > 0]))
         pushed = usable & (size > np.maximum(PUSHED * usual, math.sqrt(PUSHED_SHARE) * whole))[blocks]
@@ -470,7 +475,7 @@ def _ranked_placements(
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     placements = [
         Placement(
-            positions=tuple(place + 1 for place in every[h][0]),
+            positions=tuple(wheel + 1 for wheel in every[h][0]),
             signs=every[h][1],
             phase=float(np.angle(gain[h])),
             gain=float(abs(gain[h])) / gamma,
@@ -483,14 +488,14 @@ def _ranked_placements(
     return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
 
 
-def _same_wheels(angles: Floats, one: _Way, other: _Way) -> bool:
+def _same_wheels(angles: Floats, first: _Way, second: _Way) -> bool:
     """Return whether two placements give the robot's wheels the same angles, up to a turn of the robot and all signs.
 
     With four wheels and a heading that stands still, opposite wheels have opposite angles.
     """
     n = angles.shape[1]
     moved = angles - angles.mean(axis=0)
-    mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (one, other))
+    mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (first, second))
     size = np.maximum(mine.std(axis=0), 1e-9)
     return any(
         float((np.std(mine - sign * np.roll(others, turn, axis=1), axis=0) / size).max()) < SAME_WHEELS
@@ -515,13 +520,13 @@ def _scores(
     left = C.conj().transpose(0, 2, 1)
     normal, right = left @ G @ C, (left @ r[..., None, :, None])[..., 0]
     size = np.trace(normal, axis1=-2, axis2=-1).real[..., None, None]
-    found = np.linalg.solve(normal + 1e-12 * size * np.eye(3), right[..., None])[..., 0]
+    solution = np.linalg.solve(normal + 1e-12 * size * np.eye(3), right[..., None])[..., 0]
     offset = np.abs(r[..., -1:]) ** 2 / np.maximum(G[..., -1, -1].real, TINY)
-    rest = y - np.sum(right.conj() * found, axis=-1).real
+    rest = y - np.sum(right.conj() * solution, axis=-1).real
     unexplained = np.maximum(rest, TINY) / np.maximum(y - offset, TINY)
     together = _together(signs, angles, wheel_sums)
     score = np.log(unexplained) + 0.5 * np.log(together + LEAST_TOGETHER)
-    return found[..., 0].astype(np.complex128), unexplained, together, score
+    return solution[..., 0].astype(np.complex128), unexplained, together, score
 
 
 def _together(signs: NDArray[np.intp], angles: Floats, sums: Floats) -> Floats:
@@ -571,7 +576,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> 
     same = 1.0 / (1.0 + math.exp(-max(min(shown, MOST_ODDS), -MOST_ODDS)))
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)
     if same < 1.0 - CONFIDENT:  # one handedness is usual, and is taken if the log leaves it open
-        reflected = tuple((1 - place) % count + 1 for place in positions)
+        reflected = tuple((1 - position) % count + 1 for position in positions)
         if best.positions == own or reflected != own:
             axes = (1, 1, -1)
         else:
@@ -589,7 +594,7 @@ def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> 
     rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
     by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
     return SensorFrame(
-        order=tuple(positions.index(place) + 1 for place in own),
+        order=tuple(positions.index(position) + 1 for position in own),
         signs=tuple(int(sign) for sign in signs),
         turn=float(near if rounded else turn),
         measured_turn=turn,

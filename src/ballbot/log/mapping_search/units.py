@@ -1,4 +1,4 @@
-"""In which units a foreign file has its time, wheels and lean: by its headings, else by what physics supports.
+"""Find the units of a foreign file's time, wheels and lean: from its headings, else from the physics.
 
 A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
@@ -28,7 +28,7 @@ STEP_AGREEMENT = 0.02
 #: no wheel turns faster than this many times the drive's own limit
 BEYOND_LIMIT = 1.5
 #: the robot file's radii, masses and heights give the lean's response to this [log]; a ball that pivots turns the
-#: wheels less than the heading says, so that the second counts for little
+#: wheels less than the heading implies, so that the second counts for little
 GAIN_DEVIATION, TURNING_DEVIATION, PIVOTS = 0.25, 0.1, 0.15
 #: log weights: of steps of one count, and whole numbers that are counts
 ONE_COUNT, WHOLE = 5.0, 8.0
@@ -36,12 +36,12 @@ ONE_COUNT, WHOLE = 5.0, 8.0
 
 @dataclass(frozen=True, kw_only=True)
 class Unit:
-    """The unit of columns, and what turns their numbers into Ballbot's."""
+    """The unit of columns, and the factor to Ballbot's."""
 
     name: str
     factor: float
     reason: str = ""
-    weight: float = 0.0  #: logarithm, before the motion is seen
+    weight: float = 0.0  #: logarithm of the prior weight
 
 
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
@@ -79,7 +79,7 @@ def wheel_units(
     whole, step = bool(np.all(angles == np.round(angles))), None if of_speeds else encoder_step(angles)
     speeds = np.abs(angles) if of_speeds else np.abs(np.diff(angles, axis=0)) / float(np.median(np.diff(t)))
     largest = float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
-    found = []
+    units = []
     for name in ("rad/s", "deg/s", "rpm", "counts/s") if of_speeds else ("rad", "deg", "turn", "counts"):
         factor, reason = table[name], "no other unit fits as well"
         weight = 0.0 if name.startswith("rad") or name == "rpm" else -1.0
@@ -90,8 +90,8 @@ def wheel_units(
         elif not whole and step is not None and abs(step * factor / count - 1.0) < STEP_AGREEMENT:
             weight, reason = weight + ONE_COUNT, f"steps of {step:.5g} are one encoder count"
         weight -= 9.0 if largest * factor > BEYOND_LIMIT * robot.drive.top_speed else 0.0
-        found.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
-    return found
+        units.append(Unit(name=name, factor=factor, reason=reason, weight=weight))
+    return units
 
 
 def lean_units(lean: Floats, named: str | None) -> list[Unit]:

@@ -18,7 +18,7 @@ needs gives too small a factor, because the need is computed from differentiated
 is therefore that of the part of the need that gravity causes: its noise is that of another sensor, an instrumental
 variable. Its error has three parts: the scatter of the seconds; what friction's three terms miss, a fraction of the
 friction that grows with the part of it that goes along with the need; and a floor. A log in which friction is most of
-the torque hardly bounds the scale, and says so.
+the torque hardly bounds the scale; a finding then reports the bounds.
 """
 
 from __future__ import annotations
@@ -29,13 +29,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding
-from ballbot.log.checks.kinematics import measured_wheel_speeds
-from ballbot.log.checks.lean import EVERY, Motion, as_complex, as_plane
-from ballbot.log.checks.table import judged
+from ballbot.log.balancing_motion import EVERY, Motion, as_complex, as_plane
 from ballbot.log.columns import Floats, torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, local_fit
+from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
@@ -68,12 +66,12 @@ def driving_of(log: Log, motion: Motion, robot: Robot) -> Driving | None:
     speed = smoothed_wheel_speeds(log, robot)
     sign = np.tanh(speed / SIGN)
     parts = (sign, speed, sign * np.exp(-np.abs(speed) / FALLING), (np.abs(speed) > TURNING).astype(float))
-    found = motion.filtered(log, np.hstack(parts)).reshape(len(motion.block), 4, -1)
+    terms = motion.filtered(log, np.hstack(parts)).reshape(len(motion.block), 4, -1)
     torques = np.column_stack([log[name] for name in names])
     needed, pulled = _needed(motion, robot)
     return Driving(
         torque=motion.filtered(log, torques, late=0.5 * log.sample_time), needed=needed, pulled=pulled,
-        friction=np.moveaxis(found[:, :3], 1, -1), turning=np.clip(found[:, 3], 0.0, 1.0),
+        friction=np.moveaxis(terms[:, :3], 1, -1), turning=np.clip(terms[:, 3], 0.0, 1.0),
         block=motion.block, azimuths=np.asarray(robot.wheels.azimuths),
     )  # fmt: skip
 
@@ -83,7 +81,7 @@ def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
     M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
     lean_rate, lean_acceleration = (
-        one[0] + 1j * one[1] for one in (motion.lean_rate, motion.lean_acceleration)
+        pair[0] + 1j * pair[1] for pair in (motion.lean_rate, motion.lean_acceleration)
     )
     w = np.column_stack([as_plane(lean_rate), motion.turning])
     w_dot = np.column_stack([as_plane(lean_acceleration), motion.turning_rate])
@@ -122,7 +120,7 @@ USUAL = 0.15
 #: standard errors of a gain that is wrong (of 400 sound logs of robots that set nothing, 2 are beyond 3.5), and the
 #: factor of one torque over the others that is
 SURE, UNLIKE = 5.0, 1.25
-#: a factor that a log must be able to exclude, or its bounds are said
+#: a factor that a log must exclude; otherwise its bounds are reported
 MUST_SHOW = 1.4
 #: gains nearer to zero than this part of the middle one are as good as zero
 ZERO = 0.05
@@ -181,8 +179,8 @@ class Gains:
 
 def gains_of(driving: Driving) -> Gains:
     """Return the gain of each motor."""
-    found = np.array([_gain(driving, i) for i in range(driving.torque.shape[1])])
-    return Gains(factors=found[:, 0], errors=found[:, 1])
+    factors = np.array([_gain(driving, i) for i in range(driving.torque.shape[1])])
+    return Gains(factors=factors[:, 0], errors=factors[:, 1])
 
 
 def _gain(driving: Driving, i: int) -> tuple[float, float]:
@@ -210,22 +208,8 @@ def _gain(driving: Driving, i: int) -> tuple[float, float]:
 
 def together(gains: Sequence[Gains]) -> Gains:
     """Return the gains that several logs of a robot show."""
-    weights = 1.0 / np.square([one.errors for one in gains])
+    weights = 1.0 / np.square([gain.errors for gain in gains])
     precision = weights.sum(axis=0)
-    mean = np.sum(np.where(weights > 0.0, weights * [one.factors for one in gains], 0.0), axis=0)
+    mean = np.sum(np.where(weights > 0.0, weights * [gain.factors for gain in gains], 0.0), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return Gains(factors=mean / precision, errors=np.maximum(precision**-0.5, FLOOR))
-
-
-def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
-    """Return the error of a torque that is scaled unlike the others, or of all that are scaled."""
-    factors, errors = gains.unlike()
-    off = np.nan_to_num(np.abs(np.log(factors)))
-    i = int(np.argmax(np.where(off > np.maximum(SURE * errors, np.log(UNLIKE)), off / errors, 0.0)))
-    if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
-        return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
-    factor, uncertain = gains.common()
-    heavier = "heavier" if factor > 1.0 else "lighter"
-    return judged(
-        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
-    )

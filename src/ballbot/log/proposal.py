@@ -1,4 +1,4 @@
-"""What a foreign log is: the search, what it leaves to ask, the mapping file, and the log that this makes.
+"""Propose how a foreign log becomes one of Ballbot's: its mapping file, open questions, and the log that it makes.
 
 The user states the kind of the command, names say which columns there are and in which units; the search finds from the
 motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once, in the mapping
@@ -46,7 +46,7 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
 
-#: standard error of the IMU's turn from which it is asked for [rad]: of four turns of the campaign's logs of 4 to 6
+#: standard error of the IMU's turn above which the user is asked [rad]: of four turns of the campaign's logs of 4 to 6
 #: degrees one is off by 15, of 140 below 4 none by more than 9
 CLEAR_TURN = math.radians(4.0)
 #: the size of the lean's response, whose angle is the turn, over the robot's, in either direction, from which the turn
@@ -54,7 +54,7 @@ CLEAR_TURN = math.radians(4.0)
 CLEAR_GAIN = 1.5
 #: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
 GAIN_RANGE = (0.5, 2.0)
-#: nothing explains the lean if the best placement leaves more of its acceleration
+#: the wheels do not explain the lean if the best placement leaves more of its acceleration than this share
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
@@ -72,7 +72,7 @@ MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
 What = Literal["balancing", "held by hand", "free wheels", "IMU only"]
-#: what each log is usable for
+#: uses of each kind of log
 _USES: dict[What, str] = {
     "balancing": "identify, simulate and validate",
     "held by hand": "nothing but checks of its sensors",
@@ -85,9 +85,9 @@ MOST_LINES = 30
 
 @dataclass(frozen=True)
 class Question:
-    """What the log and its user leave open."""
+    """A question that the log and the user's statements leave open."""
 
-    key: str  #: where the answer stands: "[input] kind"
+    key: str  #: the mapping's entry for the answer: "[input] kind"
     name: str  #: "kind of the command"
     answers: tuple[str, ...]  #: the likeliest first
     evidence: str
@@ -100,7 +100,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """What a foreign log is."""
+    """A proposed mapping of a foreign log, with its evidence."""
 
     base: Columned
     lean: Unit | None
@@ -157,7 +157,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
 
 
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
-    """Return the rows that are taken of a file's columns, and what is left out."""
+    """Return the rows of a file that are used, and findings on those that are left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
     clock, _ = continuous_clock(table.columns[roles.time])
     time = time_unit(clock, roles.unit((roles.time,)))
@@ -206,13 +206,13 @@ def _on_a_stand(base: Columned, motion: SensedMotion) -> bool:
 def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
     """Yield everything that the log and its user leave open."""
     own = "[wheels] speed" if proposal.roles.of_speeds else "[wheels] angle"
-    for place, (key, name) in enumerate((("[attitude] unit", "lean"), (own, "wheels"))):
+    for index, (key, name) in enumerate((("[attitude] unit", "lean"), (own, "wheels"))):
         shares: dict[str, float] = {}
         for units, share in motion.likely.items():
-            shares[units[place].name] = shares.get(units[place].name, 0.0) + share
-        ranked = tuple(sorted(shares, key=lambda one: -shares[one])[:3])
+            shares[units[index].name] = shares.get(units[index].name, 0.0) + share
+        ranked = tuple(sorted(shares, key=lambda unit: -shares[unit])[:3])
         if shares[ranked[0]] < CONFIDENT:
-            shown = ", ".join(f"{100.0 * shares[one]:.0f} %" for one in ranked)
+            shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
     yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
@@ -251,8 +251,8 @@ def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Qu
 def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
     if drive.kind is None:
         shown = [
-            f"as {one} the torques are {times:.2g} times those that the motion needs"
-            for one, (_, times) in drive.ratios.items()
+            f"as {kind_of_command} the torques are {times:.2g} times those that the motion needs"
+            for kind_of_command, (_, times) in drive.ratios.items()
             if math.isfinite(times)
         ]
         evidence = "; ".join(shown) or "state it with --command"
@@ -265,23 +265,23 @@ def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
         yield Question("[input] scale", "kind and scale of the command", (drive.kind, "another"), evidence)
 
 
-def _sign_questions(proposal: Proposal, one: CommandOrder | None) -> Iterator[Question]:
+def _sign_questions(proposal: Proposal, assigned: CommandOrder | None) -> Iterator[Question]:
     values = np.array([proposal.base.cut[name] for name in proposal.roles.commands])
     if not np.nanmin(values) < 0.0:
         words = f"zero = {np.nanmedian(values):.4g}", "direction = [..], columns with their directions"
         evidence = f"they stay between {np.nanmin(values):g} and {np.nanmax(values):g}"
         yield Question("[input] zero", "sign of the commands", words, evidence)
-    elif one is None or one.confidence < CONFIDENT:
+    elif assigned is None or assigned.confidence < CONFIDENT:
         words, evidence = ("as numbered",), "too little motion"
-        if one is not None:
-            words = one.description, one.next_best
-            explained = f"the first explains {100.0 * one.explained:.0f} %"
-            evidence = f"{explained}, {one.advantage:.1f} standard errors better"
+        if assigned is not None:
+            words = assigned.description, assigned.next_best
+            explained = f"the first explains {100.0 * assigned.explained:.0f} %"
+            evidence = f"{explained}, {assigned.advantage:.1f} standard errors better"
         yield Question("[input] sign", "order and signs of the commands", words, evidence)
 
 
 def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
-    """Yield what was noticed and not changed."""
+    """Yield findings that the mapping does not correct."""
     roles, tested, cut = proposal.roles, motion.tested, proposal.base.cut
     used = [name for name in (*roles.attitude, *roles.angles, *roles.commands, *roles.gyro) if name in cut]
     holes = sum(int((~np.isfinite(cut[name])).sum()) for name in used)
@@ -312,29 +312,31 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
 def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
     """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
     wanted = _answers(surest)
-    for one in proposals:
-        other = next((key for key, value in _answers(one).items() if wanted.get(key, value) != value), None)
+    for proposal in proposals:
+        other = next(
+            (key for key, value in _answers(proposal).items() if wanted.get(key, value) != value), None
+        )
         if other is not None:
-            yield one, other
+            yield proposal, other
 
 
-def _answers(one: Proposal) -> dict[str, object]:
-    """Return what a log shows with confidence and another of the same robot must show, too."""
-    found: dict[str, object] = {}
-    if one.tested is not None and one.tested.confidence >= CONFIDENT:
-        found["order of the wheels"] = one.frame.order
-        if one.frame.direction >= CONFIDENT:
-            found["signs of the wheels"] = one.frame.signs
-            found["turn of the IMU"] = round(math.degrees(one.frame.turn) / 30.0) % 12
-    assigned = one.drive.assigned if one.drive else None
+def _answers(proposal: Proposal) -> dict[str, object]:
+    """Return the properties of the robot that a log shows with confidence."""
+    answers: dict[str, object] = {}
+    if proposal.tested is not None and proposal.tested.confidence >= CONFIDENT:
+        answers["order of the wheels"] = proposal.frame.order
+        if proposal.frame.direction >= CONFIDENT:
+            answers["signs of the wheels"] = proposal.frame.signs
+            answers["turn of the IMU"] = round(math.degrees(proposal.frame.turn) / 30.0) % 12
+    assigned = proposal.drive.assigned if proposal.drive else None
     if assigned is not None and assigned.confidence >= CONFIDENT:
-        found["order and signs of the commands"] = (assigned.wheels, assigned.signs)
-    return found
+        answers["order and signs of the commands"] = (assigned.wheels, assigned.signs)
+    return answers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evaluation:
-    """All that a proposal comes to."""
+    """A proposal's mapping file, the log that it makes, and the findings on both."""
 
     proposal: Proposal
     findings: tuple[Finding, ...]
@@ -344,9 +346,11 @@ class Evaluation:
 
 
 def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
-    """Return what shows most of several logs of one robot: fewest questions, then the surest order of the wheels."""
-    asked = [len(one.proposal.questions) + bool(one.refusal) for one in evaluated]
-    margins = [one.proposal.tested.margin if one.proposal.tested else 0.0 for one in evaluated]
+    """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
+    asked = [len(evaluation.proposal.questions) + bool(evaluation.refusal) for evaluation in evaluated]
+    margins = [
+        evaluation.proposal.tested.margin if evaluation.proposal.tested else 0.0 for evaluation in evaluated
+    ]
     return evaluated[min(range(len(evaluated)), key=lambda k: (asked[k], -margins[k]))]
 
 
@@ -364,8 +368,8 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
-        errors = [one for one in check(log, robot=robot) if one.severity == "error"]
-        wrong = [one.text for one in errors if one.code not in OF_THE_RECORDING]
+        errors = [error for error in check(log, robot=robot) if error.severity == "error"]
+        wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
         drive = parse_mapping(mapping_text(proposal, robot), source="the mapping").input
@@ -410,8 +414,8 @@ def _too_coarse(log: Log) -> str:
 
 def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     """Return a proposal with the answers of another log of the same robot, and without its own times to keep."""
-    still = {one.key for one in common.questions}
-    questions = tuple(one for one in proposal.questions if one.key in still)
+    still = {question.key for question in common.questions}
+    questions = tuple(question for question in proposal.questions if question.key in still)
     base = replace(proposal.base, layout=replace(proposal.base.layout, rows=None))
     answered = replace(proposal, questions=questions, keep=None, base=base)
     if proposal.questions and proposal.tested is not None and common.tested is not None:
@@ -423,7 +427,7 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
 
 
 def _refusal(proposal: Proposal, robot: Robot) -> str:
-    """Return why a proposal makes no log of the robot; empty if nothing says so."""
+    """Return why a proposal makes no log of the robot; empty if it makes one."""
     if proposal.what == "IMU only":
         return (
             "it has no wheel angles, and shows no friction: with a mapping file it is usable for `ballbot align`; for "
@@ -442,11 +446,11 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
             "as this robot's should: a unit, the counts per turn, a radius or the height of the centre of mass is "
             "another."
         )
-    names = ", ".join(f"{one.name} ({one.key})" for one in proposal.questions)
+    names = ", ".join(f"{question.name} ({question.key})" for question in proposal.questions)
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
 
 
-#: where the answer to an unstated dead band stands
+#: key of the question for an unstated dead band
 _BAND_KEY = "[input] dead_band"
 
 
@@ -459,7 +463,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
     if proposal.questions:
         reason = "answer the lines with cannot determine, then remove this line"
         lines.append(toml_line("complete", False, reason))
-    asked = {one.key: one.text for one in proposal.questions}
+    asked = {question.key: question.text for question in proposal.questions}
     tables = {
         **_recording_lines(proposal),
         "[attitude]": _attitude_lines(proposal),
@@ -518,7 +522,7 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     if roles.quaternion:
         lines = [_line("from", roles.quaternion, "a quaternion w, x, y, z")]
     lines.append(_line("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
-    if -1 in frame.axis_signs or any(one.key == "[attitude] sign" for one in proposal.questions):
+    if -1 in frame.axis_signs or any(question.key == "[attitude] sign" for question in proposal.questions):
         lines.append(_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
     if tested is not None:
         error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
@@ -527,8 +531,8 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
         lines.append(_line("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
         signs = [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)]
-        rates = {"from": [roles.gyro[place] for place in gyro.order], "unit": gyro.unit, "sign": signs}
-        shown = ", ".join(f"{one:.2f}" for one in gyro.correlations)
+        rates = {"from": [roles.gyro[axis] for axis in gyro.order], "unit": gyro.unit, "sign": signs}
+        shown = ", ".join(f"{correlation:.2f}" for correlation in gyro.correlations)
         lines.append(_line("rates", rates, f"correlations with the rates of the angles {shown}"))
     return lines
 
@@ -570,14 +574,14 @@ def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
             columns[order[wheel] - 1], signs[order[wheel] - 1] = names[order[j] - 1], sign
     kind, scale, ratio = (drive.kind, drive.scale, drive.ratio) if drive else ("torque", 1.0, math.nan)
     known = f"{ratio:.2f} times the torques that the motion needs" if math.isfinite(ratio) else ""
-    band = next((one.answers[0] for one in proposal.questions if one.key == _BAND_KEY), None)
+    band = next((question.answers[0] for question in proposal.questions if question.key == _BAND_KEY), None)
     lines = _kind_lines(kind or "torque", scale, robot, known, band=band)
     if drive and kind is None:
         lines[0] = _line("kind", "torque", "not stated")
         for other, (other_scale, _) in drive.ratios.items():
             lines.append(f"# if it is a {other}, these lines in place of the three above:")
-            lines += [f"#   {one}" for one in _kind_lines(other, other_scale, robot)]
-    if any(one.key == "[input] zero" for one in proposal.questions):
+            lines += [f"#   {line}" for line in _kind_lines(other, other_scale, robot)]
+    if any(question.key == "[input] zero" for question in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
     if drive:
@@ -614,17 +618,18 @@ def _kind_lines(
     ]
 
 
-def answer_lines(found: Evaluation) -> list[str]:
-    """Return what the log is, what the mapping says that is not usual, and what is open, in at most `MOST_LINES`."""
-    one = found.proposal
-    without = " (without torques)" if one.what == "balancing" and not one.roles.commands else ""
+def answer_lines(evaluation: Evaluation) -> list[str]:
+    """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
+    proposal = evaluation.proposal
+    without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     lines = [
-        f"{one.base.path.name}: {one.what}, {np.ptp(one.base.t):.0f} s; usable for {_USES[one.what]}{without}."
+        f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s; "
+        f"usable for {_USES[proposal.what]}{without}."
     ]
-    shown = found.text.partition("\n\n[columns]")[2].splitlines()
+    shown = evaluation.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
-    lines += [one for one in shown if one and one[0] != "#" and not any(words in one for words in usual)]
-    lines += [f"cannot determine: {question.text}" for question in one.questions]
-    lines += [f"{finding.severity}: {finding.text}" for finding in found.findings]
+    lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]
+    lines += [f"cannot determine: {question.text}" for question in proposal.questions]
+    lines += [f"{finding.severity}: {finding.text}" for finding in evaluation.findings]
     more = len(lines) - MOST_LINES
     return lines if more <= 0 else [*lines[: MOST_LINES - 1], f"{more + 1} more in the report."]
