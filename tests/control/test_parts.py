@@ -180,3 +180,23 @@ def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
 def test_invalid_parts_are_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+def test_planned_reference_gets_the_torques_of_the_linear_model():
+    """On the plan itself, what remains is B^+ (r' - A r), with the rates' change since the last sample."""
+    robot = alten()
+    controller = Controller(
+        robot, design_gain(robot).gain, parts=Parts(shaping=ReferenceShaping(), feed_forward=FeedForward())
+    )
+    linear, h = Model(robot).linearize(), controller.sample_time
+    lean_rates, lean_accelerations = np.array([0.2, -0.3]), np.array([1.5, 0.7])
+    r = np.array([0.4, -0.2, 0.03, -0.05, 0.0, 0.6, 0.3, *lean_rates, 0.0])
+    before = r - h * np.array([0.6, 0.3, *lean_rates, 0.0, 0.0, 0.0, *lean_accelerations, 0.0])
+    controller.update(0.0, before, before)
+    found = controller.update(h, r, r)
+    # the position's acceleration is what these leans and torques give: the flat output feels no torque
+    r_dot = linear.A @ r
+    unknown = np.linalg.lstsq(linear.B[7:], np.array([*lean_accelerations, 0.0]) - r_dot[7:], rcond=None)[0]
+    np.testing.assert_allclose(found, unknown, atol=1e-6)
+    with pytest.raises(InputError, match="without feed-forward"):
+        Controller(robot, design_gain(robot).gain).update(0.0, r, r)

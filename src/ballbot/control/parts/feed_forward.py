@@ -1,4 +1,4 @@
-"""Feed-forward: the lean and the torques that a shaped motion needs, from the exact model.
+"""Feed-forward: the lean and the torques that a shaped or planned motion needs, from the exact model.
 
 Linearised about upright and without friction, with p = (x, y), l = (theta, phi, psi) and torques u,
 
@@ -11,6 +11,12 @@ is a flat output: state and torques follow from it and its derivatives.) A motio
 
 with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
 additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
+
+A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then s and its derivatives follow from them,
+
+    s = p + C l        s' = p' + C l'        s'' = G l        s''' = G l'        s'''' = G l''
+
+with l'' from the change of the rates since the last sample.
 """
 
 from __future__ import annotations
@@ -22,7 +28,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, both_rows_times, row_times, turned
+from ballbot.control.parts.part import (
+    LawSettings,
+    Part,
+    SmoothReference,
+    both_rows_times,
+    row_times,
+    turned,
+    turned_back,
+)
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -43,6 +57,69 @@ class FeedForwardRecord:
     by_second: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 2))
     by_fourth: NDArray[np.float64] = field(metadata=number("N m s^4/m", MAX_WHEELS, 2))
     by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
+    #: G: s'' for theta, phi
+    pull: NDArray[np.float64] = field(metadata=number("m/(s^2 rad)", 2, 2))
+    rate: float = field(metadata=number("1/s"))
+    #: that is predicted over
+    delay: float = field(metadata=number("s"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeedForwardState:
+    """The last rates of theta, phi and psi that a plan asked for."""
+
+    started: int = field(metadata=whole())
+    rates: NDArray[np.float64] = field(metadata=number("rad/s", 3))
+
+
+@inlined
+def is_planned(law, reference):
+    """Return whether a reference has leans or rates to follow."""
+    if law.feed_forward.on == 0:
+        return False
+    for i in (2, 3, 5, 6, 7, 8, 9):  # noqa: SIM110 (compiled code has no generators)
+        if reference[i] != 0.0:
+            return True
+    return False
+
+
+@inlined
+def planned(law, memory, a, reference, psi):
+    """Return a planned reference as three `SmoothReference`, its heading being psi, and remember its rates."""
+    own, last = law.feed_forward, memory.feed_forward.rates
+    per_second = own.rate if memory.feed_forward.started == 1 else 0.0
+    rates = (reference[7], reference[8], reference[9])
+    changes = (
+        per_second * (rates[0] - last[0]),
+        per_second * (rates[1] - last[1]),
+        per_second * (rates[2] - last[2]),
+    )
+    last[0], last[1], last[2] = rates
+    memory.feed_forward.started = 1
+    s_2 = both_rows_times(own.pull, turned(a, reference[2], reference[3]))
+    s_3 = both_rows_times(own.pull, turned(a, rates[0], rates[1]))
+    s_4 = both_rows_times(own.pull, turned(a, changes[0], changes[1]))
+    ahead, ahead_rate = both_rows_times(own.offset, s_2), both_rows_times(own.offset, s_3)
+    ahead, ahead_rate = turned_back(a, ahead[0], ahead[1]), turned_back(a, ahead_rate[0], ahead_rate[1])
+    second, third = turned_back(a, s_2[0], s_2[1]), turned_back(a, s_3[0], s_3[1])
+    fourth = turned_back(a, s_4[0], s_4[1])
+    x = SmoothReference(reference[0] + ahead[0], reference[5] + ahead_rate[0], second[0], third[0], fourth[0])
+    y = SmoothReference(reference[1] + ahead[1], reference[6] + ahead_rate[1], second[1], third[1], fourth[1])
+    turning = SmoothReference(psi, rates[2], changes[2], 0.0, 0.0)
+    return _after(own.delay, x), _after(own.delay, y), _after(own.delay, turning)
+
+
+@inlined
+def _after(delay, s):
+    """Return a motion after a delay, by its Taylor series."""
+    rest = s.second + delay * (s.third + 0.25 * delay * s.fourth) / 3.0
+    return SmoothReference(
+        s.value + delay * (s.rate + 0.5 * delay * rest),
+        s.rate + delay * (s.second + 0.5 * delay * (s.third + delay * s.fourth / 3.0)),
+        s.second + delay * (s.third + 0.5 * delay * s.fourth),
+        s.third + delay * s.fourth,
+        s.fourth,
+    )
 
 
 @inlined
@@ -70,10 +147,11 @@ def add_feed_forward(law, torque, now, i):
 
 @dataclass(frozen=True, kw_only=True)
 class FeedForward(Part):
-    """Give a shaped motion the lean and the torques that it needs, from the exact model; there is nothing to set.
+    """Give a motion the lean and the torques that it needs, from the exact model; there is nothing to set.
 
     Takes the second to fourth derivatives of the shaped x and y, turned into the heading frame, and psi's second. Adds
-    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`.
+    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`. A
+    reference with leans and rates, as `ballbot.plan` makes it, is followed as it is, without shaping.
 
     Raises
     ------
@@ -84,6 +162,7 @@ class FeedForward(Part):
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
+    state = FeedForwardState
     needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
@@ -111,4 +190,7 @@ class FeedForward(Part):
             by_second=back @ (d_2 - A @ r_2),
             by_fourth=back @ (d_4 - A @ r_4),
             by_turning=(back @ d_psi)[:, 0],
+            pull=np.asarray(G, dtype=np.float64),
+            rate=1.0 / settings.sample_time,
+            delay=settings.delay,
         )
