@@ -41,8 +41,8 @@ _CHANGE = np.array([0.02, 0.02, 0.05, 0.05, 0.05])
 _LANES = 500
 #: chance of a new state, and of a jump of the reference, in an update
 _JUMP = 0.02
-#: chance that a reference that jumps becomes a plan, and the places that only plans have
-_PLAN, _MOVING = 0.25, [2, 3, *range(5, 10)]
+#: chances that a reference that jumps becomes a plan, and that its next row does not come; places that only plans have
+_PLAN, _LOST, _MOVING = 0.25, 0.8, [2, 3, *range(5, 10)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,15 +74,18 @@ def updates(
         speed[jumps] = random.uniform(-0.6, 0.6, (int(jumps.sum()), 3))  # shaping follows up to 0.5 m/s
         offsets = np.where(random.uniform(size=lanes) < 0.5, 0.05, 1.0)[:, None]
         pose = state[:, [0, 1, 4]] + offsets * random.uniform(-1.0, 1.0, (lanes, 3))
+        last = reference.copy()
         reference[:, [0, 1, 4]] += controller.sample_time * speed
         reference[np.ix_(new | jumps, [0, 1, 4])] = pose[new | jumps]
         if controller.follows_plans:
+            lost = planned & ~(new | jumps) & (random.uniform(size=lanes) < _LOST)
             begun = jumps & (random.uniform(size=lanes) < _PLAN)
             planned = (planned & ~(new | jumps)) | begun
             reference[:, 5:] += random.normal(size=(lanes, 5)) * _CHANGE
             reference[:, 2:4] += controller.sample_time * reference[:, 7:9]
             reference[np.ix_(begun, _MOVING)] = _new_states(random, int(begun.sum()))[:, _MOVING]
             reference[np.ix_(~planned, _MOVING)] = 0.0
+            reference[lost] = last[lost]
         update = Update(
             memory=memory.copy(), state=state.astype(np.float32), reference=reference.astype(np.float32)
         )

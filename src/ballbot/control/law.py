@@ -24,7 +24,7 @@ from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
 from ballbot.control.parts.disturbance_observer import add_estimate, observe
-from ballbot.control.parts.feed_forward import add_feed_forward, is_planned, lean_error, planned
+from ballbot.control.parts.feed_forward import add_feed_forward, follows_plan, lean_error, planned
 from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
@@ -140,10 +140,9 @@ def _unshaped(reference, moved):
 @inlined
 def _followed(law, memory, now, reference, asked):
     """Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for."""
-    if is_planned(law, reference):
+    if follows_plan(law, memory, reference):
         restart_shaping(memory, asked)
         return planned(law, memory, now.a, reference, asked[2].value)
-    memory.feed_forward.started = 0
     return shape(law, memory, asked, now.state)
 
 

@@ -16,7 +16,9 @@ A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then 
 
     s = p + C l        s' = p' + C l'        s'' = G l        s''' = G l'        s'''' = G l''
 
-with l'' from the change of the rates since the last sample.
+with l'' from the change of the rates since the last row. A row that is there again, as when the frame with the next
+one is lost, is followed along its Taylor series; after 50 ms the plan counts as broken off, and the robot goes to rest
+at the row's pose.
 """
 
 from __future__ import annotations
@@ -43,6 +45,8 @@ from ballbot.mechanics.engine.compiled import inlined
 
 #: largest effect of torques on the flat output, relative to that on the position, that counts as zero
 _ROUNDING = 1e-9
+#: for which a row of a plan is followed without the next one [s]
+_LAPSE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,36 +70,46 @@ class FeedForwardRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FeedForwardState:
-    """The last rates of theta, phi and psi that a plan asked for."""
+    """The row of a plan that is followed: its state, for how many samples, and the change of its rates."""
 
     started: int = field(metadata=whole())
-    rates: NDArray[np.float64] = field(metadata=number("rad/s", 3))
+    age: int = field(metadata=whole())
+    row: NDArray[np.float64] = field(metadata=number("m", 10))
+    changes: NDArray[np.float64] = field(metadata=number("rad/s^2", 3))
 
 
 @inlined
-def is_planned(law, reference):
-    """Return whether a reference has leans or rates to follow."""
-    if law.feed_forward.on == 0:
+def follows_plan(law, memory, reference):
+    """Return whether a reference has leans or rates, for no longer than `_LAPSE`, and remember it."""
+    own, state = law.feed_forward, memory.feed_forward
+    moves = False
+    for i in (2, 3, 5, 6, 7, 8, 9):
+        moves = moves or reference[i] != 0.0
+    if own.on == 0 or not moves:
+        state.started = 0
         return False
-    for i in (2, 3, 5, 6, 7, 8, 9):  # noqa: SIM110 (compiled code has no generators)
-        if reference[i] != 0.0:
-            return True
-    return False
+    again = state.started == 1
+    for i in range(10):
+        again = again and reference[i] == state.row[i]
+    most = _LAPSE * own.rate + 0.5
+    if again:
+        state.age += 1 if state.age < most else 0
+    else:
+        goes_on = state.started == 1 and state.age < most
+        per_second = own.rate / (state.age + 1) if goes_on else 0.0
+        for i in range(3):
+            state.changes[i] = per_second * (reference[7 + i] - state.row[7 + i])
+        for i in range(10):
+            state.row[i] = reference[i]
+        state.started, state.age = 1, 0
+    return state.age < most
 
 
 @inlined
 def planned(law, memory, a, reference, psi):
-    """Return a planned reference as three `SmoothReference`, its heading being psi, and remember its rates."""
-    own, last = law.feed_forward, memory.feed_forward.rates
-    per_second = own.rate if memory.feed_forward.started == 1 else 0.0
+    """Return a planned reference as three `SmoothReference`, its heading being psi; after `follows_plan`."""
+    own, changes = law.feed_forward, memory.feed_forward.changes
     rates = (reference[7], reference[8], reference[9])
-    changes = (
-        per_second * (rates[0] - last[0]),
-        per_second * (rates[1] - last[1]),
-        per_second * (rates[2] - last[2]),
-    )
-    last[0], last[1], last[2] = rates
-    memory.feed_forward.started = 1
     s_2 = both_rows_times(own.pull, turned(a, reference[2], reference[3]))
     s_3 = both_rows_times(own.pull, turned(a, rates[0], rates[1]))
     s_4 = both_rows_times(own.pull, turned(a, changes[0], changes[1]))
@@ -106,7 +120,8 @@ def planned(law, memory, a, reference, psi):
     x = SmoothReference(reference[0] + ahead[0], reference[5] + ahead_rate[0], second[0], third[0], fourth[0])
     y = SmoothReference(reference[1] + ahead[1], reference[6] + ahead_rate[1], second[1], third[1], fourth[1])
     turning = SmoothReference(psi, rates[2], changes[2], 0.0, 0.0)
-    return _after(own.delay, x), _after(own.delay, y), _after(own.delay, turning)
+    ahead_by = own.delay + memory.feed_forward.age / own.rate
+    return _after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, turning)
 
 
 @inlined

@@ -16,9 +16,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "2d89de47df6060b4755b1bb842b47298e3c9184acb4b1821a02e09b260efbf0d"
+#define BALLBOT_SCHEMA_DIGEST "11cb30e4bae83e1130ac22eb810bde04cfe2279d2ef3a94546c2e52fb7aa1a03"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 764010055, 1600151732, 1968905144, 1119122072, 1674123338, 1263212577, 539888050, 1626324749 }
+#define BALLBOT_SCHEMA_WORDS { 298528996, 988298769, 816587499, 17554948, 1340221341, 787720517, 1187177775, 933894659 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -279,12 +279,14 @@ struct ballbot_shaping_state {
 };
 typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 40u * sizeof(float)) ? 1 : -1];
 
-/* The last rates of theta, phi and psi that a plan asked for. */
+/* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
     int32_t started;
-    float rates[3]; /* [rad/s] */
+    int32_t age;
+    float row[10]; /* [m] */
+    float changes[3]; /* [rad/s^2] */
 };
-typedef char ballbot_feed_forward_state_has_no_padding[(sizeof(struct ballbot_feed_forward_state) == 4u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_feed_forward_state_has_no_padding[(sizeof(struct ballbot_feed_forward_state) == 15u * sizeof(float)) ? 1 : -1];
 
 /* The integrals of x, y [m s] and psi [rad s], world frame. */
 struct ballbot_integral_state {
@@ -332,7 +334,7 @@ struct ballbot_memory {
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 454u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 465u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -371,7 +373,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 776u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 787u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -121,11 +121,10 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     now.x = at_rest(wanted[0] - now.pose[0]);
     now.y = at_rest(wanted[1] - now.pose[1]);
     now.psi = at_rest(wanted[4] - now.pose[2]);
-    if (ballbot_is_planned(law, wanted)) {
+    if (ballbot_follows_plan(law, memory, reference)) {
         ballbot_shaping_restart(memory, &now);
         ballbot_feed_forward_plan(law, memory, &now);
     } else {
-        memory->feed_forward.started = 0;
         ballbot_shaping_shape(law, memory, &now);
     }
 

@@ -7,9 +7,13 @@
  *
  *     s = position + offset s''      s'' = pull l      s''' = pull l'      s'''' = pull l''
  *
- * with l'' from the change of the rates since the last sample.
+ * with l'' from the change of the rates since the last row. A row that is there again, as when the frame with the next one is
+ * lost, is followed along its Taylor series, for LAPSE at most.
  */
 #include "parts/parts.h"
+
+/* For which a row of a plan is followed without the next one [s]. */
+#define LAPSE 0.05f
 
 static struct ballbot_pair times(const float M[2][2], struct ballbot_pair v)
 {
@@ -18,16 +22,40 @@ static struct ballbot_pair times(const float M[2][2], struct ballbot_pair v)
     return product;
 }
 
-bool ballbot_is_planned(const struct ballbot_law *law, const float reference[10])
+bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10])
 {
-    bool rests = true;
+    const float rate = law->feed_forward.rate;
+    const float most = LAPSE * rate + 0.5f;
+    struct ballbot_feed_forward_state *state = &memory->feed_forward;
+    bool moves = false;
+    bool again = state->started != 0;
 
     for (int i = 0; i < 10; ++i) {
         const bool is_pose = i == 0 || i == 1 || i == 4;
 
-        rests = rests && (is_pose || !(ballbot_magnitude(reference[i]) > 0.0f));
+        moves = moves || (!is_pose && ballbot_magnitude(reference[i]) > 0.0f);
+        again = again && !(ballbot_magnitude(reference[i] - state->row[i]) > 0.0f);
     }
-    return law->feed_forward.on != 0 && !rests;
+    if (law->feed_forward.on == 0 || !moves) {
+        state->started = 0;
+        return false;
+    }
+    if (again) {
+        state->age += ((float)state->age < most) ? 1 : 0;
+    } else {
+        const bool goes_on = state->started != 0 && (float)state->age < most;
+        const float per_second = goes_on ? rate / (float)(state->age + 1) : 0.0f;
+
+        for (int i = 0; i < 3; ++i) {
+            state->changes[i] = per_second * (reference[7 + i] - state->row[7 + i]);
+        }
+        for (int i = 0; i < 10; ++i) {
+            state->row[i] = reference[i];
+        }
+        state->started = 1;
+        state->age = 0;
+    }
+    return (float)state->age < most;
 }
 
 /* Return a motion after a delay, by its Taylor series. */
@@ -53,19 +81,13 @@ static struct ballbot_pair times_in_heading(const float M[2][2], struct ballbot_
     return ballbot_from_heading(a, product.x, product.y);
 }
 
-void ballbot_feed_forward_plan(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_sample *now)
+void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballbot_memory *memory, struct ballbot_sample *now)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
-    struct ballbot_feed_forward_state *state = &memory->feed_forward;
+    const struct ballbot_feed_forward_state *state = &memory->feed_forward;
     const float *r = now->reference;
-    const float rate = (state->started != 0) ? own->rate : 0.0f;
-    float changes[3];
-
-    for (int i = 0; i < 3; ++i) {
-        changes[i] = rate * (r[7 + i] - state->rates[i]);
-        state->rates[i] = r[7 + i];
-    }
-    state->started = 1;
+    const float *changes = state->changes;
+    const float ahead_by = own->delay + (float)state->age / own->rate;
     const struct ballbot_pair second = times_in_heading(own->pull, now->a, r[2], r[3]);
     const struct ballbot_pair third = times_in_heading(own->pull, now->a, r[7], r[8]);
     const struct ballbot_pair fourth = times_in_heading(own->pull, now->a, changes[0], changes[1]);
@@ -75,9 +97,9 @@ void ballbot_feed_forward_plan(const struct ballbot_law *law, struct ballbot_mem
     const struct ballbot_smooth y = { now->y.value + ahead.y, r[6] + ahead_rate.y, second.y, third.y, fourth.y };
     const struct ballbot_smooth psi = { now->psi.value, r[9], changes[2], 0.0f, 0.0f };
 
-    now->x = after(own->delay, x);
-    now->y = after(own->delay, y);
-    now->psi = after(own->delay, psi);
+    now->x = after(ahead_by, x);
+    now->y = after(ahead_by, y);
+    now->psi = after(ahead_by, psi);
 }
 
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now)

@@ -18,8 +18,8 @@ void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_me
 void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
                            struct ballbot_sample *now);
 void ballbot_shaping_restart(struct ballbot_memory *memory, const struct ballbot_sample *now);
-bool ballbot_is_planned(const struct ballbot_law *law, const float reference[10]);
-void ballbot_feed_forward_plan(const struct ballbot_law *law, struct ballbot_memory *memory,
+bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10]);
+void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballbot_memory *memory,
                                struct ballbot_sample *now);
 
 /* error: change the error */
