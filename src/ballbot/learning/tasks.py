@@ -87,7 +87,7 @@ TASKS = MappingProxyType(
         for task in (
             Task(name="Balance"),
             Task(name="Track", reach=0.5, reach_heading=0.8),
-            Task(name="Drive", drive=0.5, weights=Weights(position=0.05, velocity=0.2)),
+            Task(name="Drive", drive=0.5, weights=Weights(position=0.004, velocity=0.1)),
             Task(name="Push", impulse=8.0),
         )
     }
@@ -140,4 +140,4 @@ def pay(begin, end, running, truths, references, torques, last, limit, weights, 
         cost += weights[3] * (x[7] ** 2 + x[8] ** 2) + weights[4] * x[9] ** 2
         for i in range(torques.shape[1]):
             cost += weights[5] * ((torques[robot, i] - last[robot, i]) / limit) ** 2
-        out[robot] += h / (1.0 + cost)
+        out[robot] += 0.3 * h + 0.7 * h / (1.0 + cost)
