@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,7 @@ from gymnasium.vector.utils import batch_space
 
 Floats, Flags = NDArray[np.float64], NDArray[np.bool_]
 Observations = NDArray[np.float32]
+Number = TypeVar("Number", bound=np.generic)
 
 _ENDINGS = {
     AutoresetMode.NEXT_STEP: NEXT_STEP,
@@ -185,7 +186,7 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Floats]):
+class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Any]):
     """Robots side by side that do a task, each with its own episodes, in all threads.
 
     Lane k of the seed s draws as the single environment of the seed s + k does, in any number of threads. A lane
@@ -259,11 +260,10 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
             info |= {"refused": lanes.refused.copy(), "_refused": lanes.refused.copy()}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and lanes.ended.any():
             info |= self._final_info()
-        results = (lanes.rewards, lanes.fallen, self._truncated)
-        rewards, fallen, truncated = (array.copy() for array in results) if self.copy else results
-        return self._given(lanes.observations), rewards, fallen, truncated, info
+        flags = self._given(lanes.fallen), self._given(self._truncated)
+        return self._given(lanes.observations), self._given(lanes.rewards), *flags, info
 
-    def _given(self, array: Observations) -> Observations:
+    def _given(self, array: NDArray[Number]) -> NDArray[Number]:
         return array.copy() if self.copy else array
 
     def _info(self) -> dict[str, Any]:
