@@ -87,7 +87,7 @@ TASKS = MappingProxyType(
         for task in (
             Task(name="Balance"),
             Task(name="Track", reach=0.5, reach_heading=0.8),
-            Task(name="Drive", drive=0.5, weights=Weights(position=0.004, velocity=0.1)),
+            Task(name="Drive", drive=0.5, weights=Weights(position=0.004)),
             Task(name="Push", impulse=8.0),
         )
     }
