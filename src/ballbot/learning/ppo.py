@@ -43,7 +43,7 @@ class Training:
     trace: float = 0.97  #: lambda of the advantages
     clip: float = 0.2  #: largest change of a decision's probability that gains
     rate: float = 3e-3  #: of Adam at the start; it falls to a tenth
-    spread: float = 0.4  #: standard deviation of the noise at the start, over the torque scale
+    spread: float = 0.6  #: standard deviation of the noise at the start, over the torque scale
     hidden: int = 64  #: units of a layer
 
 

@@ -29,6 +29,8 @@ ERRORS = 10
 SCALES = np.array([0.25, 0.25, 0.1, 0.1, 0.5, 0.5, 0.5, 0.5, 0.5, 1.0])
 #: at most so much of each scaled entry is shown
 MOST = 4.0
+#: beyond which a place's distance costs no more [m]
+FARTHEST = 0.5
 #: position errors are shown up to two scales: farther away only the direction matters
 MOST_POSITION = 2.0
 
@@ -87,7 +89,13 @@ TASKS = MappingProxyType(
         for task in (
             Task(name="Balance"),
             Task(name="Track", reach=0.5, reach_heading=0.8),
-            Task(name="Drive", drive=0.5, weights=Weights(position=0.004)),
+            Task(
+                name="Drive",
+                drive=0.5,
+                interval=6.0,
+                # a place that was left behind while the robot speeds up does not matter much
+                weights=Weights(position=0.002, lean_rate=0.002, torque_change=0.003),
+            ),
             Task(name="Push", impulse=8.0),
         )
     }
@@ -134,7 +142,8 @@ def pay(begin, end, running, truths, references, torques, last, limit, weights, 
         if running[robot] == 0:
             continue
         x, r = truths[robot], references[robot]
-        cost = weights[0] * ((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2)
+        # beyond what is shown a place is no farther away, so that a velocity still matters there
+        cost = weights[0] * min((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2, FARTHEST**2)
         cost += weights[1] * ((r[5] - x[5]) ** 2 + (r[6] - x[6]) ** 2)
         cost += weights[2] * (r[4] - x[4]) ** 2
         cost += weights[3] * (x[7] ** 2 + x[8] ** 2) + weights[4] * x[9] ** 2
