@@ -251,7 +251,7 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
             lanes.step(torques, ending=_ENDINGS[AutoresetMode(self.autoreset_mode)])
         except InputError as error:
             refused = True
-            if lanes.refused.all():
+            if not np.isfinite(torques).all(axis=1).any():
                 raise InvalidAction("No action is finite.") from None
             logger.warn(str(error))
         np.greater(lanes.ended, lanes.fallen, out=self._truncated)

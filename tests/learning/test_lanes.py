@@ -130,7 +130,7 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
         assert_allclose(lanes.observations[lane, :10], expected, atol=1e-6)
         assert_allclose(lanes.observations[lane, 10:], past[:3, lane].ravel() / limit, atol=1e-6)
         cost = (
-            w.position * np.sum((r - truth)[:2] ** 2) / 0.05**2
+            w.position * min(np.sum((r - truth)[:2] ** 2), 0.25) / 0.05**2
             + w.velocity * np.sum((r - truth)[5:7] ** 2) / 0.1**2
             + w.heading * (r - truth)[4] ** 2 / 0.1**2
             + w.lean_rate * np.sum(truth[7:9] ** 2) / 0.1**2

@@ -457,13 +457,14 @@ class Lanes:
         """
         if np.shape(torques) != self._world.episodes.actions.shape:
             real_array(torques, self._world.episodes.actions.shape, "The array of torques", finite=False)
-        self._world.episodes.actions[:] = torques
+        actions = self._world.episodes.actions
+        actions[:] = torques
         self._play(STEP, ending, self.repeat)
         if self.refused.any():
             lane = int(self.refused.argmax())
             raise InputError(
-                f"The torques of lane {lane} are {self._world.episodes.actions[lane].tolist()}; they must be finite. Its "
-                "episode has ended; the other lanes went on."
+                f"The torques of lane {lane} are {actions[lane].tolist()}; they must be finite. Its episode has ended; "
+                "the other lanes went on."
             )
 
     def _play(self, parts: int, ending: int, samples: int) -> None:

@@ -67,7 +67,8 @@ class TwinLanes(Lanes):
         repeat: int = REPEAT,
     ) -> None:
         super().__init__(robots, task, lanes=lanes, base=base, estimator=estimator, repeat=repeat, threads=1)
-        self._known, self._estimator = twins, estimator
+        self._known, self._sees_truth = twins, estimator is None
+        self._shown_by: EstimatorName = "onboard" if estimator is None else estimator
         self._law = base.packed if base else None
         self._placed: dict[tuple[int, int], _Placed] = {}
 
@@ -93,9 +94,7 @@ class TwinLanes(Lanes):
             robot, scenario = self._known[which]
             if self.task.impulse > 0.0:
                 scenario = replace(scenario, pushes=())
-            estimator = named_estimator(
-                self._estimator or "onboard", self.robot, sample_time=self.sample_time
-            )
+            estimator = named_estimator(self._shown_by, self.robot, sample_time=self.sample_time)
             twin = Twin(robot, scenario, estimator=estimator)
             self._placed[lane, which] = _Placed(twin, BodyForce(twin.engine))
         return self._placed[lane, which]
@@ -133,4 +132,4 @@ class TwinLanes(Lanes):
     def _take(self, lane: int, measured: Measurement) -> None:
         truth = measured.state if measured.truth is None else measured.truth
         self.truths[lane] = truth
-        self.states[lane] = truth if self._estimator is None else measured.state
+        self.states[lane] = truth if self._sees_truth else measured.state
