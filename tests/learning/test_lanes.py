@@ -170,22 +170,24 @@ def test_a_push_moves_the_robot_along_its_force():
         Lanes(
             ROBOTS,
             replace(TASKS["Push"], impulse=size, interval=0.2),
-            lanes=20,
+            lanes=200,
             repeat=1,
             threads=1,
             estimator=None,
         )
         for size in (8.0, 1e-9)
     )
-    pushes, moved = None, np.zeros((20, 2))
+    pushes, moved = None, np.zeros((200, 2))
     for lanes in (pushed, calm):
         lanes.start()
     pushes = pushed._world.inputs.pushes[:, 0].copy()
     assert np.all(pushes[:, 0] < 40)
-    assert_allclose(np.hypot(*pushes[:, 2:4].T).max(), 80.0, atol=12.0)  # 8 N s in 0.1 s
+    forces = np.hypot(*pushes[:, 2:4].T)
+    assert forces.max() < 80.0  # 8 N s in 0.1 s
+    assert_allclose(forces.mean(), 40.0, atol=6.0)  # 3.7 standard errors of 200 uniform numbers
     for age in range(1, 60):
         for lanes in (pushed, calm):
-            lanes.step(np.zeros((20, 3)))
+            lanes.step(np.zeros((200, 3)))
         due = pushes[:, 0] + 4 == age
         moved[due] = (pushed.truths - calm.truths)[due, 5:7]
     assert np.all(np.sum(moved * pushes[:, 2:4], axis=1) > 0.0)
