@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from websockets.sync.client import connect
+from websockets.typing import Subprotocol
 
 from ballbot.errors import InputError
 from ballbot.link.live import log_columns
@@ -47,7 +48,7 @@ def receiver():
 @contextmanager
 def foxglove_client(port: int):
     """Hold a connection that has subscribed to every channel, and the channels by their subscription's number."""
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=["foxglove.sdk.v1"], max_queue=4) as client:
+    with connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=4) as client:
         channels: dict[str, dict[str, Any]] = {}
         while len(channels) < 4:
             message = json.loads(client.recv(PATIENCE))
