@@ -48,7 +48,9 @@ def receiver():
 @contextmanager
 def foxglove_client(port: int):
     """Hold a connection that has subscribed to every channel, and the channels by their subscription's number."""
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=4) as client:
+    with connect(
+        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")], max_queue=4
+    ) as client:
         channels: dict[str, dict[str, Any]] = {}
         while len(channels) < 4:
             message = json.loads(client.recv(PATIENCE))
@@ -78,9 +80,10 @@ def test_a_foxglove_client_gets_rows_poses_a_picture_and_events():
             stream.append("The robot is armed.")
             k += 1
             try:
-                message = client.recv(0.01, decode=False)
+                message = client.recv(0.01)
             except TimeoutError:  # it has not subscribed yet
                 continue
+            assert isinstance(message, bytes)
             kind, number, stamp = struct.unpack("<BIQ", message[:13])
             assert kind == 1
             received[topics[number]].append((stamp, message[13:]))
