@@ -90,7 +90,11 @@ def test_a_package_imports_only_those_before_it():
     for name, wanted in imports().items():
         for other in wanted:
             here, there = (one.split(".")[1] if "." in one else "" for one in (name, other))
-            if rank.get(here, -1) < rank.get(there, -1) and name not in ("ballbot", "ballbot.__main__", "ballbot.gym"):
+            if rank.get(here, -1) < rank.get(there, -1) and name not in (
+                "ballbot",
+                "ballbot.__main__",
+                "ballbot.gym",
+            ):
                 against.append(f"{name} imports {other}")
     assert against == []
 

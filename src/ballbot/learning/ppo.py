@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.learning.lanes import Lanes
+from ballbot.learning.lanes import SAME_STEP, Lanes
 
 Singles = NDArray[np.float32]
 Layers = list[Singles]  #: weights (inputs, outputs) and biases in turn
@@ -119,11 +119,15 @@ class Adam:
             layer -= np.float32(rate / of_means) * mean / (np.sqrt(square / np.float32(of_squares)) + np.float32(1e-7))
 
 
-def _known(lanes: Lanes) -> Singles:
-    """Return what the critic sees of each robot."""
-    state = lanes.truths[:, _KNOWN_STATE] / _KNOWN_SCALES
-    seen = np.concatenate([lanes.observations, state, lanes.references[:, 5:7]], axis=1)
-    return np.clip(seen, -_MOST_KNOWN, _MOST_KNOWN).astype(np.float32)
+def _known(seen: Singles, truths: NDArray[np.float64], references: NDArray[np.float64]) -> Singles:
+    """Return what the critic sees of robots: observations, true states and the velocity asked for."""
+    state = truths[:, _KNOWN_STATE] / _KNOWN_SCALES
+    known = np.concatenate([seen, state, references[:, 5:7]], axis=1)
+    return np.clip(known, -_MOST_KNOWN, _MOST_KNOWN).astype(np.float32)
+
+
+def _known_now(lanes: Lanes) -> Singles:
+    return _known(lanes.observations, lanes.truths, lanes.references)
 
 
 class _Experience:
@@ -132,8 +136,9 @@ class _Experience:
     def __init__(self, training: Training, lanes: Lanes) -> None:
         T, N = training.decisions, lanes.lanes
         self.seen = np.empty((T, N, lanes.observations.shape[1]), np.float32)
-        self.known = np.empty((T + 1, N, _known(lanes).shape[1]), np.float32)
+        self.known = np.empty((T + 1, N, _known_now(lanes).shape[1]), np.float32)
         self.actions = np.empty((T, N, lanes.wheels), np.float32)
+        self.ages = np.zeros(N, np.int64)  #: decisions since the start of each robot's episode
         self.chances, self.paid, self.going, self.after = np.empty((4, T, N), np.float32)
 
 
@@ -143,7 +148,7 @@ def train(lanes: Lanes, training: Training, *, torque_scale: float, seed: int) -
     lanes.start()
     hidden = (training.hidden, training.hidden)
     actor = new_layers((lanes.observations.shape[1], *hidden, n), random, last=0.01)
-    critic = new_layers((_known(lanes).shape[1], *hidden, 1), random, last=0.1)
+    critic = new_layers((_known_now(lanes).shape[1], *hidden, 1), random, last=0.1)
     spread = np.full(n, np.log(training.spread), np.float32)
     descents = Adam([*actor, spread]), Adam(critic)
     experience = _Experience(training, lanes)
@@ -175,22 +180,24 @@ def _gather(
     N, n, period = lanes.lanes, lanes.wheels, lanes.sample_time * lanes.repeat
     fallen, finished, seconds = 0, 0, 0.0
     for t in range(training.decisions):
-        own.seen[t], own.known[t] = lanes.observations, _known(lanes)
+        own.seen[t], own.known[t] = lanes.observations, _known_now(lanes)
         noise = random.standard_normal((N, n), dtype=np.float32)
         own.actions[t] = forward(actor, own.seen[t])[0] + np.exp(spread) * noise
         own.chances[t] = -0.5 * (noise * noise).sum(axis=1) - spread.sum()
-        lanes.step(torque_scale * own.actions[t].astype(np.float64))
+        own.ages += 1
+        lanes.step(torque_scale * own.actions[t].astype(np.float64), ending=SAME_STEP)
         # a value is then at most 1
         own.paid[t] = lanes.rewards / period * (1.0 - training.discount)
         own.going[t], own.after[t] = ~lanes.ended, 0.0
         if lanes.ended.any():
-            ran_out = lanes.ended & ~lanes.fallen
-            if ran_out.any():  # it would have gone on
-                own.after[t, ran_out] = forward(critic, _known(lanes)[ran_out])[0][:, 0]
-            fallen, finished = fallen + int(lanes.fallen.sum()), finished + int(ran_out.sum())
-            seconds += lanes.sample_time * float(lanes.ages[lanes.ended].sum())
-            lanes.start(lanes.ended.copy())
-    own.known[training.decisions] = _known(lanes)
+            out = lanes.ended & ~lanes.fallen
+            if out.any():  # of time: it would have gone on
+                left = _known(lanes.final_observations[out], lanes.final_truths[out], lanes.final_references[out])
+                own.after[t, out] = forward(critic, left)[0][:, 0]
+            fallen, finished = fallen + int(lanes.fallen.sum()), finished + int(out.sum())
+            seconds += period * float(own.ages[lanes.ended].sum())
+            own.ages[lanes.ended] = 0
+    own.known[training.decisions] = _known_now(lanes)
     return fallen, finished, seconds
 
 
