@@ -1,62 +1,80 @@
 """What a policy sees, what it is asked for and what it is paid: the four tasks.
 
-Observation, of the estimated state x and the reference r in the heading frame, scaled:
+An observation is that of `ballbot.control.parts.policy`, of the estimated state x and of the reference r, over `SCALES`:
 
-    position error, clipped; lean and heading error; error of the velocity and of the rates; the last torques asked for
+    S(psi) (r - x): position, lean and heading error, error of the velocity and of the rates; the last actions' torques
 
-The reward of a sample of h seconds is h / (1 + cost), of the true state: at most 1 a second, and a robot that balances
-longer earns more. cost is a weighted sum of squares of the errors and of the change of the torques (`Weights`).
+The reward of a sample of h seconds is, of the true state at its end and the torques asked for in it,
+
+    h (a + (1 - a) / (1 + cost)),      cost = sum_i w_i e_i^2
+
+at most h, so that an episode's return is at most its duration in seconds, and a robot that balances longer earns more.
+The errors e_i and weights w_i are those of `Weights`, a is `Weights.upright`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.parts.policy import ERRORS, SHOWN
+from ballbot.control.parts.policy import SCALES as SIZES
 from ballbot.errors import InputError, suggest
-from ballbot.mechanics.engine.compiled import compiled
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import parameter, parameter_class
 
-#: samples of torques in an observation
-HISTORY = 3
-#: entries of an observation before the torques
-ERRORS = 10
 #: size that counts as 1: of position [m], lean, heading [rad], velocity [m/s], lean rate and turning rate [rad/s]
-SCALES = np.array([0.25, 0.25, 0.1, 0.1, 0.5, 0.5, 0.5, 0.5, 0.5, 1.0])
-#: at most so much of each scaled entry is shown
-MOST = 4.0
-#: position errors are shown up to two scales: farther away only the direction matters
-MOST_POSITION = 2.0
-
-
-def observation_size(wheels: int) -> int:
-    """Return the length of an observation of a robot with so many wheels."""
-    return ERRORS + HISTORY * wheels
+SCALES = np.array(SIZES)
+#: entries of an observation are limited to so many of these sizes
+LIMITS = np.array(SHOWN)
+#: what a weight's quantity is divided by: 0.05 m, 0.1 m/s, 0.1 rad, 0.1 rad/s, 0.2 rad/s, a tenth of the torque limit
+_UNITS = {
+    "position": 0.05,
+    "velocity": 0.1,
+    "heading": 0.1,
+    "lean_rate": 0.1,
+    "turning": 0.2,
+    "torque_change": 0.1,
+}
+#: beyond which a place's distance costs no more [m]
+FARTHEST = 0.5
+#: how long a push lasts [s]
+PUSH = 0.1
 
 
 @parameter_class
 class Weights:
-    """Weights of the cost, each of a squared quantity: 1 makes that quantity's scale cost 1."""
+    """Weights of the cost, each of a squared quantity, and the part of the reward that the cost does not lessen."""
 
-    position: float = parameter("per square of 0.05 m", least=0.0, default=0.1)
-    velocity: float = parameter("per square of 0.1 m/s", least=0.0, default=0.1)
-    heading: float = parameter("per square of 0.1 rad", least=0.0, default=0.1)
-    lean_rate: float = parameter("per square of 0.1 rad/s", least=0.0, default=0.02)
-    turning: float = parameter("per square of 0.2 rad/s", least=0.0, default=0.05)
-    torque_change: float = parameter("per square of a tenth of the torque limit", least=0.0, default=0.01)
+    position: float = parameter(
+        "of the distance from the reference, per square of 0.05 m", least=0.0, default=0.1
+    )
+    velocity: float = parameter("of the velocity's error, per square of 0.1 m/s", least=0.0, default=0.1)
+    heading: float = parameter("of the heading's error, per square of 0.1 rad", least=0.0, default=0.1)
+    lean_rate: float = parameter("of the lean's rate, per square of 0.1 rad/s", least=0.0, default=0.02)
+    turning: float = parameter("of the heading's rate, per square of 0.2 rad/s", least=0.0, default=0.05)
+    torque_change: float = parameter(
+        "of each wheel's change of torque in a sample, per square of a tenth of the limit",
+        least=0.0,
+        default=0.01,
+    )
+    upright: float = parameter(
+        "part of the reward that is paid for staying up", least=0.0, most=1.0, default=0.3
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
 
     def per_si(self) -> NDArray[np.float64]:
-        """Return the weights (6,) per squared SI unit, the torques' change in parts of the limit."""
-        sizes = np.array([0.05, 0.1, 0.1, 0.1, 0.2, 0.1])
-        names = ("position", "velocity", "heading", "lean_rate", "turning", "torque_change")
-        return np.array([getattr(self, name) for name in names]) / sizes**2
+        """Return the weights (6,) per squared SI unit, of the torques' change in parts of the limit, and `upright`."""
+        costs = [getattr(self, name) / unit**2 for name, unit in _UNITS.items()]
+        return np.array([*costs, self.upright])
 
 
 @parameter_class
@@ -67,10 +85,16 @@ class Task:
     duration: float = parameter("of an episode", "s", default=10.0)
     lean: float = parameter("largest at the start, about each axis", "rad", default=0.05, least=0.0)
     speed: float = parameter("largest at the start, along each axis", "m/s", default=0.2, least=0.0)
-    offset: float = parameter("largest from the reference at the start, along each axis", "m", default=0.1, least=0.0)
-    turn: float = parameter("largest from the reference's heading at the start", "rad", default=0.2, least=0.0)
-    fallen: float = parameter("lean at which an episode terminates", "rad", default=0.35, most=0.6)
-    reach: float = parameter("largest change of the place asked for, along each axis", "m", default=0.0, least=0.0)
+    offset: float = parameter(
+        "largest from the origin at the start, along each axis", "m", default=0.1, least=0.0
+    )
+    turn: float = parameter("largest heading at the start", "rad", default=0.2, least=0.0)
+    fallen: float = parameter(
+        "lean about either axis at which an episode terminates", "rad", default=0.35, most=0.6
+    )
+    reach: float = parameter(
+        "largest change of the place asked for, along each axis", "m", default=0.0, least=0.0
+    )
     reach_heading: float = parameter("largest change of the heading asked for", "rad", default=0.0, least=0.0)
     drive: float = parameter("largest velocity asked for, along each axis", "m/s", default=0.0, least=0.0)
     interval: float = parameter("longest time until something else is asked for", "s", default=3.0)
@@ -87,7 +111,13 @@ TASKS = MappingProxyType(
         for task in (
             Task(name="Balance"),
             Task(name="Track", reach=0.5, reach_heading=0.8),
-            Task(name="Drive", drive=0.5, weights=Weights(position=0.004, velocity=0.1)),
+            Task(
+                name="Drive",
+                drive=0.5,
+                interval=6.0,
+                # a place that was left behind while the robot speeds up does not matter much
+                weights=Weights(position=0.002, lean_rate=0.002, torque_change=0.003),
+            ),
             Task(name="Push", impulse=8.0),
         )
     }
@@ -95,49 +125,90 @@ TASKS = MappingProxyType(
 
 
 def task_named(name: str) -> Task:
-    """Return the task of that name, however it is capitalised; InputError if there is none."""
+    """Return the task of that name, however it is capitalised; InputError if there is none.
+
+    >>> task_named("drive").drive
+    0.5
+    """
     if name.capitalize() not in TASKS:
         raise InputError(f"There is no task {name!r}; {suggest(name, TASKS, otherwise='the tasks are')}")
     return TASKS[name.capitalize()]
 
 
-@compiled
-def observe(begin, end, states, references, history, limit, scales, out):
-    """Fill the observations (robots, size) of robots begin .. end - 1, of what their estimators show.
+class TaskNumbers(NamedTuple):
+    """A task as compiled code reads it: `Task`'s numbers, times in samples, and those of the robot that it needs."""
 
-    references (robots, 10) have the velocity asked for; history (robots, HISTORY, n) the last torques, newest first.
+    samples: int  #: in an episode
+    sample_time: float  #: [s]
+    offset: float
+    speed: float
+    lean: float
+    turn: float
+    fallen: float
+    reach: float
+    reach_heading: float
+    drive: float
+    interval: float  #: in samples
+    impulse: float
+    push_samples: int  #: in a push
+    push_height: float  #: above the ball's centre [m]
+    torque_limit: float  #: [N m]
+    weights: NDArray[np.float64]  #: of `Weights.per_si`
+
+    @staticmethod
+    def of(task: Task, robot: Robot) -> TaskNumbers:
+        """Return a task's numbers for a robot; a push acts at its body's centre of mass."""
+        h = robot.sensors.sample_time
+        return TaskNumbers(
+            samples=max(1, round(task.duration / h)),
+            sample_time=h,
+            offset=task.offset,
+            speed=task.speed,
+            lean=task.lean,
+            turn=task.turn,
+            fallen=task.fallen,
+            reach=task.reach,
+            reach_heading=task.reach_heading,
+            drive=task.drive,
+            interval=task.interval / h,
+            impulse=task.impulse,
+            push_samples=max(1, round(PUSH / h)),
+            push_height=robot.body.center_of_mass,
+            torque_limit=robot.drive.torque_limit,
+            weights=task.weights.per_si(),
+        )
+
+
+@inlined
+def observe(state, reference, history, torque_limit, out):
+    """Fill an observation of a state (10,) and a reference (10,) with the velocity asked for.
+
+    history (HISTORY, n) are the torques of the last actions, newest first.
     """
-    for robot in range(begin, end):
-        x, r, o = states[robot], references[robot], out[robot]
-        c, s = np.cos(x[4]), np.sin(x[4])
-        for i in (0, 2, 5, 7):
-            a, b = r[i] - x[i], r[i + 1] - x[i + 1]
-            o[i], o[i + 1] = (c * a + s * b) / scales[i], (c * b - s * a) / scales[i]
-        o[4], o[9] = (r[4] - x[4]) / scales[4], (r[9] - x[9]) / scales[9]
-        for i in range(10):
-            most = 2.0 if i < 2 else 4.0
-            o[i] = min(max(o[i], -most), most)
-        k = 10
-        for past in range(history.shape[1]):
-            for i in range(history.shape[2]):
-                o[k] = history[robot, past, i] / limit
-                k += 1
+    c, s = np.cos(state[4]), np.sin(state[4])
+    for i in range(10):
+        error = reference[i] - state[i]
+        if i in (0, 2, 5, 7):
+            error = c * error + s * (reference[i + 1] - state[i + 1])
+        elif i in (1, 3, 6, 8):
+            error = c * error - s * (reference[i - 1] - state[i - 1])
+        out[i] = min(max(error / SCALES[i], -LIMITS[i]), LIMITS[i])
+    k = ERRORS
+    for past in range(history.shape[0]):
+        for i in range(history.shape[1]):
+            out[k] = history[past, i] / torque_limit
+            k += 1
 
 
-@compiled
-def pay(begin, end, running, truths, references, torques, last, limit, weights, h, out):
-    """Add the rewards of those of robots begin .. end - 1 that are running, for a sample of h seconds.
-
-    It ends in the true states.
-    """
-    for robot in range(begin, end):
-        if running[robot] == 0:
-            continue
-        x, r = truths[robot], references[robot]
-        cost = weights[0] * ((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2)
-        cost += weights[1] * ((r[5] - x[5]) ** 2 + (r[6] - x[6]) ** 2)
-        cost += weights[2] * (r[4] - x[4]) ** 2
-        cost += weights[3] * (x[7] ** 2 + x[8] ** 2) + weights[4] * x[9] ** 2
-        for i in range(torques.shape[1]):
-            cost += weights[5] * ((torques[robot, i] - last[robot, i]) / limit) ** 2
-        out[robot] += 0.3 * h + 0.7 * h / (1.0 + cost)
+@inlined
+def reward(task, truth, reference, torques, last):
+    """Return the reward of a sample that ends in a true state (10,), for torques (n,) after the `last` ones."""
+    x, r, w = truth, reference, task.weights
+    # beyond what is shown a place is no farther away, so that a velocity still matters there
+    cost = w[0] * min((r[0] - x[0]) ** 2 + (r[1] - x[1]) ** 2, FARTHEST**2)
+    cost += w[1] * ((r[5] - x[5]) ** 2 + (r[6] - x[6]) ** 2)
+    cost += w[2] * (r[4] - x[4]) ** 2
+    cost += w[3] * (x[7] ** 2 + x[8] ** 2) + w[4] * x[9] ** 2
+    for i in range(len(torques)):
+        cost += w[5] * ((torques[i] - last[i]) / task.torque_limit) ** 2
+    return task.sample_time * (w[6] + (1.0 - w[6]) / (1.0 + cost))

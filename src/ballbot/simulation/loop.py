@@ -53,6 +53,7 @@ from ballbot.mechanics.engine.lanes import (
     PLAY,
     ROBOT,
     ROTOR,
+    ROWS,
     STATE,
     STEP,
     TORQUE,
@@ -754,7 +755,7 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
 
 
 def new_blocks(loops: NDArray[np.void], lanes: int, n: int, *, filtering: bool) -> Block:
-    """Return the memory of many robots, for `advance_lanes`."""
+    """Return the memory of many robots, for `advance_block`."""
     memory = _new_memory(loops, lanes, n, blocks=(-(-lanes // LANES),), filtering=filtering)
     for k, work in enumerate(memory.work):
         width = min(LANES, lanes - k * LANES)
@@ -923,26 +924,41 @@ class Commands(NamedTuple):
 
 
 @inlined
-def _clear(block, robot):
+def _zero(numbers):
+    for i in range(len(numbers)):
+        numbers[i] = 0.0
+
+
+@inlined
+def _clear(block, lane, robot):
     """Forget all that a robot has done."""
+    for row in range(ROWS):
+        block.work[row * LANES + lane] = 0.0
+    block.work[ROBOT * LANES + lane] = float(robot)
+    for row in range(len(block.filters) // LANES):
+        block.filters[_slot(row, robot)] = 0.0
     for memory in (block.memories, block.wanted, block.given, block.commanded, block.last, block.angles):
-        memory[robot] = 0.0
+        _zero(memory[robot])
     for memory in (block.before, block.ahrs, block.onboard):
-        memory[robot] = 0.0
-    block.late[:, robot] = 0.0
-    block.counted[robot], block.readings[robot] = 0.0, 0.0
+        _zero(memory[robot])
+    for late in range(len(block.late)):
+        _zero(block.late[late, robot])
+    for rows in (block.counted[robot], block.readings[robot]):
+        for row in range(len(rows)):
+            _zero(rows[row])
     block.pivoting[robot] = 0.0
 
 
 @inlined
-def _draws_within(draws, a, b):
+def draws_within(draws, a, b):
+    """Return the random numbers of robots a .. b - 1."""
     return Draws(
         draws.noise[a:b], draws.faults[a:b], draws.positions[a:b], draws.turns[a:b], draws.durations[a:b]
     )
 
 
 @inlined
-def _block_within(all_blocks, k, a, b):
+def block_within(all_blocks, k, a, b):
     """Return the k-th block, of robots a .. b - 1, of the memory of many."""
     m = all_blocks
     return Block(
@@ -978,22 +994,13 @@ def _block_within(all_blocks, k, a, b):
     )
 
 
-@compiled
-def advance_lanes(selected, inputs, draws, sampling, all_blocks, begin, end, commands, out):
-    """Take robots begin .. end - 1 on by a sample, or start them; what each then sees is in the blocks.
-
-    `begin` is a multiple of `LANES`. `draws` has numbers for some samples; the place of a robot's age in them is that
-    modulo their number.
-    """
-    for first in range(begin, end, LANES):
-        last = min(first + LANES, end)
-        block = _block_within(all_blocks, first // LANES, first, last)
-        rows = _draws_within(draws, first, last)
-        _advance_block(selected, inputs, rows, sampling, block, first, last - first, commands, out)
-
-
 @inlined
-def _advance_block(selected, inputs, draws, sampling, block, first, width, commands, out):
+def advance_block(selected, inputs, draws, sampling, block, first, width, commands, out):
+    """Take robots first .. first + width - 1 on by a sample, or start them; what each then sees is in the block.
+
+    `draws` and `block` are of these alone. `draws` has numbers for some samples; the place of a robot's age in them is
+    that modulo their number.
+    """
     inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
     block, commands, out = borrowed(block), borrowed(commands), borrowed(out)
     n, work, filtering = block.acting.shape[1], block.work, len(inputs.filters) > 0
@@ -1037,7 +1044,7 @@ def _advance_block(selected, inputs, draws, sampling, block, first, width, comma
         number, age = first + robot, commands.ages[first + robot] + 1
         if commands.todo[number] == STARTED:
             age = 0
-            _clear(block, robot)
+            _clear(block, lane, robot)
             _start(selected, lane, inputs, draws, sampling, first, block)
             _measure(selected, work, lane, inputs, draws, block, first, 0, 0)
         if commands.todo[number] != LEFT:
