@@ -89,7 +89,13 @@ class LinkOptions:
         return Robot.load(self.name) if self.robot or self.emulated else None
 
     def connect(
-        self, port: str | None, *, hold: Hold = "on_ball", real_time: bool = False, imu_checked: bool = True
+        self,
+        port: str | None,
+        *,
+        hold: Hold = "on_ball",
+        real_time: bool = False,
+        imu_checked: bool = True,
+        weights: str = "",
     ) -> AbstractContextManager[Connection]:
         """Connect to a robot while a block runs; the keyword options are for an emulated robot.
 
@@ -111,6 +117,7 @@ class LinkOptions:
             hold=hold,
             real_time=real_time or bool(stream),
             imu_checked=imu_checked,
+            weights=weights,
         )
         filmed_by = self.seed if hold == "upside_down" else None
         return connect_emulated(described, emulated, filmed_by=filmed_by, stream=stream)
@@ -156,21 +163,23 @@ def balance(
     out
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
-    parameters, then = None, f"identify {link.name} LOG --out identified"
+    exported, then = None, f"identify {link.name} LOG --out identified"
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
         check_belongs(controller, link.described)
-        parameters = export_controller(read_controller(controller, link.described), lean=lean).parameters
+        exported = export_controller(read_controller(controller, link.described), lean=lean)
         if (study := controller.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
-        link.connect(port, real_time=reference == KEYBOARD) as connection,
+        link.connect(
+            port, real_time=reference == KEYBOARD, weights=exported.weights if exported else ""
+        ) as connection,
     ):
         robot = connection.robot
-        if parameters is not None:
-            robot.use_parameters(parameters)
+        if exported:
+            robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         commander = FollowReference(driven, sample_time=robot.sample_time)
         _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp)

@@ -110,7 +110,13 @@ TASKS = MappingProxyType(
         task.name: task
         for task in (
             Task(name="Balance"),
-            Task(name="Track", reach=0.5, reach_heading=0.8),
+            Task(
+                name="Track",
+                reach=0.5,
+                reach_heading=0.8,
+                interval=6.0,
+                weights=Weights(position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003),
+            ),
             Task(
                 name="Drive",
                 drive=0.5,

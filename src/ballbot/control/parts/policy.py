@@ -23,6 +23,7 @@ from ballbot.arrays import real_array
 from ballbot.control.parts.part import LawSettings, Part, clipped, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
+from ballbot.estimation.heading import TURN
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import Parameter, parameter
 
@@ -69,7 +70,7 @@ class PolicyState:
     started: int = field(metadata=whole())
     #: samples since the last decision
     waited: int = field(metadata=whole())
-    #: x, y, psi of the last reference
+    #: x, y, psi of the last reference, psi without turns that were added
     asked: NDArray[np.float64] = field(metadata=number("m, m, rad", 3))
     #: torques of the last decisions, the newest first
     past: NDArray[np.float64] = field(metadata=number("N m", HISTORY, MAX_WHEELS))
@@ -77,11 +78,12 @@ class PolicyState:
 
 @inlined
 def _rate_asked(memory, i, value, rate):
-    """Return the rate of a reference of x, y or psi, and keep the reference."""
+    """Return the rate of a reference of x, y or psi, whose whole turns are no motion, and keep the reference."""
     own = memory.policy
-    change = (value - own.asked[i]) * rate if own.started == 1 else 0.0
+    change = value - own.asked[i] if own.started == 1 else 0.0
     own.asked[i] = value
-    return change if abs(change) <= JUMP_RATE else 0.0
+    asked = (change - TURN * math.floor(change / TURN + 0.5) if i == 2 else change) * rate
+    return asked if abs(asked) <= JUMP_RATE else 0.0
 
 
 @inlined
@@ -107,7 +109,8 @@ def act(law, memory, weights, seen, asked, moved):
         return
     a, x, n = seen.a, seen.state, own.wheels
     v_x, v_y = _rate_asked(memory, 0, asked[0].value, own.rate), _rate_asked(memory, 1, asked[1].value, own.rate)
-    v_psi = _rate_asked(memory, 2, asked[2].value, own.rate)
+    # as it was asked for: single precision rounds a heading of many turns by too much
+    v_psi = _rate_asked(memory, 2, memory.reference_heading.last, own.rate)
     kept.waited = kept.waited + 1 if kept.started == 1 else own.period
     kept.started = 1
     if kept.waited < own.period:

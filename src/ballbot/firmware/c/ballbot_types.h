@@ -16,9 +16,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "11cb30e4bae83e1130ac22eb810bde04cfe2279d2ef3a94546c2e52fb7aa1a03"
+#define BALLBOT_SCHEMA_DIGEST "2b38f4fea5c9ad37ace617d0a1508e80b96c6f1fc9d7772ca6c7e0c058007d8d"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 298528996, 988298769, 816587499, 17554948, 1340221341, 787720517, 1187177775, 933894659 }
+#define BALLBOT_SCHEMA_WORDS { 725153022, 633974071, 753276880, 558927488, 963407647, 1238857516, 650633408, 1476427149 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -135,6 +135,22 @@ struct ballbot_prediction_record {
 };
 typedef char ballbot_prediction_record_has_no_padding[(sizeof(struct ballbot_prediction_record) == 904u * sizeof(float)) ? 1 : -1];
 
+/* A policy without its weights. */
+struct ballbot_policy_record {
+    int32_t on;
+    float feedback; /* [1] */
+    float torque_scale; /* [N m] */
+    float torque_limit; /* [N m] */
+    float largest_lean; /* [rad] */
+    float largest_speed; /* [m/s] */
+    float rate; /* [1/s] */
+    int32_t period;
+    int32_t hidden;
+    int32_t wheels;
+    int32_t checksum;
+};
+typedef char ballbot_policy_record_has_no_padding[(sizeof(struct ballbot_policy_record) == 11u * sizeof(float)) ? 1 : -1];
+
 struct ballbot_law {
     float torque_limit; /* [N m] */
     float rate; /* [1/s] */
@@ -147,8 +163,9 @@ struct ballbot_law {
     struct ballbot_lean_limit_record lean_limit;
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
+    struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1276u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1287u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -199,7 +216,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1373u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1384u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -322,6 +339,15 @@ struct ballbot_prediction_state {
 };
 typedef char ballbot_prediction_state_has_no_padding[(sizeof(struct ballbot_prediction_state) == 30u * sizeof(float)) ? 1 : -1];
 
+/* What a policy remembers from sample to sample. */
+struct ballbot_policy_state {
+    int32_t started;
+    int32_t waited;
+    float asked[3]; /* [m, m, rad] */
+    float past[3][4]; /* [N m] */
+};
+typedef char ballbot_policy_state_has_no_padding[(sizeof(struct ballbot_policy_state) == 17u * sizeof(float)) ? 1 : -1];
+
 struct ballbot_memory {
     struct ballbot_torque_history history;
     struct ballbot_heading_memory measured_heading;
@@ -333,8 +359,9 @@ struct ballbot_memory {
     struct ballbot_no_state lean_limit;
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
+    struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 465u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 482u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -373,7 +400,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 787u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 804u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
