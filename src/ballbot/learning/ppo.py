@@ -86,7 +86,7 @@ def forward(layers: Layers, x: Singles) -> tuple[Singles, list[Singles]]:
     return x, inputs
 
 
-def backward(layers: Layers, inputs: list[Singles], slope: Singles) -> Layers:
+def backward(layers: Layers, inputs: list[Singles], slope: NDArray[np.floating]) -> Layers:
     """Return the slopes of weights and biases for one of the output (m, outputs), by the chain rule."""
     slopes: Layers = [np.empty(0, np.float32)] * len(layers)
     for k in range(len(layers) - 2, -1, -2):
@@ -116,7 +116,11 @@ class Adam:
             slope = slope * shorter
             mean += np.float32(1.0 - _MEMORY) * (slope - mean)
             square += np.float32(1.0 - _SQUARES) * (slope * slope - square)
-            layer -= np.float32(rate / of_means) * mean / (np.sqrt(square / np.float32(of_squares)) + np.float32(1e-7))
+            layer -= (
+                np.float32(rate / of_means)
+                * mean
+                / (np.sqrt(square / np.float32(of_squares)) + np.float32(1e-7))
+            )
 
 
 def _known(seen: Singles, truths: NDArray[np.float64], references: NDArray[np.float64]) -> Singles:
@@ -192,7 +196,9 @@ def _gather(
         if lanes.ended.any():
             out = lanes.ended & ~lanes.fallen
             if out.any():  # of time: it would have gone on
-                left = _known(lanes.final_observations[out], lanes.final_truths[out], lanes.final_references[out])
+                left = _known(
+                    lanes.final_observations[out], lanes.final_truths[out], lanes.final_references[out]
+                )
                 own.after[t, out] = forward(critic, left)[0][:, 0]
             fallen, finished = fallen + int(lanes.fallen.sum()), finished + int(out.sum())
             seconds += period * float(own.ages[lanes.ended].sum())

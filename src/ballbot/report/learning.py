@@ -79,7 +79,9 @@ def _curve(learned: Learned) -> TimeSeries:
                 levels=(learned.baseline,),
                 from_zero=True,
             ),
-            Panel("length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True),
+            Panel(
+                "length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True
+            ),
         ),
         "The learning curve by the clock.",
         across="time of training [s]",

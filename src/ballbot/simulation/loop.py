@@ -647,7 +647,9 @@ def _command(inputs, block, robot, first, reference):
     state, held = block.states[robot], block.commanded[robot]
     fill(block.last[robot], held)
     row = _row_of(inputs.laws, first + robot)
-    decide_torques(inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held))
+    decide_torques(
+        inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held)
+    )
 
 
 @inlined
@@ -918,7 +920,9 @@ LEFT, ADVANCED, STARTED = 0, 1, 2
 class Commands(NamedTuple):
     """What robots that are commanded from outside are given, a row for each."""
 
-    todo: NDArray[np.int64]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
+    todo: NDArray[
+        np.int64
+    ]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
     ages: NDArray[np.int64]  #: samples since each robot's start
     torques: NDArray[np.float64]  #: (robots, n) beside those of the laws, if there are any
     references: NDArray[np.float64]  #: (robots, 10) for the laws
