@@ -11,7 +11,8 @@ from tests.support.source import SOURCE, modules, nodes_of
 #: a package may import those before it; what stands at the root of the source may be imported by all
 PACKAGES = (
     "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
-    "identification", "validation", "vision", "workflows", "learning", "firmware", "link", "viewer", "report", "thesis", "cli",
+    "identification", "validation", "vision", "workflows", "learning",
+    "firmware", "link", "viewer", "report", "thesis", "cli",
 )  # fmt: skip
 MOST_PARAMETERS = 9
 LONGEST_BODY = 60
