@@ -93,7 +93,7 @@ def test_stopped_by_the_user_it_keeps_what_it_has():
 def test_policy_for_another_sample_time_is_refused():
     base = precise_controller(KNOWN)
     slow = base_controller(KNOWN.replace({"sensors.sample_time": 0.01}))
-    with pytest.raises(InputError, match="0.01 s"):
+    with pytest.raises(InputError, match=r"0\.01 s"):
         learn(ROBOTS, task_named("balance"), base=slow, training=SMALL)
     learned = learn(ROBOTS, task_named("balance"), base=base, training=replace(SMALL, updates=1))
     policy = learned.controller.parts.policy

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Update:
 def new_layers(sizes: tuple[int, ...], random: np.random.Generator, *, last: float) -> Layers:
     """Return layers with small random weights; the last ones are smaller by a factor, so that it begins near zero."""
     layers: Layers = []
-    for k, (a, b) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(sizes)):
         size = (last if k == len(sizes) - 2 else 1.0) / np.sqrt(a)
         layers += [(size * random.standard_normal((a, b))).astype(np.float32), np.zeros(b, np.float32)]
     return layers
@@ -86,7 +87,7 @@ def forward(layers: Layers, x: Singles) -> tuple[Singles, list[Singles]]:
     return x, inputs
 
 
-def backward(layers: Layers, inputs: list[Singles], slope: NDArray[np.floating]) -> Layers:
+def backward(layers: Layers, inputs: list[Singles], slope: Singles) -> Layers:
     """Return the slopes of weights and biases for one of the output (m, outputs), by the chain rule."""
     slopes: Layers = [np.empty(0, np.float32)] * len(layers)
     for k in range(len(layers) - 2, -1, -2):
@@ -248,5 +249,5 @@ def _improve(
             slopes = backward(actor, inputs, weight * z * inverse)
             descents[0].step([*slopes, (weight * (z * z - 1.0)).sum(axis=0)], rate)
             value, inputs = forward(critic, known[batch])
-            slope = np.float32(2.0 / len(batch)) * (value - wanted[batch])
+            slope = ((value - wanted[batch]) * (2.0 / len(batch))).astype(np.float32)
             descents[1].step(backward(critic, inputs, slope), rate)
