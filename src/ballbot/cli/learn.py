@@ -10,8 +10,10 @@ from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.source import named_controller
 from ballbot.fitting.run import Run
-from ballbot.learning.learn import base_controller, confirm, learn as learn_task, training_robot
+from ballbot.learning.learn import base_controller, confirm
+from ballbot.learning.learn import learn as learn_task
 from ballbot.learning.ppo import Training
+from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, task_named
 from ballbot.progress import Progress
 from ballbot.report.learning import learning_report
@@ -32,6 +34,7 @@ def learn(
     /,
     *,
     onto: str | None = None,
+    randomize: str | None = None,
     updates: options.Count = Training.updates,
     scenario: options.Scenario = "nominal",
     runs: options.Count = 100,
@@ -60,6 +63,10 @@ def learn(
         place under pushes of up to 8 N s.
     onto
         A controller to whose torques the policy's are added: nominal, precise or a controller file.
+    randomize
+        Robots that differ from episode to episode: the folder of a study or an identification, whose covariance and
+        spread between logs they are drawn from, or boxes, the uniform ranges of published work. By default all are the
+        robot as described.
     updates
         Number of improvements of the policy; each takes 51,200 samples of the loop.
     runs
@@ -71,12 +78,12 @@ def learn(
     """
     described, wanted = changed_robot(robot, change), task_named(task)
     truth = load_scenario(scenario, described)
-    trained = training_robot(described, truth)
-    known = trained.imperfections.known or described
+    robots = drawn_robots(described, truth, randomize, seed=seed)
+    known = robots[0].imperfections.known or described
     base = named_controller(onto, known) if onto else None
     with open_result(out, doing=f"learning to {task}", writes=_WRITTEN, seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
-        learned = learn_task([trained], wanted, base=base, training=Training(updates=updates), run=run)
+        learned = learn_task(robots, wanted, base=base, training=Training(updates=updates), run=run)
         without, tries = base or base_controller(known), [(runs, False)]
         tries += [(confirm_on_twin, True)] if confirm_on_twin else []
         tried = []
@@ -84,7 +91,9 @@ def learn(
             result.report(Progress(stage="trying it"))
             tried.append(
                 tuple(
-                    confirm(controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run)
+                    confirm(
+                        controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run
+                    )
                     for count, twin in tries
                 )
             )

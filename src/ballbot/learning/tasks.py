@@ -115,7 +115,9 @@ TASKS = MappingProxyType(
                 reach=0.5,
                 reach_heading=0.8,
                 interval=6.0,
-                weights=Weights(position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003),
+                weights=Weights(
+                    position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
+                ),
             ),
             Task(
                 name="Drive",

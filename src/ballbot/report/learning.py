@@ -16,8 +16,8 @@ def learning_report(learned: Learned, *, scenario: str) -> Result:
     name = learned.controller.robot.name
     return Result(
         title=f"{name}: {learned.task.name}, learned",
-        lead="A network that learned on simulated robots what torques to give. Its rewards are those of the training, with "
-        "the noise that it explores by; the runs afterwards are of other robots, without that noise.",
+        lead="A network that learned on simulated robots what torques to give. Its rewards are those of the training, "
+        "with the noise that it explores by; the runs afterwards are of other robots, without that noise.",
         verdict=[("", sentence) for sentence in learning_sentences(learned, scenario=scenario)],
         sections=[
             section("On other robots", _tried(learned)),
@@ -44,8 +44,8 @@ def learning_sentences(learned: Learned, *, scenario: str) -> list[str]:
             f"controller without it: {_errors(other)}, {counted(other.fell, 'fall')}."
         )
     sentences.append(
-        f"It learned from {last.samples:,} samples of the scenario {scenario} in {last.seconds:.0f} s.{early} The reward "
-        f"was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the controller without it."
+        f"It learned from {last.samples:,} samples of the scenario {scenario} in {last.seconds:.0f} s.{early} The "
+        f"reward was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the controller without it."
     )
     return sentences
 
@@ -79,7 +79,9 @@ def _curve(learned: Learned) -> TimeSeries:
                 levels=(learned.baseline,),
                 from_zero=True,
             ),
-            Panel("length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True),
+            Panel(
+                "length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True
+            ),
         ),
         "The learning curve by the clock.",
         across="time of training [s]",
