@@ -13,7 +13,7 @@ from time import perf_counter, process_time
 import gymnasium
 import numpy as np
 
-NAME = "ballbot/Balance-v0"
+NAME = "ballbot.gym:ballbot/Balance-v0"  # Gymnasium imports the module, which registers it
 LANES = 2000
 #: what others state, with their machines; not measured here
 PUBLISHED = (

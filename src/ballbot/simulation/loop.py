@@ -57,24 +57,28 @@ from ballbot.mechanics.engine.lanes import (
     STATE,
     STEP,
     TORQUE,
+    entry,
     load,
     new_work,
+    put,
     put_robot,
     robot_in,
     stored,
 )
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
-from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
-from ballbot.mechanics.engine.tracing import borrowed, traced
+from ballbot.mechanics.engine.smooth import SINES, SPEEDS, ball_velocity, body_velocity, in_state_order, pose
+from ballbot.mechanics.engine.tracing import borrowed, lanes, traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
-from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
+from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
+#: row of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end
+_SINKING = SINES
 #: rows of a Kalman filter's work array with what these sensors show
 _WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
@@ -673,18 +677,40 @@ def _drive(work, lane, inputs, block, first, sample, noise, changes):
             block.given[robot, i] = torque
 
 
+def _ends(selected, work, width, plays):
+    """Leave how fast each lane sinks, and its wheels' speeds, in rows that are free between steps: vector code."""
+    for lane in lanes(0, width):
+        P, u = load(selected, work, lane), load_torques(selected, work, lane)
+        if plays:
+            P, u = wheel_side(P, entry(work, ROTOR, lane)), passed_torques(selected, work, lane)
+        falling, speeds = sinking_with_speeds(selected, P, load_state(selected, work, lane), u)
+        put(work, _SINKING, lane, falling)
+        stored(work, SPEEDS, lane, speeds)
+
+
+@traced
+def _ends_with_play(selected, work, width):
+    _ends(selected, work, width, True)
+
+
+@traced
+def _ends_without_play(selected, work, width):
+    _ends(selected, work, width, False)
+
+
 @inlined
 def _turn_motors(selected, work, width, inputs, block, first, steps):
-    """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
+    """Look at the lanes at a sample's end; leave the speeds of rigid motors, and turn their encoders by the mean."""
+    if _loop_of(inputs, first).play > 0.0:  # all robots of a block, or none
+        _ends_with_play(selected, work, width)
+        return
+    _ends_without_play(selected, work, width)
     for lane in range(width):
-        robot = robot_in(work, lane)
-        record = _loop_of(inputs, first + robot)
-        if record.play == 0.0:
-            _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-            duration = steps * work[STEP * LANES + lane]
-            for i in range(len(speeds)):
-                block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speeds[i])
-                block.speeds[robot, i] = speeds[i]
+        robot, duration = robot_in(work, lane), steps * work[STEP * LANES + lane]
+        for i in range(block.speeds.shape[1]):
+            speed = work[(SPEEDS + i) * LANES + lane]
+            block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speed)
+            block.speeds[robot, i] = speed
 
 
 @inlined
@@ -692,19 +718,19 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
     record, number = _loop_of(inputs, first + robot), first + robot
-    state, whole = load_state(selected, work, lane), load(selected, work, lane)
-    lean = max(abs(state[2]), abs(state[3]))
+    lean = max(abs(work[(STATE + 2) * LANES + lane]), abs(work[(STATE + 3) * LANES + lane]))
     truth = block.truths[robot]
     _truth(selected, work, lane, record, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine
     if not fallen:
-        P, u = whole, load_torques(selected, work, lane)
-        if record.play > 0.0:
-            P, u = wheel_side(whole, record.rotor_inertia), passed_torques(selected, work, lane)
-        if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
+        if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
         elif sampling.grip < math.inf:
+            P, u = load(selected, work, lane), load_torques(selected, work, lane)
+            if record.play > 0.0:
+                P, u = wheel_side(P, record.rotor_inertia), passed_torques(selected, work, lane)
+            state = load_state(selected, work, lane)
             touching = inputs.contacts[_row_of(inputs.contacts, number)]
             if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
                 fallen = out.slipped[number] = True
