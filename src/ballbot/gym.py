@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,6 +42,7 @@ from gymnasium.vector.utils import batch_space
 
 Floats, Flags = NDArray[np.float64], NDArray[np.bool_]
 Observations = NDArray[np.float32]
+Number = TypeVar("Number", bound=np.generic)
 
 _ENDINGS = {
     AutoresetMode.NEXT_STEP: NEXT_STEP,
@@ -118,15 +119,17 @@ class EnvironmentOptions:
         self._seen = spaces.Box(-limits, limits, dtype=np.float32)
         self._done = spaces.Box(-1.0, 1.0, (known.wheel_count,), np.float32)
 
-    def _torques(self, action: ArrayLike, shape: tuple[int, ...]) -> Floats:
-        """Return the torques of actions; InvalidAction if they have another shape or are no numbers."""
+    def _torques(self, action: ArrayLike, out: Floats) -> Floats:
+        """Fill the torques of actions; InvalidAction if they have another shape or are no numbers."""
         try:
-            numbers = np.asarray(action, np.float64)
-        except (TypeError, ValueError):
-            raise InvalidAction(f"The action is {action!r}; it must be numbers.") from None
-        if numbers.shape != shape:
-            raise InvalidAction(f"The action has the shape {numbers.shape}; it must have {shape}.")
-        return self._lanes.torque_limit * numbers
+            numbers = np.asarray(action)
+        except ValueError:  # rows of different lengths
+            numbers = np.array("")
+        if numbers.dtype.kind not in "fiu":
+            raise InvalidAction(f"The action is {action!r}; it must be numbers.")
+        if numbers.shape != out.shape:
+            raise InvalidAction(f"The action has the shape {numbers.shape}; it must have {out.shape}.")
+        return np.multiply(numbers, self._lanes.torque_limit, out=out)
 
     def close(self, **_: object) -> None:
         """End the threads."""
@@ -167,7 +170,7 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
 
     def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Hold the action's torques for `repeat` samples; return observation, reward, fallen, out of time, and info."""
-        torques, lanes = self._torques(action, self._done.shape), self._lanes
+        torques, lanes = self._torques(action, np.empty(self._lanes.wheels)), self._lanes
         if not np.isfinite(torques).all():
             raise InvalidAction(f"The action is {np.asarray(action).tolist()}; it must be finite.")
         lanes.step(torques[None])
@@ -185,7 +188,7 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
 
 
 @dataclass(kw_only=True, eq=False, repr=False)
-class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Floats]):
+class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Any]):
     """Robots side by side that do a task, each with its own episodes, in all threads.
 
     Lane k of the seed s draws as the single environment of the seed s + k does, in any number of threads. A lane
@@ -214,7 +217,10 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
         self.observation_space = batch_space(self._seen, self.num_envs)
         self.action_space = batch_space(self._done, self.num_envs)
         everywhere, lanes = np.ones(self.num_envs, np.bool_), self._lanes
-        self._truncated = np.zeros(self.num_envs, np.bool_)
+        self._truncated, self._asked = (
+            np.zeros(self.num_envs, np.bool_),
+            np.zeros((self.num_envs, lanes.wheels)),
+        )
         self._known = {"truth": lanes.truths, "reference": lanes.references}
         self._last = {"truth": lanes.final_truths, "reference": lanes.final_references}
         self._everywhere = {f"_{name}": everywhere for name in self._known}
@@ -245,12 +251,12 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Flags, Flags, dict[str, Any]]:
         """Hold the actions' torques for `repeat` samples; return Gymnasium's batches."""
         lanes, refused = self._lanes, False
-        torques = self._torques(actions, self.action_space.shape or ())
+        torques = self._torques(actions, self._asked)
         try:
             lanes.step(torques, ending=_ENDINGS[AutoresetMode(self.autoreset_mode)])
         except InputError as error:
             refused = True
-            if lanes.refused.all():
+            if not np.isfinite(torques).all(axis=1).any():
                 raise InvalidAction("No action is finite.") from None
             logger.warn(str(error))
         np.greater(lanes.ended, lanes.fallen, out=self._truncated)
@@ -259,11 +265,10 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
             info |= {"refused": lanes.refused.copy(), "_refused": lanes.refused.copy()}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and lanes.ended.any():
             info |= self._final_info()
-        results = (lanes.rewards, lanes.fallen, self._truncated)
-        rewards, fallen, truncated = (array.copy() for array in results) if self.copy else results
-        return self._given(lanes.observations), rewards, fallen, truncated, info
+        flags = self._given(lanes.fallen), self._given(self._truncated)
+        return self._given(lanes.observations), self._given(lanes.rewards), *flags, info
 
-    def _given(self, array: Observations) -> Observations:
+    def _given(self, array: NDArray[Number]) -> NDArray[Number]:
         return array.copy() if self.copy else array
 
     def _info(self) -> dict[str, Any]:

@@ -112,9 +112,13 @@ def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 6
 
 
 def linear_policy(controller: Controller) -> Controller:
-    """Return a controller with a policy alone that does as its feedback: units so little driven that they are linear."""
+    """Return a controller with a policy alone that does as its feedback: units driven so little that they are linear."""
     small, scales, (wheels, _) = 0.05, np.array(SCALES), controller.gain.shape
-    first, second, last = np.zeros((10, observation_size(wheels) + 1)), np.zeros((10, 11)), np.zeros((wheels, 11))
+    first, second, last = (
+        np.zeros((10, observation_size(wheels) + 1)),
+        np.zeros((10, 11)),
+        np.zeros((wheels, 11)),
+    )
     first[:, :10] = small * np.eye(10)
     second[:, :10] = np.eye(10)
     last[:, :10] = controller.gain * scales / (small * controller.torque_limit)

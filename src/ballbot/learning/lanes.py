@@ -40,9 +40,11 @@ from ballbot.simulation.loop import (
     ADVANCED,
     LEFT,
     STARTED,
+    Block,
     Commands,
     Draws,
     Inputs,
+    Outcome,
     Sampling,
     advance_block,
     block_within,
@@ -237,40 +239,37 @@ def _start(inputs, draws, pool, task, commands, out, episodes, lane):
     _ask(task, inputs, commands, episodes, lane)
 
 
+class World(NamedTuple):
+    """All lanes with their tasks, as compiled code has them."""
+
+    inputs: Inputs
+    draws: Draws
+    sampling: Sampling
+    blocks: Block
+    commands: Commands
+    out: Outcome
+    pool: Pool
+    task: TaskNumbers
+    episodes: Episodes
+
+
 @compiled
-def play(
-    selected,
-    inputs,
-    draws,
-    sampling,
-    blocks,
-    commands,
-    out,
-    pool,
-    task,
-    episodes,
-    span,
-    repeat,
-    ending,
-    parts,
-):
-    """Take lanes span[0] .. span[1] - 1 through the parts of a step that `parts` has, in samples `repeat`.
+def play(selected, world, span, samples, ending, parts):
+    """Take lanes span[0] .. span[1] - 1 through those parts of a step that `parts` has, a step of so many samples.
 
     The span begins at a multiple of `LANES`. `ending` is `KEPT`, `NEXT_STEP` or `SAME_STEP`.
     """
-    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
-    blocks, commands, out = borrowed(blocks), borrowed(commands), borrowed(out)
-    pool, task, episodes = borrowed(pool), borrowed(task), borrowed(episodes)
+    inputs, draws, sampling, blocks, commands, out, pool, task, episodes = borrowed(world)
     for first in range(span[0], span[1], LANES):
         last = min(first + LANES, span[1])
         block, rows = block_within(blocks, first // LANES, first, last), draws_within(draws, first, last)
         if parts & TAKE:
             for lane in range(first, last):
                 _take(task, commands, episodes, lane, ending)
-        for sample in range(repeat + 1):
+        for sample in range(samples + 1):
             moving = 0
             for lane in range(first, last):
-                if sample < repeat:
+                if sample < samples:
                     if parts & BEGIN and _begin(draws, pool, task, commands, episodes, lane):
                         moving += 1
                     continue
@@ -286,7 +285,7 @@ def play(
                     moving += 1
             if parts & MOVE and moving > 0:
                 advance_block(selected, inputs, rows, sampling, block, first, last - first, commands, out)
-            if parts & END and sample < repeat:
+            if parts & END and sample < samples:
                 for lane in range(first, last):
                     _end(task, inputs, blocks, commands, out, episodes, lane)
         if parts & OBSERVE:
@@ -353,64 +352,74 @@ class Lanes:
         repeat: int = REPEAT,
         threads: int | None = None,
     ) -> None:
-        first = robots[0]
-        self.task, self.robot = task, first.imperfections.known or first.model.robot
-        self.lanes, self.repeat = (
-            whole_number(lanes, "lanes", least=1),
-            whole_number(repeat, "repeat", least=1),
-        )
+        self.task, self.robot = task, robots[0].imperfections.known or robots[0].model.robot
+        self.lanes = whole_number(lanes, "lanes", least=1)
+        self.repeat = whole_number(repeat, "repeat", least=1)
         self.sample_time, self.wheels = self.robot.sensors.sample_time, self.robot.wheel_count
         self.torque_limit = self.robot.drive.torque_limit
         _check_kinds(robots, self.sample_time, base)
-        self._pool = _pool_of(robots, estimator, self.sample_time)
-        self._selected = first.model.selected
-        filters = np.empty((0, 0))
-        if estimator == "kalman":
-            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
-        self._inputs = self._new_inputs(robots, base, filters)
-        self._sampling = Sampling(
-            references=np.zeros((1, 10)),
-            sample_time=self.sample_time,
-            steps=first.model.steps_in(self.sample_time),
-            every=1,
-            settled=np.zeros((0, 10)),
-            lost=LARGEST_LEAN,
-            grip=np.inf,
-        )
-        self._draws = _new_draws(robots, lanes, self.wheels)
-        loops = self._pool.loops.reshape(-1).view(LOOP.dtype())
-        self._blocks = new_blocks(loops, lanes, self.wheels, filtering=len(filters) > 0)
-        self._out = empty_outcome(lanes, 0, _NEVER, self.wheels)
-        self._commands = Commands(
-            todo=np.zeros(lanes, np.int64),
-            ages=np.zeros(lanes, np.int64),
-            torques=np.zeros((lanes, self.wheels)),
-            references=np.zeros((lanes, 10)),
-        )
-        self._numbers = TaskNumbers.of(task, self.robot)
-        self._episodes = self._new_episodes(seed)
-        self.ages, self.references = self._commands.ages, self._commands.references
-        self.truths, self.states = self._blocks.truths, self._blocks.states
-        self.observations, self.rewards = self._episodes.observations, self._episodes.rewards
-        self.fallen, self.ended, self.refused = (
-            getattr(self._episodes, k) for k in ("fallen", "ended", "refused")
-        )
-        self.final_observations, self.final_truths = (
-            self._episodes.final_observations,
-            self._episodes.final_truths,
-        )
-        self.final_references = self._episodes.final_references
+        self._selected = robots[0].model.selected
+        self._world = world = self._new_world(robots, base, estimator, seed)
+        self.ages, self.references = world.commands.ages, world.commands.references
+        self.truths, self.states = world.blocks.truths, world.blocks.states
+        episodes = world.episodes
+        self.observations, self.rewards = episodes.observations, episodes.rewards
+        self.fallen, self.ended, self.refused = episodes.fallen, episodes.ended, episodes.refused
+        self.final_observations, self.final_truths = episodes.final_observations, episodes.final_truths
+        self.final_references = episodes.final_references
         blocks = -(-lanes // LANES)
         workers = min(whole_number(threads or os.cpu_count() or 1, "threads", least=1), blocks)
         ends = [min(lanes, LANES * (blocks * k // workers)) for k in range(workers + 1)]
         self._spans = list(pairwise(ends))
         self._threads = ThreadPoolExecutor(workers - 1) if workers > 1 else None
 
+    def _new_world(
+        self,
+        robots: Sequence[LoopRobot],
+        base: Controller | None,
+        estimator: EstimatorName | None,
+        seed: int,
+    ) -> World:
+        pool, n, lanes = _pool_of(robots, estimator, self.sample_time), self.wheels, self.lanes
+        inputs = self._new_inputs(robots, pool, base, estimator)
+        return World(
+            inputs=inputs,
+            draws=_new_draws(robots, lanes, n),
+            sampling=Sampling(
+                references=np.zeros((1, 10)),
+                sample_time=self.sample_time,
+                steps=robots[0].model.steps_in(self.sample_time),
+                every=1,
+                settled=np.zeros((0, 10)),
+                lost=LARGEST_LEAN,
+                grip=np.inf,
+            ),
+            blocks=new_blocks(
+                pool.loops.reshape(-1).view(LOOP.dtype()), lanes, n, filtering=inputs.filter_code != 0
+            ),
+            commands=Commands(
+                todo=np.zeros(lanes, np.int64),
+                ages=np.zeros(lanes, np.int64),
+                torques=np.zeros((lanes, n)),
+                references=np.zeros((lanes, 10)),
+            ),
+            out=empty_outcome(lanes, 0, _NEVER, n),
+            pool=pool,
+            task=TaskNumbers.of(self.task, self.robot),
+            episodes=_new_episodes(inputs.loops, n, seed),
+        )
+
     def _new_inputs(
-        self, robots: Sequence[LoopRobot], base: Controller | None, filters: NDArray[np.float64]
+        self,
+        robots: Sequence[LoopRobot],
+        pool: Pool,
+        base: Controller | None,
+        estimator: EstimatorName | None,
     ) -> Inputs:
-        lanes, pool, selected = self.lanes, self._pool, self._selected
-        own = 1 if self.task.impulse > 0.0 else 0
+        lanes, selected, own = self.lanes, self._selected, 1 if self.task.impulse > 0.0 else 0
+        filters = np.empty((0, 0))
+        if estimator == "kalman":
+            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
         return Inputs(
             code=code_of(selected),
             play_code=play_code_of(selected) if robots[0].imperfections.backlash > 0.0 else 0,
@@ -427,34 +436,13 @@ class Lanes:
             bumps=np.zeros((lanes, pool.bumps.shape[1], 4)),
         )
 
-    def _new_episodes(self, seed: int) -> Episodes:
-        lanes, n, size = self.lanes, self.wheels, observation_size(self.wheels)
-        flags = {
-            name: np.zeros(lanes, np.bool_) for name in ("started", "active", "refused", "fallen", "ended")
-        }
-        return Episodes(
-            streams=np.array([stream_of((seed, lane)) for lane in range(lanes)]),
-            loops=self._inputs.loops.view(np.float64).reshape(lanes, -1),
-            drawn=np.zeros(lanes, np.int64),
-            actions=np.zeros((lanes, n)),
-            history=np.zeros((lanes, HISTORY, n)),
-            late=np.zeros(lanes),
-            changes=np.zeros(lanes, np.int64),
-            rewards=np.zeros(lanes),
-            observations=np.zeros((lanes, size), np.float32),
-            final_observations=np.zeros((lanes, size), np.float32),
-            final_truths=np.zeros((lanes, 10)),
-            final_references=np.zeros((lanes, 10)),
-            **flags,
-        )
-
     def reseed(self, lane: int, seed: int) -> None:
         """Let all that is random in a lane's next episodes follow from a seed."""
-        self._episodes.streams[lane] = stream_of(seed)
+        self._world.episodes.streams[lane] = stream_of(seed)
 
     def start(self, which: NDArray[np.bool_] | None = None) -> None:
         """Start the episodes of some lanes (lanes,), all by default, at random states and with random robots."""
-        self._episodes.started[:] = True if which is None else which
+        self._world.episodes.started[:] = True if which is None else which
         self._play(START | MOVE | OBSERVE, KEPT, 0)
 
     def step(self, torques: ArrayLike, *, ending: int = KEPT) -> None:
@@ -467,15 +455,16 @@ class Lanes:
 
         InputError if the torques have another shape, or, after all other lanes have advanced, if some are not finite.
         """
-        if np.shape(torques) != self._episodes.actions.shape:
-            real_array(torques, self._episodes.actions.shape, "The array of torques", finite=False)
-        self._episodes.actions[:] = torques
+        if np.shape(torques) != self._world.episodes.actions.shape:
+            real_array(torques, self._world.episodes.actions.shape, "The array of torques", finite=False)
+        actions = self._world.episodes.actions
+        actions[:] = torques
         self._play(STEP, ending, self.repeat)
         if self.refused.any():
             lane = int(self.refused.argmax())
             raise InputError(
-                f"The torques of lane {lane} are {self._episodes.actions[lane].tolist()}; they must be finite. Its "
-                "episode has ended; the other lanes went on."
+                f"The torques of lane {lane} are {actions[lane].tolist()}; they must be finite. Its episode has ended; "
+                "the other lanes went on."
             )
 
     def _play(self, parts: int, ending: int, samples: int) -> None:
@@ -491,22 +480,7 @@ class Lanes:
             other.result()
 
     def _play_span(self, span: tuple[int, int], parts: int, ending: int, samples: int) -> None:
-        play(
-            self._selected,
-            self._inputs,
-            self._draws,
-            self._sampling,
-            self._blocks,
-            self._commands,
-            self._out,
-            self._pool,
-            self._numbers,
-            self._episodes,
-            span,
-            samples,
-            ending,
-            parts,
-        )
+        play(self._selected, self._world, span, samples, ending, parts)
 
     def close(self) -> None:
         """End the threads."""
@@ -573,4 +547,25 @@ def _new_draws(robots: Sequence[LoopRobot], lanes: int, n: int) -> Draws:
         positions=np.zeros((lanes, n)),
         turns=np.zeros((lanes, n)),
         durations=np.zeros((lanes, 1 if any(one.jitter > 0.0 for one in borne) else 0)),
+    )
+
+
+def _new_episodes(loops: NDArray[np.void], n: int, seed: int) -> Episodes:
+    """Return the episodes of robots with `loops` (lanes,) and n wheels; none goes on."""
+    lanes, size = len(loops), observation_size(n)
+    flags = {name: np.zeros(lanes, np.bool_) for name in ("started", "active", "refused", "fallen", "ended")}
+    return Episodes(
+        streams=np.array([stream_of((seed, lane)) for lane in range(lanes)]),
+        loops=loops.view(np.float64).reshape(lanes, -1),
+        drawn=np.zeros(lanes, np.int64),
+        actions=np.zeros((lanes, n)),
+        history=np.zeros((lanes, HISTORY, n)),
+        late=np.zeros(lanes),
+        changes=np.zeros(lanes, np.int64),
+        rewards=np.zeros(lanes),
+        observations=np.zeros((lanes, size), np.float32),
+        final_observations=np.zeros((lanes, size), np.float32),
+        final_truths=np.zeros((lanes, 10)),
+        final_references=np.zeros((lanes, 10)),
+        **flags,
     )

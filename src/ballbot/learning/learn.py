@@ -1,4 +1,4 @@
-"""A controller learned from nothing: training on the compiled loop, the policy in a controller, and its confirmation."""
+"""A controller learned from nothing: training on the compiled loop, the policy in a controller, and its trial."""
 
 from __future__ import annotations
 
@@ -23,10 +23,9 @@ from ballbot.learning.tasks import Task
 from ballbot.log import Log
 from ballbot.progress import Progress
 from ballbot.results import to_results
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Robot
 from ballbot.simulation.imperfections import Push
 from ballbot.summary import Summary, counted, plotted, summarized
-from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
 from ballbot.workflows.metrics import position_error, true_place
@@ -86,10 +85,16 @@ class Learned:
         last = self.curve[-1]
         rows = [
             ("training", f"{last.samples:,} samples of the loop in {last.seconds:.1f} s"),
-            ("reward a second", f"{last.reward:.3f} with exploration; {self.baseline:.3f} of the controller without"),
+            (
+                "reward a second",
+                f"{last.reward:.3f} with exploration; {self.baseline:.3f} of the controller without",
+            ),
         ]
         rows += [
-            (f"on the {tried.plant}", f"{counted(tried.fell, 'fall')} in {tried.runs} runs of {tried.duration:g} s")
+            (
+                f"on the {tried.plant}",
+                f"{counted(tried.fell, 'fall')} in {tried.runs} runs of {tried.duration:g} s",
+            )
             for tried in self.confirmed
         ]
         return Summary(title=f"{self.task.name} of {self.controller.robot.name}, learned", rows=tuple(rows))
@@ -100,16 +105,20 @@ class Learned:
 
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json; the policy itself is in the controller's file."""
-        names = ("task", "training", "seed", "residual", "curve", "baseline", "stopped", "confirmed", "baseline_confirmed")
-        return to_results({"robot": self.controller.robot.name} | {name: getattr(self, name) for name in names})
-
-
-def training_robot(robot: RobotLike, scenario: Scenario) -> LoopRobot:
-    """Return the robot on which a policy is trained: with its own friction, or that of the scenario if it has none."""
-    robot = as_robot(robot)
-    friction = robot.friction if max(robot.friction.breakaway) > 0.0 else scenario.friction
-    known = robot.replace(friction=friction)
-    return LoopRobot.of(known, with_identified(scenario, friction), known=known)
+        names = (
+            "task",
+            "training",
+            "seed",
+            "residual",
+            "curve",
+            "baseline",
+            "stopped",
+            "confirmed",
+            "baseline_confirmed",
+        )
+        return to_results(
+            {"robot": self.controller.robot.name} | {name: getattr(self, name) for name in names}
+        )
 
 
 def base_controller(robot: Robot) -> Controller:
@@ -146,7 +155,7 @@ def learn(
     Parameters
     ----------
     robots : sequence of LoopRobot
-        Each episode has one of them, drawn at its start; see `training_robot`.
+        Each episode has one of them, drawn at its start; see `ballbot.learning.robots.drawn_robots`.
     base : Controller, optional
         The policy is added to its torques. Without it the policy acts alone, and a linear law where it was not trained.
 
@@ -161,9 +170,11 @@ def learn(
     --------
     Too short to learn anything:
 
+    >>> from ballbot.learning.robots import drawn_robots
     >>> from ballbot.learning.tasks import TASKS
-    >>> robot = training_robot("alten", Scenario.named("nominal", "alten"))
-    >>> learned = learn([robot], TASKS["Balance"], training=Training(lanes=40, decisions=8, updates=1))
+    >>> from ballbot.robot import as_robot
+    >>> robots = drawn_robots(as_robot("alten"), Scenario.named("nominal", "alten"), None)
+    >>> learned = learn(robots, TASKS["Balance"], training=Training(lanes=40, decisions=8, updates=1))
     >>> learned.controller.parts.policy.first.shape
     (64, 20)
     """
@@ -197,7 +208,12 @@ def learn(
             if best is None or _worth(update) >= _worth(best):
                 best = update
             run.progress(
-                Progress(stage="learning", done=len(curve), total=training.updates, note=f"reward {update.reward:.2f}")
+                Progress(
+                    stage="learning",
+                    done=len(curve),
+                    total=training.updates,
+                    note=f"reward {update.reward:.2f}",
+                )
             )
     except KeyboardInterrupt:
         if best is None:
@@ -227,7 +243,9 @@ def _worth(update: Update) -> tuple[bool, float]:
 def baseline_reward(robots: Sequence[LoopRobot], task: Task, controller: Controller, *, seed: int) -> float:
     """Return the mean reward a second of a controller without a policy in the task, until it falls."""
     short = replace(task, duration=_BASELINE_TIME)
-    lanes = Lanes(robots, short, lanes=_BASELINE_ROBOTS, seed=seed + 1, base=controller, estimator=controller.estimator)
+    lanes = Lanes(
+        robots, short, lanes=_BASELINE_ROBOTS, seed=seed + 1, base=controller, estimator=controller.estimator
+    )
     lanes.start()
     none, total = np.zeros((lanes.lanes, lanes.wheels)), 0.0
     while not lanes.ended.all():
@@ -292,10 +310,17 @@ def confirm(
         else LoopRobot.of(robot.replace(friction=scenario.friction), scenario, known=robot)
     )
     conditions = [
-        Condition(plant=plant, reference=partial(TaskReference, task=task), duration=duration, seed=run.seed + 1000 + k)
+        Condition(
+            plant=plant,
+            reference=partial(TaskReference, task=task),
+            duration=duration,
+            seed=run.seed + 1000 + k,
+        )
         for k in range(runs)
     ]
-    tried = [GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions]
+    tried = [
+        GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
+    ]
     errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
     return Confirmed(
         plant="twin" if twin else "loop",

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class Update:
 def new_layers(sizes: tuple[int, ...], random: np.random.Generator, *, last: float) -> Layers:
     """Return layers with small random weights; the last ones are smaller by a factor, so that it begins near zero."""
     layers: Layers = []
-    for k, (a, b) in enumerate(zip(sizes[:-1], sizes[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(sizes)):
         size = (last if k == len(sizes) - 2 else 1.0) / np.sqrt(a)
         layers += [(size * random.standard_normal((a, b))).astype(np.float32), np.zeros(b, np.float32)]
     return layers
@@ -116,7 +117,11 @@ class Adam:
             slope = slope * shorter
             mean += np.float32(1.0 - _MEMORY) * (slope - mean)
             square += np.float32(1.0 - _SQUARES) * (slope * slope - square)
-            layer -= np.float32(rate / of_means) * mean / (np.sqrt(square / np.float32(of_squares)) + np.float32(1e-7))
+            layer -= (
+                np.float32(rate / of_means)
+                * mean
+                / (np.sqrt(square / np.float32(of_squares)) + np.float32(1e-7))
+            )
 
 
 def _known(seen: Singles, truths: NDArray[np.float64], references: NDArray[np.float64]) -> Singles:
@@ -192,7 +197,9 @@ def _gather(
         if lanes.ended.any():
             out = lanes.ended & ~lanes.fallen
             if out.any():  # of time: it would have gone on
-                left = _known(lanes.final_observations[out], lanes.final_truths[out], lanes.final_references[out])
+                left = _known(
+                    lanes.final_observations[out], lanes.final_truths[out], lanes.final_references[out]
+                )
                 own.after[t, out] = forward(critic, left)[0][:, 0]
             fallen, finished = fallen + int(lanes.fallen.sum()), finished + int(out.sum())
             seconds += period * float(own.ages[lanes.ended].sum())
@@ -242,5 +249,5 @@ def _improve(
             slopes = backward(actor, inputs, weight * z * inverse)
             descents[0].step([*slopes, (weight * (z * z - 1.0)).sum(axis=0)], rate)
             value, inputs = forward(critic, known[batch])
-            slope = np.float32(2.0 / len(batch)) * (value - wanted[batch])
+            slope = ((value - wanted[batch]) * (2.0 / len(batch))).astype(np.float32)
             descents[1].step(backward(critic, inputs, slope), rate)

@@ -48,7 +48,7 @@ def learned_robot(robot: Robot | None, randomize: str | Path | None) -> Robot:
     identified = Robot.load(_in_folder(randomize, "robot.toml"))
     if robot is not None and robot.name != identified.name:
         raise InputError(
-            f"{randomize} is the identification of {identified.name!r}, not of {robot.name!r}; give no robot, or this one."
+            f"{randomize} is an identification of {identified.name!r}, not of {robot.name!r}; give no robot, or this."
         )
     return identified
 

@@ -39,7 +39,7 @@ _S11, _S17, _S23, _S41, _S45, _S19 = (np.uint64(bits) for bits in (11, 17, 23, 4
 
 def stream_of(seed: int | Sequence[int]) -> NDArray[np.uint64]:
     """Return the state (4,) of a stream at its begin."""
-    return np.random.SeedSequence(seed).generate_state(4, np.uint64)
+    return np.random.SeedSequence(seed).generate_state(4, np.uint64).astype(np.uint64)
 
 
 @inlined

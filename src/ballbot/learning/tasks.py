@@ -1,6 +1,6 @@
 """What a policy sees, what it is asked for and what it is paid: the four tasks.
 
-An observation is that of `ballbot.control.parts.policy`, of the estimated state x and of the reference r, over `SCALES`:
+An observation is that of `ballbot.control.parts.policy`, of the estimated state x and the reference r, over `SCALES`:
 
     S(psi) (r - x): position, lean and heading error, error of the velocity and of the rates; the last actions' torques
 
@@ -14,7 +14,7 @@ The errors e_i and weights w_i are those of `Weights`, a is `Weights.upright`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -110,7 +110,15 @@ TASKS = MappingProxyType(
         task.name: task
         for task in (
             Task(name="Balance"),
-            Task(name="Track", reach=0.5, reach_heading=0.8),
+            Task(
+                name="Track",
+                reach=0.5,
+                reach_heading=0.8,
+                interval=6.0,
+                weights=Weights(
+                    position=0.02, velocity=0.01, heading=0.02, lean_rate=0.002, torque_change=0.003
+                ),
+            ),
             Task(
                 name="Drive",
                 drive=0.5,

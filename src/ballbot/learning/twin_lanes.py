@@ -67,7 +67,8 @@ class TwinLanes(Lanes):
         repeat: int = REPEAT,
     ) -> None:
         super().__init__(robots, task, lanes=lanes, base=base, estimator=estimator, repeat=repeat, threads=1)
-        self._known, self._estimator = twins, estimator
+        self._known, self._sees_truth = twins, estimator is None
+        self._shown_by: EstimatorName = "onboard" if estimator is None else estimator
         self._law = base.packed if base else None
         self._placed: dict[tuple[int, int], _Placed] = {}
 
@@ -76,61 +77,59 @@ class TwinLanes(Lanes):
             super()._play(TAKE, ending, 0)
         for _ in range(samples):
             super()._play(BEGIN, KEPT, 1)
-            for lane in np.flatnonzero(self._commands.todo == ADVANCED).tolist():
+            for lane in np.flatnonzero(self._world.commands.todo == ADVANCED).tolist():
                 self._move(lane)
             super()._play(END, KEPT, 1)
         if parts & START:
             super()._play(START, ending, 0)
-            for lane in np.flatnonzero(self._commands.todo == STARTED).tolist():
+            for lane in np.flatnonzero(self._world.commands.todo == STARTED).tolist():
                 self._reset(lane)
         if parts & OBSERVE:
             super()._play(OBSERVE, KEPT, 0)
 
     def _of(self, lane: int) -> _Placed:
         """Return the twin of a lane's robot; it is built where the lane has this robot for the first time."""
-        which = int(self._episodes.drawn[lane])
+        which = int(self._world.episodes.drawn[lane])
         if (lane, which) not in self._placed:
             robot, scenario = self._known[which]
             if self.task.impulse > 0.0:
                 scenario = replace(scenario, pushes=())
-            estimator = named_estimator(
-                self._estimator or "onboard", self.robot, sample_time=self.sample_time
-            )
+            estimator = named_estimator(self._shown_by, self.robot, sample_time=self.sample_time)
             twin = Twin(robot, scenario, estimator=estimator)
             self._placed[lane, which] = _Placed(twin, BodyForce(twin.engine))
         return self._placed[lane, which]
 
     def _reset(self, lane: int) -> None:
-        for memory in (self._blocks.memories, self._blocks.commanded, self._blocks.last):
+        for memory in (self._world.blocks.memories, self._world.blocks.commanded, self._world.blocks.last):
             memory[lane] = 0.0
-        seed = int(self._episodes.streams[lane, 0] >> np.uint64(33))
+        seed = int(self._world.episodes.streams[lane, 0] >> np.uint64(33))
         placed = self._of(lane)
         if self.task.impulse > 0.0:
             placed.push.clear()
-        self._take(lane, placed.twin.reset(self._inputs.initial[lane], seed=seed))
+        self._take(lane, placed.twin.reset(self._world.inputs.initial[lane], seed=seed))
 
     def _move(self, lane: int) -> None:
         """Move a lane's twin on by a sample."""
         placed, age = self._of(lane), int(self.ages[lane])
-        torques, last = self._blocks.commanded[lane], self._blocks.last[lane]
+        torques, last = self._world.blocks.commanded[lane], self._world.blocks.last[lane]
         last[:] = torques
-        torques[:] = self._commands.torques[lane]
+        torques[:] = self._world.commands.torques[lane]
         if self._law is not None:
-            memory, own = self._blocks.memories[lane], np.zeros(self.wheels)
+            memory, own = self._world.blocks.memories[lane], np.zeros(self.wheels)
             control_law(self._law, memory, self.states[lane], self.references[lane], own, plans=True)
             torques += own
             memory[: self.wheels] = torques  # the law's history begins with the torques that act
         if self.task.impulse > 0.0:
-            begin, end, *force, height = self._inputs.pushes[lane, 0].tolist()
+            begin, end, *force, height = self._world.inputs.pushes[lane, 0].tolist()
             placed.push.clear()
             if begin <= age < end:
                 placed.push.add(force, height)
         measured = placed.twin.step(torques, self.sample_time)
         if measured.ended:
-            self._out.ended[lane] = age + 1
+            self._world.out.ended[lane] = age + 1
         self._take(lane, measured)
 
     def _take(self, lane: int, measured: Measurement) -> None:
         truth = measured.state if measured.truth is None else measured.truth
         self.truths[lane] = truth
-        self.states[lane] = truth if self._estimator is None else measured.state
+        self.states[lane] = truth if self._sees_truth else measured.state

@@ -236,8 +236,9 @@ def _angles_of(g, heading):
 
 
 @inlined
-def _read_ahrs(record, block, robot, sample, drawn, noise, faults, truth, gyro, angles):
-    """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
+def _read_ahrs(record, block, robot, sample, drawn, noise, faults, angles):
+    """Fill the block's gyro and angles (3,) with what the AHRS shows."""
+    truth, gyro = block.truths[robot], block.gyros[robot]
     a = attitude((truth[2], truth[3], truth[4]))
     rate = body_rates(a, (truth[7], truth[8], truth[9]))
     for i in range(3):
@@ -610,7 +611,7 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample, drawn):
             gyro[i] = rate[i]
         return
     angles, noise = block.attitude, draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
-    _read_ahrs(record, block, robot, sample, drawn, noise, draws.faults[robot], state, gyro, angles)
+    _read_ahrs(record, block, robot, sample, drawn, noise, draws.faults[robot], angles)
     _read_encoders(record, block, robot, sample, encoders, speeds)
     if record.estimator == 1:
         _onboard(record, block, robot, sample, speeds, gyro, angles, state)
@@ -646,7 +647,9 @@ def _command(inputs, block, robot, first, reference):
     state, held = block.states[robot], block.commanded[robot]
     fill(block.last[robot], held)
     row = _row_of(inputs.laws, first + robot)
-    decide_torques(inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held))
+    decide_torques(
+        inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held)
+    )
 
 
 @inlined
@@ -789,7 +792,7 @@ def _new_memory(
         "force": (*blocks, 6),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    work = new_work.py_func()
+    work = new_work.py_func()  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
     if blocks:
         work = np.stack([work] * blocks[0])  # a row is a whole number of cache lines
     others = {"by_steps": by_steps, "work": work}
@@ -917,7 +920,9 @@ LEFT, ADVANCED, STARTED = 0, 1, 2
 class Commands(NamedTuple):
     """What robots that are commanded from outside are given, a row for each."""
 
-    todo: NDArray[np.int64]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
+    todo: NDArray[
+        np.int64
+    ]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
     ages: NDArray[np.int64]  #: samples since each robot's start
     torques: NDArray[np.float64]  #: (robots, n) beside those of the laws, if there are any
     references: NDArray[np.float64]  #: (robots, 10) for the laws

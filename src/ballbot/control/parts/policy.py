@@ -108,7 +108,10 @@ def act(law, memory, weights, seen, asked, moved):
     if own.on == 0:
         return
     a, x, n = seen.a, seen.state, own.wheels
-    v_x, v_y = _rate_asked(memory, 0, asked[0].value, own.rate), _rate_asked(memory, 1, asked[1].value, own.rate)
+    v_x, v_y = (
+        _rate_asked(memory, 0, asked[0].value, own.rate),
+        _rate_asked(memory, 1, asked[1].value, own.rate),
+    )
     # as it was asked for: single precision rounds a heading of many turns by too much
     v_psi = _rate_asked(memory, 2, memory.reference_heading.last, own.rate)
     kept.waited = kept.waited + 1 if kept.started == 1 else own.period
@@ -175,20 +178,34 @@ class Policy(Part):
     state = PolicyState
 
     feedback: float = parameter(
-        "part of the linear law's torque that is kept: 0 for a policy alone, 1 for one that is added", least=0.0, most=1.0
+        "part of the linear law's torque that is kept: 0 for a policy alone, 1 for one that is added",
+        least=0.0,
+        most=1.0,
     )
     torque_scale: float = parameter("torque for an output of 1", "N m")
-    torque_limit: float = parameter("largest torque of the policy, by which those in its observation are divided", "N m")
+    torque_limit: float = parameter(
+        "largest torque of the policy, by which those in its observation are divided", "N m"
+    )
     period: float = parameter("between two decisions", "s")
-    largest_lean: float = parameter("at which it was trained; beyond it the linear law acts alone", "rad", most=0.6)
+    largest_lean: float = parameter(
+        "at which it was trained; beyond it the linear law acts alone", "rad", most=0.6
+    )
     largest_speed: float = parameter("at which it was trained; beyond it the linear law acts alone", "m/s")
-    first: Annotated[NDArray[np.float64], _ROWS] = field(metadata=_matrix("weights of the first hidden layer"))
-    second: Annotated[NDArray[np.float64], _ROWS] = field(metadata=_matrix("weights of the second hidden layer"))
-    last: Annotated[NDArray[np.float64], _ROWS] = field(metadata=_matrix("weights of the output, a row for each wheel"))
+    first: Annotated[NDArray[np.float64], _ROWS] = field(
+        metadata=_matrix("weights of the first hidden layer")
+    )
+    second: Annotated[NDArray[np.float64], _ROWS] = field(
+        metadata=_matrix("weights of the second hidden layer")
+    )
+    last: Annotated[NDArray[np.float64], _ROWS] = field(
+        metadata=_matrix("weights of the output, a row for each wheel")
+    )
 
     def __post_init__(self) -> None:
         for name in ("first", "second", "last"):
-            weights = real_array(getattr(self, name), ("units", "weights"), f"The array of {name} weights of the policy")
+            weights = real_array(
+                getattr(self, name), ("units", "weights"), f"The array of {name} weights of the policy"
+            )
             object.__setattr__(self, name, weights.astype(np.float32).astype(np.float64))
         super().__post_init__()
         units, wheels = len(self.first), len(self.last)
