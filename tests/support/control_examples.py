@@ -112,7 +112,7 @@ def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 6
 
 
 def linear_policy(controller: Controller) -> Controller:
-    """Return a controller with a policy alone that does as its feedback: units driven so little that they are linear."""
+    """Return a controller whose policy does as its feedback; its units are driven too little to bend."""
     small, scales, (wheels, _) = 0.05, np.array(SCALES), controller.gain.shape
     first, second, last = (
         np.zeros((10, observation_size(wheels) + 1)),

@@ -92,10 +92,11 @@ def backward(layers: Layers, inputs: list[Singles], slope: Singles) -> Layers:
     slopes: Layers = [np.empty(0, np.float32)] * len(layers)
     for k in range(len(layers) - 2, -1, -2):
         x = inputs[k // 2]
-        slopes[k], slopes[k + 1] = x.T @ slope, slope.sum(axis=0)
+        slopes[k] = x.T @ slope
+        slopes[k + 1] = slope.sum(axis=0)
         if k:
             slope = slope @ layers[k].T
-            slope *= 1.0 - x * x
+            slope *= np.float32(1.0) - x * x
     return slopes
 
 
@@ -246,7 +247,7 @@ def _improve(
             # no slope where the probability has changed enough already
             enough = np.where(gain > 0.0, ratio > 1.0 + training.clip, ratio < 1.0 - training.clip)
             weight = (np.where(enough, 0.0, -gain * ratio) / len(batch)).astype(np.float32)[:, None]
-            slopes = backward(actor, inputs, weight * z * inverse)
+            slopes = backward(actor, inputs, (weight * z * inverse).astype(np.float32))
             descents[0].step([*slopes, (weight * (z * z - 1.0)).sum(axis=0)], rate)
             value, inputs = forward(critic, known[batch])
             slope = ((value - wanted[batch]) * (2.0 / len(batch))).astype(np.float32)
