@@ -332,6 +332,8 @@ def compare(
     files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
+    exported = [export_controller(controller, lean=lean) for controller in controllers]
+    weights = next((one.weights for one in exported if one.weight_bytes), "")
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
@@ -339,11 +341,11 @@ def compare(
         out, command="run compare", writes=[f"{name}.csv" for name in names], beside=files, seed=link.seed
     ) as result:
         logs = []
-        with link.connect(port) as connection:
+        with link.connect(port, weights=weights) as connection:
             about = to_results(result.origin) | connection.provenance | {"robot": described.name}
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
-                connection.robot.use_parameters(export_controller(controllers[k % 2], lean=lean).parameters)
+                connection.robot.use_parameters(exported[k % 2].parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
                 live_run = connection.run(
