@@ -13,12 +13,14 @@
 #define BALLBOT_MAX_WHEELS 4
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
+/* Gains that can be mixed. */
+#define BALLBOT_MAX_GAINS 3
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "d95e200fa0be379dfab1a10f9e3df680bb628b22760a7cd79c31c02bd2cb33f4"
+#define BALLBOT_SCHEMA_DIGEST "179b5ee8f334b425711751434c4342cbd5024a9d76c8ed337c70428de054b33a"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1499340815, 549336989, 2058461455, 507377280, 996313890, 1980398807, 473022507, 1389048820 }
+#define BALLBOT_SCHEMA_WORDS { 396058344, 1932833829, 1897353539, 1279476427, 1426213533, 1992879411, 2087731853, 1616163642 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -47,6 +49,18 @@ struct ballbot_compensation_record {
     float for_rolling[BALLBOT_MAX_WHEELS][2]; /* [m] */
 };
 typedef char ballbot_compensation_record_has_no_padding[(sizeof(struct ballbot_compensation_record) == 214u * sizeof(float)) ? 1 : -1];
+
+/* What may change while the robot balances: the differences of other gains from the law's own, and bounds. */
+struct ballbot_tuning_record {
+    int32_t others;
+    float step; /* [1] */
+    float compensation; /* [1] */
+    float gain[2][4][10]; /* [N m per state] */
+    float integral[2][4][3]; /* [N m/(m s)] */
+    float asked[2][2][4]; /* [rad/m] */
+    float turn_rate[2]; /* [s] */
+};
+typedef char ballbot_tuning_record_has_no_padding[(sizeof(struct ballbot_tuning_record) == 125u * sizeof(float)) ? 1 : -1];
 
 /* The sampled shaping. */
 struct ballbot_shaping_record {
@@ -137,6 +151,7 @@ struct ballbot_law {
     float rate; /* [1/s] */
     float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
     struct ballbot_compensation_record compensation;
+    struct ballbot_tuning_record tuning;
     struct ballbot_shaping_record shaping;
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
@@ -145,7 +160,7 @@ struct ballbot_law {
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1270u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1395u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -196,7 +211,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1367u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1492u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -263,6 +278,18 @@ struct ballbot_torque_history {
 };
 typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
 
+/* Weights of the other gains, and what compensation, torque limit and lean limit are reduced by; zeros: nothing. */
+struct ballbot_tuning_state {
+    float wanted[5]; /* [1] */
+    float former[5]; /* [1] */
+    float now[5]; /* [1] */
+    float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
+    float integral[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */
+    float asked[2][4]; /* [rad/m] */
+    float turn_rate; /* [s] */
+};
+typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 76u * sizeof(float)) ? 1 : -1];
+
 /* Of x, y and psi: four lags each, p, the last r, its last change, and the filtered change of that. */
 struct ballbot_shaping_state {
     float lags[3][4]; /* [m] */
@@ -314,6 +341,7 @@ struct ballbot_memory {
     struct ballbot_torque_history history;
     struct ballbot_heading_memory measured_heading;
     struct ballbot_heading_memory reference_heading;
+    struct ballbot_tuning_state tuning;
     struct ballbot_shaping_state shaping;
     struct ballbot_no_state feed_forward;
     struct ballbot_integral_state integral;
@@ -322,7 +350,7 @@ struct ballbot_memory {
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 451u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 527u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -361,7 +389,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 773u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 849u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
