@@ -37,6 +37,8 @@ from ballbot.robot.variations import draw_robots, uncertain
 _DRAWN, _FACTORS = 12, (0.9, 1.0, 1.1)
 #: centers, Newton steps to each, and the Newton decrement at which one is found
 _CENTERS, _STEPS, _CENTERED = 60, 50, 0.3
+#: share of the gap between level and growth at a center that the next level keeps
+_SHARE = 0.05
 #: of g, below which the search no longer gains
 _RESOLUTION = 1e-7
 #: mixtures of two gains whose spectral radius is computed
@@ -175,7 +177,7 @@ def _lyapunov(loops: Matrix) -> Matrix:
         start += solve_discrete_lyapunov(stable.T, np.eye(m))
     U = np.linalg.cholesky(start).T
     scaled = U @ loops.reshape(-1, m, m) @ np.linalg.inv(U)  # in these coordinates the start is I
-    P, active, slack = np.eye(m), np.zeros(len(scaled), dtype=bool), 0.1
+    P, active, slack = np.eye(m), np.zeros(len(scaled), dtype=bool), 0.01
     for _ in range(_CENTERS):
         growth = growths(scaled, P)
         top = float(growth.max())
@@ -184,10 +186,10 @@ def _lyapunov(loops: Matrix) -> Matrix:
         worst = int(growth.argmax())
         if active[worst] and slack < _RESOLUTION:
             break
-        slack = 0.3 * slack if active[worst] else max(slack, top - 0.99)
+        level = top + (_SHARE * slack if active[worst] else max(slack, 0.3 * (top - 1.0)))
         active[worst] = True
-        P = _center(scaled[active], (top + slack) ** 2, P)
-        slack = min(slack, top + slack - float(growths(scaled[active], P).max()))
+        P = _center(scaled[active], level**2, P)
+        slack = level - float(growths(scaled[active], P).max())
     return U.T @ P @ U
 
 
@@ -209,10 +211,10 @@ def _center(loops: Matrix, level: float, P: Matrix) -> Matrix:
     rows, columns = np.triu_indices(len(P))
 
     def changes(C: Matrix) -> Matrix:
-        """Return C E C^T for the changes E of all entries of P, (entries, m * m)."""
+        """Return C E C^T for the changes E of all entries of P, (entries, entries), as vectors of the same norm."""
         pairs = C[:, rows].T[:, :, None] * C[:, columns].T[:, None, :]
         pairs[rows != columns] += np.swapaxes(pairs[rows != columns], 1, 2)
-        return pairs.reshape(len(rows), -1)
+        return pairs[:, rows, columns] * np.where(rows == columns, 1.0, 2.0**0.5)
 
     for _ in range(_STEPS):
         slacks = _slacks(loops, level, P)
@@ -221,7 +223,7 @@ def _center(loops: Matrix, level: float, P: Matrix) -> Matrix:
             change = changes(C) * (1.0, -1.0, level)[min(number, 2)]
             if number >= 2:
                 change -= changes(C @ loops[number - 2].T)
-            gradient -= change[:, :: len(P) + 1].sum(axis=1)
+            gradient -= change[:, rows == columns].sum(axis=1)
             hessian += change @ change.T
         step = np.linalg.solve(hessian, -gradient)
         direction = np.zeros_like(P)
