@@ -28,7 +28,10 @@ def has_lyapunov(loops: np.ndarray, growth: float) -> bool:
     scale, entries = np.where(rows == columns, 1.0, np.sqrt(2.0)), np.arange(len(rows))
     changes = np.zeros((len(rows), m, m))
     changes[entries, rows, columns] = changes[entries, columns, rows] = 1.0
-    blocks = [changes, *(growth**2 * changes - M.T @ changes @ M for M in loops)]  # of P - I, and of each loop
+    blocks = [
+        changes,
+        *(growth**2 * changes - M.T @ changes @ M for M in loops),
+    ]  # of P - I, and of each loop
     A = np.vstack([-(scale * block[:, rows, columns]).T for block in blocks])
     b = np.zeros(len(A))
     b[: len(rows)] = -(rows == columns).astype(float)
@@ -36,7 +39,12 @@ def has_lyapunov(loops: np.ndarray, growth: float) -> bool:
     settings.verbose = False
     nothing = sparse.csc_matrix((len(rows), len(rows)))
     solver = clarabel.DefaultSolver(
-        nothing, np.zeros(len(rows)), sparse.csc_matrix(A), b, [clarabel.PSDTriangleConeT(m)] * len(blocks), settings
+        nothing,
+        np.zeros(len(rows)),
+        sparse.csc_matrix(A),
+        b,
+        [clarabel.PSDTriangleConeT(m)] * len(blocks),
+        settings,
     )
     status = str(solver.solve().status)
     assert status in ("Solved", "PrimalInfeasible", "AlmostPrimalInfeasible")
@@ -74,13 +82,17 @@ def test_drawn_robots_join_the_loops():
 
 
 def test_gains_too_far_apart_are_refused_with_what_they_would_do():
-    with pytest.raises(InputError, match=r"share no quadratic .* factor of 1\.000\d+ a sample .* at most 0\.99\d+"):
+    with pytest.raises(
+        InputError, match=r"share no quadratic .* factor of 1\.000\d+ a sample .* at most 0\.99\d+"
+    ):
         certified(tunable(nominal_controller(ROBOT), [stiffer(1.0)]))
 
 
 def test_other_controllers_may_differ_in_gains_only():
     with pytest.raises(InputError, match=r"more than their gains: compensation\."):
-        tunable(nominal_controller(alten(FRICTION)), [nominal_controller(alten(FRICTION), compensation="full")])
+        tunable(
+            nominal_controller(alten(FRICTION)), [nominal_controller(alten(FRICTION), compensation="full")]
+        )
     with pytest.raises(InputError, match="5 gains are given; firmware can mix 3"):
         tunable(nominal_controller(ROBOT), [stiffer(0.1)] * 4)
 
@@ -130,7 +142,9 @@ def test_controller_moves_to_the_gain_without_a_jump_and_steps_back():
     moved = torques(samples)
     np.testing.assert_allclose(moved[-1], last, atol=1e-12)
     steps = np.abs(np.diff(np.vstack([first, moved]), axis=0))
-    np.testing.assert_allclose(steps, np.abs(last - first)[None] / samples * np.ones((samples, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        steps, np.abs(last - first)[None] / samples * np.ones((samples, 1)), atol=1e-12
+    )
     controller.tune(Setting(weights=(0.0, 1.0)))  # again, as after an answer that was lost
     controller.tune(None)
     np.testing.assert_allclose(torques(samples)[-1], first, atol=1e-12)
@@ -165,6 +179,8 @@ def test_precise_gains_are_mixed_with_their_integrals_and_lean_limits():
         ("asked", half.record["lean_limit"]["asked"]),
     ):
         parts = {"gain": stiff.record["gain"], "integral": stiff.record["integral"]["gain"]}
-        np.testing.assert_allclose(parts.get(name, stiff.record["lean_limit"]["asked"])[0] + tuned[name], own[0])
+        np.testing.assert_allclose(
+            parts.get(name, stiff.record["lean_limit"]["asked"])[0] + tuned[name], own[0]
+        )
     far = np.array([1.0, 0.0, 0.3, *np.zeros(7)])
     assert np.abs(controller.update(0.0, far, np.zeros(10))).max() <= 0.5 * stiff.torque_limit + 1e-12
