@@ -3,8 +3,9 @@
 .venv/bin/python -m campaigns.evidence firmware_numbers          a million states
 
 Lanes run side by side. In each, a robot moves at random, far from what a controller would let it do, and its reference
-moves on and jumps. Before each update both laws get the same memory, state and reference, all in numbers that single
-precision has. Python has the controller's numbers in double precision, the C code has them rounded.
+moves on and jumps; with feed-forward some are plans, with leans and rates. Before each update both laws get the same
+memory, state and reference, all in numbers that single precision has. Python has the controller's numbers in double
+precision, the C code has them rounded.
 
 A torque may differ by more than `TOLERANCE` only where the law switches: a wheel's partial compensation with the sign
 of its torque or of the work against rolling friction, and the lead of a shaped reference with its speed.
@@ -40,6 +41,8 @@ _CHANGE = np.array([0.02, 0.02, 0.05, 0.05, 0.05])
 _LANES = 500
 #: chance of a new state, and of a jump of the reference, in an update
 _JUMP = 0.02
+#: chances that a reference that jumps becomes a plan, and that its next row does not come; places that only plans have
+_PLAN, _LOST, _MOVING = 0.25, 0.8, [2, 3, *range(5, 10)]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +63,7 @@ def updates(
     memory = np.zeros(lanes, MEMORY.dtype("single"))
     state, reference = _new_states(random, lanes), np.zeros((lanes, 10))
     reference[:, [0, 1, 4]] = state[:, [0, 1, 4]]
-    speed = np.zeros((lanes, 3))
+    speed, planned = np.zeros((lanes, 3)), np.zeros(lanes, bool)
     for _ in range(count):
         state[:, 5:] += random.normal(size=(lanes, 5)) * _CHANGE
         state[:, :5] += controller.sample_time * state[:, 5:]
@@ -71,8 +74,18 @@ def updates(
         speed[jumps] = random.uniform(-0.6, 0.6, (int(jumps.sum()), 3))  # shaping follows up to 0.5 m/s
         offsets = np.where(random.uniform(size=lanes) < 0.5, 0.05, 1.0)[:, None]
         pose = state[:, [0, 1, 4]] + offsets * random.uniform(-1.0, 1.0, (lanes, 3))
+        last = reference.copy()
         reference[:, [0, 1, 4]] += controller.sample_time * speed
         reference[np.ix_(new | jumps, [0, 1, 4])] = pose[new | jumps]
+        if controller.follows_plans:
+            lost = planned & ~(new | jumps) & (random.uniform(size=lanes) < _LOST)
+            begun = jumps & (random.uniform(size=lanes) < _PLAN)
+            planned = (planned & ~(new | jumps)) | begun
+            reference[:, 5:] += random.normal(size=(lanes, 5)) * _CHANGE
+            reference[:, 2:4] += controller.sample_time * reference[:, 7:9]
+            reference[np.ix_(begun, _MOVING)] = _new_states(random, int(begun.sum()))[:, _MOVING]
+            reference[np.ix_(~planned, _MOVING)] = 0.0
+            reference[lost] = last[lost]
         update = Update(
             memory=memory.copy(), state=state.astype(np.float32), reference=reference.astype(np.float32)
         )
@@ -100,7 +113,7 @@ def python_torques(controller: Controller, update: Update) -> NDArray[np.float64
     states, references = update.state.astype(np.float64), update.reference.astype(np.float64)
     torques = np.zeros((len(rows), len(controller.gain)))
     for row, state, reference, answer in zip(rows, states, references, torques, strict=True):
-        control_law(controller.packed, row, state, reference, answer)
+        control_law(controller.packed, row, state, reference, answer, plans=controller.follows_plans)
     return torques
 
 

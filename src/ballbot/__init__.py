@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from ballbot.simulation.batch import simulate_batch as simulate_batch
     from ballbot.simulation.run import simulate as simulate
     from ballbot.validation import validate as validate
+    from ballbot.workflows.plan import plan as plan
     from ballbot.workflows.study import study as study
 
 __version__ = "0.1.0"
@@ -36,6 +37,7 @@ _HOME = {
     "identify": "ballbot.identification",
     "lqr": "ballbot.control.lqr",
     "loop_margins": "ballbot.control.margins",
+    "plan": "ballbot.workflows.plan",
     "register_friction_law": "ballbot.robot.friction_law",
     "simulate": "ballbot.simulation.run",
     "simulate_batch": "ballbot.simulation.batch",

@@ -69,11 +69,14 @@ def test_invalid_sample_gives_zero_torque_and_leaves_the_state_unchanged(name):
 
 
 def test_refused_reference_leaves_the_state_unchanged():
-    controller = with_parts("all")
-    controller.update(0.0, swaying(0), moving(0))
-    before = controller._memory.copy()
+    without, controller = with_parts("none"), with_parts("all")
+    for one in (without, controller):
+        one.update(0.0, swaying(0), moving(0))
+    before = without._memory.copy()
     with pytest.raises(InputError, match="asks for theta"):
-        controller.update(H, swaying(1), leaning(0.1))
+        without.update(H, swaying(1), leaning(0.1))
+    np.testing.assert_array_equal(without._memory, before)
+    before = controller._memory.copy()
     with pytest.raises(InputError, match="The reference holds a value that is not finite"):
         controller.update(H, swaying(1), np.full(10, np.nan))
     np.testing.assert_array_equal(controller._memory, before)

@@ -180,3 +180,52 @@ def test_an_observer_that_knows_no_friction_at_least_halves_its_error():
 def test_invalid_parts_are_refused(make, sentence):
     with pytest.raises(InputError, match=sentence):
         make()
+
+
+def test_planned_reference_gets_the_torques_of_the_linear_model():
+    """On the plan itself, what remains is B^+ (r' - A r), with the rates' change since the last sample."""
+    robot = alten()
+    controller = Controller(
+        robot, design_gain(robot).gain, parts=Parts(shaping=ReferenceShaping(), feed_forward=FeedForward())
+    )
+    linear, h = Model(robot).linearize(), controller.sample_time
+    lean_rates, lean_accelerations = np.array([0.2, -0.3]), np.array([1.5, 0.7])
+    r = np.array([0.4, -0.2, 0.03, -0.05, 0.0, 0.6, 0.3, *lean_rates, 0.0])
+    before = r - h * np.array([0.6, 0.3, *lean_rates, 0.0, 0.0, 0.0, *lean_accelerations, 0.0])
+    controller.update(0.0, before, before)
+    found = controller.update(h, r, r)
+    # the position's acceleration is what these leans and torques give: the flat output feels no torque
+    r_dot = linear.A @ r
+    unknown = np.linalg.lstsq(linear.B[7:], np.array([*lean_accelerations, 0.0]) - r_dot[7:], rcond=None)[0]
+    np.testing.assert_allclose(found, unknown, atol=1e-6)
+    with pytest.raises(InputError, match="without feed-forward"):
+        Controller(robot, design_gain(robot).gain).update(0.0, r, r)
+
+
+def test_plan_whose_rows_are_lost_is_followed_for_50_ms():
+    """Where two of three rows are lost, torques stay near those of the whole plan; without rows it ends at rest."""
+    robot = alten()
+    parts = Parts(shaping=ReferenceShaping(), feed_forward=FeedForward())
+    whole, lossy = (Controller(robot, design_gain(robot).gain, parts=parts) for _ in range(2))
+    t = np.arange(60) * SAMPLE
+    lean = 0.05 * np.sin(8.0 * t)  # 3.2 rad/s^2
+    rows = np.zeros((60, 10))
+    rows[:, 3], rows[:, 8] = lean, np.gradient(lean, SAMPLE)
+    rows[:, 5] = 9.81 * np.cumsum(lean) * SAMPLE
+    rows[:, 0] = np.cumsum(rows[:, 5]) * SAMPLE + 1.0
+    given = rows[np.arange(60) // 3 * 3]
+    torques = np.array(
+        [
+            (whole.update(t[k], rows[k], rows[k]), lossy.update(t[k], rows[k], given[k]))
+            for k in range(1, len(t))
+        ]
+    )
+    late, most = np.abs(torques[9:, 1] - torques[9:, 0]).max(), np.abs(torques[9:]).max(axis=(0, 2))
+    # 0.44 of 1.41 N m; with the rates' change over one sample 1.98, and 3.39 N m at most
+    assert late < 0.4 * most[0]
+    assert most[1] < 1.02 * most[0]
+    at_rest = np.zeros(10)
+    at_rest[[0, 1, 4]] = given[-1, [0, 1, 4]]
+    after = [np.abs(lossy.update(0.3 + k * SAMPLE, at_rest, given[-1])).max() for k in range(12)]
+    assert after[5] > 0.1
+    np.testing.assert_allclose(after[9:], 0.0, atol=1e-9)

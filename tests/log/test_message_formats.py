@@ -11,6 +11,7 @@ import pytest
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from rosbags.rosbag1 import Writer as BagWriter1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
@@ -21,10 +22,11 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
 from ballbot.log.formats import read_columns
-from ballbot.log.mapping_search.names import read_name
+from ballbot.log.formats.text import ForeignTable
+from ballbot.log.mapping_search.names import read_name, roles_of
 from tests.support.log_examples import smooth_log
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
+STORE, STORE_1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +105,7 @@ def message(kind: str, **values):
     return STORE.types[kind](**definition[kind] | values)
 
 
-def vector(kind: str, *values: float):
+def vector(kind: str, *values: Any):
     return STORE.types[f"geometry_msgs/msg/{kind}"](*values)
 
 
@@ -138,7 +140,25 @@ def messages_of_row(log: Log, row: int, *, own: bool) -> dict[str, Any]:
             position=log.wheel_angles[row],
             effort=log.torques[row],
         ),
+        "/odom": odometry(log, row, Rotation.from_quat(quaternion)),
     }
+
+
+def odometry(log: Log, row: int, body: Rotation):
+    """Return nav_msgs/Odometry as REP 105 has it: the pose in the frame odom, the twist in that of the body."""
+    position, linear = ([*(log[f"{axis}{end}"][row] for axis in "xy"), 0.0] for end in ("", "_dot"))
+    parts = {
+        "pose": vector("Pose", vector("Point", *position), vector("Quaternion", *body.as_quat())),
+        "twist": vector(
+            "Twist", vector("Vector3", *body.inv().apply(linear)), vector("Vector3", 0.0, 0.0, 0.0)
+        ),
+    }
+    return STORE.types["nav_msgs/msg/Odometry"](
+        header=stamped(log.t[row]),
+        child_frame_id="base_link",
+        pose=vector("PoseWithCovariance", parts["pose"], np.zeros(36)),
+        twist=vector("TwistWithCovariance", parts["twist"], np.zeros(36)),
+    )
 
 
 def split_bag(
@@ -188,6 +208,34 @@ def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
     np.testing.assert_allclose(angles, turns.as_euler("ZYX"), atol=1e-12)
     kinds = {read_name(name).kind for name in columns if name.startswith(("joint_states", "imu"))}
     assert kinds == {"wheel angle", "command", "attitude", "gyro"}  # as `check-log` reads them
+
+
+def test_a_ros_1_bag_is_read_as_the_same_bag_of_ros_2(tmp_path, log):
+    with BagWriter1(tmp_path / "run.bag") as writer:
+        connections = {}
+        for row in range(len(log)):
+            for topic, one in messages_of_row(log, row, own=False).items():
+                kind = one.__msgtype__
+                if topic not in connections:
+                    connections[topic] = writer.add_connection(topic, kind, typestore=STORE_1)
+                data = STORE.cdr_to_ros1(STORE.serialize_cdr(one, kind), kind)
+                writer.write(connections[topic], round(1e9 * log.t[row]), data)
+    columns = read_columns(tmp_path / "run.bag")
+    same = read_columns(split_bag(tmp_path, log, StoragePlugin.SQLITE3))
+    assert list(columns) == list(same)
+    for name, values in columns.items():
+        np.testing.assert_array_equal(values, same[name])
+    for axis in "xy":
+        np.testing.assert_array_equal(columns[f"odom.pose.pose.position.{axis}"], log[axis])
+        np.testing.assert_allclose(columns[f"odom.velocity.{axis}"], log[f"{axis}_dot"], atol=1e-15)
+    for angle in ("roll", "pitch", "yaw"):
+        np.testing.assert_allclose(
+            columns[f"odom.pose.pose.orientation.{angle}"], columns[f"imu.orientation.{angle}"], atol=1e-15
+        )
+    without_imu = {name: values for name, values in columns.items() if not name.startswith("imu")}
+    for table, topic in ((columns, "imu"), (without_imu, "odom.pose.pose")):
+        roles = roles_of("run.bag", ForeignTable(columns=table), 3)[1]
+        assert roles.attitude == tuple(f"{topic}.orientation.{angle}" for angle in ("roll", "pitch", "yaw"))
 
 
 def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):

@@ -57,7 +57,7 @@ Reference = Annotated[
     str,
     Parameter(
         help="The reference motion: hold, square (at the start for 8 s), change_pose, circle, figure_eight, or a file "
-        "with t, ref_x, ref_y and ref_psi, as ballbot excite writes it."
+        "with t, ref_x, ref_y and ref_psi, as ballbot excite writes it, or ballbot plan."
     ),
 ]
 

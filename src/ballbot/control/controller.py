@@ -192,6 +192,11 @@ class Controller:
         """Return a copy that is designed for the state of another estimator."""
         return self._copy(estimator=estimator)
 
+    @property
+    def follows_plans(self) -> bool:
+        """Whether it follows references with leans and rates: if it has feed-forward."""
+        return self.parts.feed_forward is not None
+
     def reset(self) -> None:
         """Clear the memory at the start of a run; a shaped reference then starts at the first measured pose."""
         self._memory[:] = 0.0
@@ -217,17 +222,19 @@ class Controller:
             Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
             missing (NaN), infinite or beyond `LARGEST_STATE`, the torques are zero and the memory stays as it is.
         reference : array_like (10,)
-            Desired state; only x, y and psi may differ from zero.
+            Desired state; without feed-forward only x, y and psi may differ from zero.
 
         Raises
         ------
         InputError
-            If a shape is wrong, or the reference has a value that is not finite, a lean or a rate.
+            If a shape is wrong, or the reference has a value that is not finite, or a lean or a rate without
+            feed-forward.
         """
         measured = real_array(state, (10,), "The state", finite=False)
         wanted = real_array(reference, (10,), "The reference")
         torques = np.empty(len(self.gain))
-        index = control_law(self.packed, self._memory, measured, wanted, torques)
+        plans = self.follows_plans
+        index = control_law(self.packed, self._memory, measured, wanted, torques, plans=plans)
         if index != ALLOWED:
             raise InputError(refusal(index, float(wanted[index])))
         return torques
@@ -256,9 +263,9 @@ class Controller:
 def refusal(index: int, value: float) -> str:
     """Return why a reference with this value in an element of the state is refused."""
     return (
-        f"The reference asks for {STATE_NAMES[index]} = {value:.6g}; it must be zero: only x, y and psi "
-        "can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
-        "does not settle on the reference."
+        f"The reference asks for {STATE_NAMES[index]} = {value:.6g}; it must be zero: without feed-forward only x, y "
+        "and psi can be asked for. With it A r is not 0, and the closed loop e_dot = r_dot - A r + (A - B K) e "
+        "does not settle on the reference. The precise controller has feed-forward."
     )
 
 

@@ -24,7 +24,7 @@ from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.parts.compensation import CompensationRecord, compensate, compensation_record
 from ballbot.control.parts.disturbance_observer import add_estimate, observe
-from ballbot.control.parts.feed_forward import add_feed_forward, lean_error
+from ballbot.control.parts.feed_forward import add_feed_forward, follows_plan, lean_error, planned
 from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
@@ -39,7 +39,7 @@ from ballbot.control.parts.part import (
     row_times,
 )
 from ballbot.control.parts.prediction import predict
-from ballbot.control.parts.reference_shaping import shape
+from ballbot.control.parts.reference_shaping import restart_shaping, shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import TuningRecord, TuningState, own_bounds, torque_limit_of, tune
 from ballbot.estimation.heading import TURN, compiled_turns_after
@@ -143,6 +143,15 @@ def _unshaped(reference, moved):
 
 
 @inlined
+def _followed(law, memory, now, reference, asked):
+    """Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for."""
+    if follows_plan(law, memory, reference):
+        restart_shaping(memory, asked)
+        return planned(law, memory, now.a, reference, asked[2].value)
+    return shape(law, memory, asked, now.state)
+
+
+@inlined
 def _heading_error(a, state, moved, wanted):
     """Return S(psi) (r_s - x), with an angle added to the state's heading."""
     x, y, psi = wanted
@@ -187,7 +196,7 @@ def _decide(law, memory, measured, reference, torques):
     # zero at the start of a run, when a part takes the measured pose as its start
     moved = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
-    wanted = shape(law, memory, asked, state)
+    wanted = _followed(law, memory, Measured(a, state), reference, asked)
     error = lean_error(law, _heading_error(a, state, moved, wanted), a, wanted)
     e, error_limited = limit_error(law, memory, error)
     now = Sample(a, state, wanted, e)
@@ -225,8 +234,8 @@ def decide_torques(code, law, memory, measured, reference, torques, n):
 
 
 @compiled
-def _control_law(code, law, memory, measured, reference, torques):
-    refused = _forbidden(reference)
+def _control_law(code, law, memory, measured, reference, torques, plans):
+    refused = ALLOWED if plans else _forbidden(reference)
     if refused == ALLOWED:
         decide_torques(code, law, memory, measured, reference, torques, len(torques))
     else:
@@ -241,10 +250,13 @@ def control_law(
     measured: NDArray[np.float64],
     reference: NDArray[np.float64],
     torques: NDArray[np.float64],
+    *,
+    plans: bool = False,
 ) -> int:
     """Fill `torques` (n,) [N m] and return `ALLOWED`, or the index in the reference at which A r is not 0.
 
     Law and memory are the float64 views of records of `LAW` and `MEMORY`; the memory, all zero at the start of a run,
     is changed. Without a valid state, or with a reference that is refused, the torques are zero and it stays as it is.
+    `plans` says that the law has feed-forward: then no reference is refused, and leans and rates are followed.
     """
-    return _control_law(law_code(), law, memory, measured, reference, torques)
+    return _control_law(law_code(), law, memory, measured, reference, torques, plans)

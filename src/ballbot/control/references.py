@@ -2,14 +2,16 @@
 
 A reference is a function f(t) -> (10,) in the order of `ballbot.log.columns.STATE_NAMES`. Only x, y and psi
 ever differ from zero: A r = 0 then holds for the linearised robot, and r is an equilibrium of the controller
-u = K S(psi) (r - x). A moving reference therefore sets a position and never a speed.
+u = K S(psi) (r - x). A moving reference therefore sets a position and never a speed, unless it is a plan
+(`ballbot.plan`): the states of a motion that the robot can do, which controllers with feed-forward follow.
 
 A file is a table of poses, for any run that takes a reference by name:
 
     t,ref_x,ref_y,ref_psi        [s, m, m, rad]
 
 A log has the same columns, so that its reference can be followed again. A row holds until the next one, the last row
-to the end.
+to the end. A plan's file has the other seven columns too, ref_theta to ref_psi_dot [rad, m/s, rad/s], and is linear
+between its rows.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from ballbot.arrays import positive_number
 from ballbot.errors import InputError, suggest
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
+from ballbot.state import STATE_NAMES
 
 #: the desired state (10,) at a time [s]; its arrays are read-only
 Reference = Callable[[float], NDArray[np.float64]]
@@ -185,7 +188,8 @@ def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:
     return pose
 
 
-#: the columns of a file, and the indices of their values in the state
+#: the columns of a plan; those that every file has, and the indices of their values in the state
+_STATE_COLUMNS = tuple(f"ref_{name}" for name in STATE_NAMES)
 _FILE_COLUMNS, _POSE_INDICES = ("ref_x", "ref_y", "ref_psi"), [0, 1, 4]
 #: a time that rounding moves before its row by less than this fraction of the first interval belongs to that row
 _FILE_ROUNDING = 1e-6
@@ -194,10 +198,14 @@ _FILE_ROUNDING = 1e-6
 def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) -> Reference:
     """Return the reference that holds each pose x, y [m], psi [rad] (N, 3) until the next; times (N,) [s] rise.
 
+    Of a plan's states (N, 10), return the one that is linear between them.
+
     >>> reference = sampled_reference(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]))
     >>> reference(3.0)[:2]
     array([0.5, 0. ])
     """
+    if poses.shape[1] == len(STATE_NAMES):
+        return lambda t: np.array([np.interp(t, times, column) for column in poses.T])
     rounding = _FILE_ROUNDING * float(times[1] - times[0]) if len(times) > 1 else 0.0
     wanted = np.zeros((len(times), 10))
     wanted[:, _POSE_INDICES] = poses
@@ -207,12 +215,12 @@ def sampled_reference(times: NDArray[np.float64], poses: NDArray[np.float64]) ->
 
 
 def write_reference(times: NDArray[np.float64], poses: NDArray[np.float64], path: str | Path) -> None:
-    """Write a reference, times (N,) and poses (N, 3), as a log file, in the format of its suffix."""
-    Log({"t": times} | dict(zip(_FILE_COLUMNS, poses.T, strict=True))).write(path)
+    """Write a reference, times (N,) and poses (N, 3) or a plan's states (N, 10), as a log file of its suffix."""
+    Log({"t": times} | dict(zip(_columns(poses), poses.T, strict=True))).write(path)
 
 
 def read_reference(path: str | Path) -> Reference:
-    """Return the reference of a file that has t, ref_x, ref_y and ref_psi; a log is one.
+    """Return the reference of a file that has t, ref_x, ref_y and ref_psi, or a plan's columns; a log is one.
 
     InputError if the file cannot be read, lacks a column or misses a value.
 
@@ -222,14 +230,14 @@ def read_reference(path: str | Path) -> Reference:
     ...     read_reference(f"{folder}/step.csv")(3.0)[:2]
     array([0.5, 0. ])
     """
-    return sampled_reference(*_read_poses(path))
+    return sampled_reference(*read_poses(path))
 
 
 def reference_text(path: str | Path) -> str:
-    """Return a reference file's times and poses as the text of a CSV file, every value to the bit."""
-    times, poses = _read_poses(path)
+    """Return a reference file's times and poses, or states, as the text of a CSV file, every value to the bit."""
+    times, poses = read_poses(path)
     rows = np.column_stack([times, poses]).tolist()
-    return "\n".join(["t," + ",".join(_FILE_COLUMNS), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+    return "\n".join(["t," + ",".join(_columns(poses)), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
 
 def as_reference(source: ReferenceLike) -> Reference:
@@ -249,15 +257,21 @@ def is_reference_file(source: str | Path) -> bool:
     return is_log_file(source)
 
 
-def _read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return times (N,) and poses (N, 3)."""
+def _columns(rows: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the columns of poses or states."""
+    return _FILE_COLUMNS if rows.shape[1] == len(_FILE_COLUMNS) else _STATE_COLUMNS
+
+
+def read_poses(path: str | Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return times (N,) and poses (N, 3), or a plan's states (N, 10)."""
     log = Log.read(path)
-    missing = [name for name in _FILE_COLUMNS if name not in log]
+    planned = any(name in log for name in _STATE_COLUMNS if name not in _FILE_COLUMNS)
+    columns = _STATE_COLUMNS if planned else _FILE_COLUMNS
+    missing = [name for name in columns if name not in log]
     if missing:
-        raise InputError(
-            f"{path} has no column {missing[0]}; a reference file has t, {', '.join(_FILE_COLUMNS)}."
-        )
-    poses = np.column_stack([log[name] for name in _FILE_COLUMNS])
+        kind = "plan's" if planned else "reference"
+        raise InputError(f"{path} has no column {missing[0]}; a {kind} file has t, {', '.join(columns)}.")
+    poses = np.column_stack([log[name] for name in columns])
     if not np.isfinite(poses).all():
         row = int(np.flatnonzero(~np.isfinite(poses).all(axis=1))[0])
         raise InputError(

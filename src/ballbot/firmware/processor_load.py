@@ -43,6 +43,8 @@ _PHASE = 20
 _OFFSETS = ((0.0, 0.0, 0.0), (0.02, -0.01, 0.05), (1.0, 0.5, 0.0), (0.0, 0.0, 1.0), (-0.3, 0.3, -0.5))
 #: change of the reference in a sample of a phase, over the largest that the shaping follows as a motion
 _SLOW = 0.001
+#: the row of a plan in the last of these phases: lean [rad], speed [m/s], and the change of its rate [rad/s]
+_LEAN, _SPEED, _LEAN_RATE = 0.02, 0.3, 0.1
 #: headings [rad] of it at the end of a phase: one that begins again after a turn, and one beyond a turn
 _HEADINGS = (3.1, -3.1, 7.0)
 
@@ -183,22 +185,30 @@ def rehearse(
             state=after,
             run=run,
         )
-        reference = _next_reference(reference, after["run"]["estimate"][0], k + 1)
+        reference = _next_reference(
+            reference, after["run"]["estimate"][0], k + 1, plans=controller.follows_plans
+        )
 
 
 def _next_reference(
-    before: NDArray[np.float32], estimate: NDArray[np.float32], k: int
+    before: NDArray[np.float32], estimate: NDArray[np.float32], k: int, *, plans: bool
 ) -> NDArray[np.float32]:
-    """Return the reference (10,) of sample k: it jumps at the start of a phase and moves on slowly within."""
+    """Return the reference (10,) of sample k: it jumps at the start of a phase and moves on slowly within.
+
+    A plan's rows come for two samples and then no more, until it counts as broken off.
+    """
     reference = before.copy()
     phase, step = divmod(k, _PHASE)
+    kind = phase % len(_OFFSETS)
     if step == 0:
-        offset = _OFFSETS[phase % len(_OFFSETS)]
-        reference[[0, 1, 4]] = estimate[[0, 1, 4]] + np.array(offset, np.float32)
+        reference[:] = 0.0
+        reference[[0, 1, 4]] = estimate[[0, 1, 4]] + np.array(_OFFSETS[kind], np.float32)
     elif step >= _PHASE - len(_HEADINGS):
         reference[4] = _HEADINGS[step - _PHASE]
     elif phase % 2:
         reference[[0, 1, 4]] += np.float32(_SLOW)
+    if plans and kind == len(_OFFSETS) - 1 and step < 2:
+        reference[[2, 5, 7]] = _LEAN, _SPEED, _LEAN_RATE * step
     return reference
 
 

@@ -2,7 +2,7 @@
 
 A live reference is asked once a sample for the state (10,) that the robot is to have, from the start of the run on. It
 is in the frame of the start: the robot begins at (0, 0) with psi = 0, and `in_start_frame` and `in_robot_frame`
-convert. Only x, y and psi are other than zero, as in `ballbot.control.references`.
+convert. Only x, y and psi are other than zero, as in `ballbot.control.references`; a plan has leans and rates too.
 
     named course, file     as `ballbot simulate` has them
     keyboard               arrow keys move it by 5 cm, comma and full stop turn it by 10 degrees, e ends the run
@@ -145,13 +145,18 @@ def live_reference(source: str) -> LiveReference:
 
 
 def in_robot_frame(
-    reference: NDArray[np.float64],  # (10,) Other than zero in x, y and psi only
+    reference: NDArray[np.float64],  # (10,)
     start: NDArray[np.float64],  # (3,) x, y [m] and psi [rad] of the robot at the start
 ) -> NDArray[np.float64]:
     """Return a reference (10,) in the frame of the start, in the frame in which the robot estimates its state."""
-    turned = reference.copy()
-    turned[:2] = _turned(reference[:2], start[2])
-    turned[[0, 1, 4]] += start
+    turned = (
+        _turned_state(reference, float(start[2]))
+        if reference[[2, 3, *range(5, 10)]].any()
+        else reference.copy()
+    )
+    turned[:2] = start[:2] + _turned(reference[:2], start[2])
+    psi = reference[4] + start[2]  # without the jump of a turn
+    turned[4] = psi + math.remainder(turned[4] - psi, 2.0 * math.pi) if turned[2:4].any() else psi
     return turned
 
 
@@ -161,12 +166,17 @@ def in_start_frame(state: NDArray[np.float64], start: NDArray[np.float64]) -> ND
     The frame is turned about the vertical: x, y and their rates turn, and so do theta and phi, which are about the
     frame's axes.
     """
-    psi = float(start[2])
+    moved = state.copy()
+    moved[:2] -= start[:2]
+    return _turned_state(moved, -float(start[2]))
+
+
+def _turned_state(state: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """Return a state (10,) turned about the vertical through the origin by an angle."""
     turned = state.copy()
-    turned[0:2] = _turned(state[0:2] - start[:2], -psi)
-    turned[5:7] = _turned(state[5:7], -psi)
-    if psi != 0.0:
-        turned[2:5] = turned_about_vertical(state[2:5], -psi)
+    turned[0:2], turned[5:7] = _turned(state[0:2], angle), _turned(state[5:7], angle)
+    if angle != 0.0:
+        turned[2:5] = turned_about_vertical(state[2:5], angle)
         body_rates = body_rates_matrix(*state[2:5]) @ state[7:10]  # body rates do not depend on the frame
         turned[7:10] = np.linalg.solve(body_rates_matrix(*turned[2:5]), body_rates)
     return turned

@@ -158,8 +158,10 @@ def simulate_batch(
     _check_imperfections(by_lane, models[0], sample_time)
     samples = sample_count(duration, sample_time)
     ends = OutcomeBounds(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
+    laws = [law for law in controllers if isinstance(law, Controller)]
+    plans = all(law.follows_plans for law in laws)  # a controller of the user's may do with it as it likes
     sampling = Sampling(
-        references=_sampled(as_reference(reference), samples, sample_time),
+        references=_sampled(as_reference(reference), samples, sample_time, plans=plans),
         sample_time=sample_time,
         steps=models[0].steps_in(sample_time),
         every=whole_number(every, "every", least=0) or samples,
@@ -167,7 +169,6 @@ def simulate_batch(
         lost=min(ends.lost, LARGEST_LEAN),
         grip=ends.grip,
     )
-    laws = [law for law in controllers if isinstance(law, Controller)]
     if len(laws) == len(controllers):
         out = _side_by_side(lanes, models, laws, initial, by_lane, sampling, threads)
     elif verdict is None:
@@ -455,8 +456,8 @@ def _common_wheel_count(robots: Sequence[Robot], controllers: Sequence[Controlle
     return counts.pop()
 
 
-def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[np.float64]:
-    """Return the reference at every sample (samples, 10)."""
+def _sampled(reference: Reference, samples: int, sample_time: float, *, plans: bool) -> NDArray[np.float64]:
+    """Return the reference at every sample (samples, 10); `plans` says whether it may have leans and rates."""
     references = np.empty((samples, 10))
     times = np.round(np.arange(samples) * sample_time, 9)  # whole nanoseconds, as `simulate` asks
     last = None
@@ -472,7 +473,7 @@ def _sampled(reference: Reference, samples: int, sample_time: float) -> NDArray[
         heading = Heading()
         references[:, 4] = [heading.unwrapped(psi) for psi in references[:, 4].tolist()]
     forbidden = np.argwhere(references[:, [2, 3, 5, 6, 7, 8, 9]] != 0.0)
-    if len(forbidden):
+    if len(forbidden) and not plans:
         row, column = forbidden[0]
         index = (2, 3, 5, 6, 7, 8, 9)[column]
         raise InputError(refusal(index, float(references[row, index])))

@@ -110,6 +110,12 @@ def wheel_forces(selected, P, state, u, row):
     `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
     """
     a, _, _, w, net, v_dot, w_dot = moving(selected, P, state, u)
+    return forces_at_wheels(P, a, w, (v_dot, w_dot), net, row)
+
+
+def forces_at_wheels(P, a, w, accelerations, net, row):
+    """Return f_i r_w and N_i for an attitude, a body velocity, accelerations (v_dot, w_dot) and net torques."""
+    v_dot, w_dot = accelerations
     z_dot = rotate_back(a.R, ball_rate(P.inv_rb, v_dot))
     pushes = [
         torque - P.d1 * dot(wheel.axle, z_dot) + P.d2 * dot(wheel.axle, w_dot)

@@ -1,4 +1,4 @@
-"""Feed-forward: the lean and the torques that a shaped motion needs, from the exact model.
+"""Feed-forward: the lean and the torques that a shaped or planned motion needs, from the exact model.
 
 Linearised about upright and without friction, with p = (x, y), l = (theta, phi, psi) and torques u,
 
@@ -11,6 +11,14 @@ is a flat output: state and torques follow from it and its derivatives.) A motio
 
 with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
 additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
+
+A planned reference (`ballbot.workflows.plan`) has leans and rates itself. Then s and its derivatives follow from them,
+
+    s = p + C l        s' = p' + C l'        s'' = G l        s''' = G l'        s'''' = G l''
+
+with l'' from the change of the rates since the last row. A row that is there again, as when the frame with the next
+one is lost, is followed along its Taylor series; after 50 ms the plan counts as broken off, and the robot goes to rest
+at the row's pose.
 """
 
 from __future__ import annotations
@@ -22,13 +30,23 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, both_rows_times, row_times, turned
+from ballbot.control.parts.part import (
+    LawSettings,
+    Part,
+    SmoothReference,
+    both_rows_times,
+    row_times,
+    turned,
+    turned_back,
+)
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 
 #: largest effect of torques on the flat output, relative to that on the position, that counts as zero
 _ROUNDING = 1e-9
+#: for which a row of a plan is followed without the next one [s]
+_LAPSE = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,6 +61,80 @@ class FeedForwardRecord:
     by_second: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 2))
     by_fourth: NDArray[np.float64] = field(metadata=number("N m s^4/m", MAX_WHEELS, 2))
     by_turning: NDArray[np.float64] = field(metadata=number("N m s^2/rad", MAX_WHEELS))
+    #: G: s'' for theta, phi
+    pull: NDArray[np.float64] = field(metadata=number("m/(s^2 rad)", 2, 2))
+    rate: float = field(metadata=number("1/s"))
+    #: that is predicted over
+    delay: float = field(metadata=number("s"))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FeedForwardState:
+    """The row of a plan that is followed: its state, for how many samples, and the change of its rates."""
+
+    started: int = field(metadata=whole())
+    age: int = field(metadata=whole())
+    row: NDArray[np.float64] = field(metadata=number("m", 10))
+    changes: NDArray[np.float64] = field(metadata=number("rad/s^2", 3))
+
+
+@inlined
+def follows_plan(law, memory, reference):
+    """Return whether a reference has leans or rates, for no longer than `_LAPSE`, and remember it."""
+    own, state = law.feed_forward, memory.feed_forward
+    moves = False
+    for i in (2, 3, 5, 6, 7, 8, 9):
+        moves = moves or reference[i] != 0.0
+    if own.on == 0 or not moves:
+        state.started = 0
+        return False
+    again = state.started == 1
+    for i in range(10):
+        again = again and reference[i] == state.row[i]
+    most = _LAPSE * own.rate + 0.5
+    if again:
+        state.age += 1 if state.age < most else 0
+    else:
+        goes_on = state.started == 1 and state.age < most
+        per_second = own.rate / (state.age + 1) if goes_on else 0.0
+        for i in range(3):
+            state.changes[i] = per_second * (reference[7 + i] - state.row[7 + i])
+        for i in range(10):
+            state.row[i] = reference[i]
+        state.started, state.age = 1, 0
+    return state.age < most
+
+
+@inlined
+def planned(law, memory, a, reference, psi):
+    """Return a planned reference as three `SmoothReference`, its heading being psi; after `follows_plan`."""
+    own, changes = law.feed_forward, memory.feed_forward.changes
+    rates = (reference[7], reference[8], reference[9])
+    s_2 = both_rows_times(own.pull, turned(a, reference[2], reference[3]))
+    s_3 = both_rows_times(own.pull, turned(a, rates[0], rates[1]))
+    s_4 = both_rows_times(own.pull, turned(a, changes[0], changes[1]))
+    ahead, ahead_rate = both_rows_times(own.offset, s_2), both_rows_times(own.offset, s_3)
+    ahead, ahead_rate = turned_back(a, ahead[0], ahead[1]), turned_back(a, ahead_rate[0], ahead_rate[1])
+    second, third = turned_back(a, s_2[0], s_2[1]), turned_back(a, s_3[0], s_3[1])
+    fourth = turned_back(a, s_4[0], s_4[1])
+    x = SmoothReference(reference[0] + ahead[0], reference[5] + ahead_rate[0], second[0], third[0], fourth[0])
+    y = SmoothReference(reference[1] + ahead[1], reference[6] + ahead_rate[1], second[1], third[1], fourth[1])
+    turning = SmoothReference(psi, rates[2], changes[2], 0.0, 0.0)
+    ahead_by = own.delay + memory.feed_forward.age / own.rate
+    return _after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, turning)
+
+
+@inlined
+def _after(delay, s):
+    """Return a motion after a delay, by its Taylor series."""
+    rest = s.second + delay * (s.third + 0.25 * delay * s.fourth) / 3.0
+    return SmoothReference(
+        s.value + delay * (s.rate + 0.5 * delay * rest),
+        s.rate + delay * (s.second + 0.5 * delay * (s.third + delay * s.fourth / 3.0)),
+        s.second + delay * (s.third + 0.5 * delay * s.fourth),
+        s.third + delay * s.fourth,
+        s.fourth,
+    )
 
 
 @inlined
@@ -70,10 +162,11 @@ def add_feed_forward(law, torque, now, i):
 
 @dataclass(frozen=True, kw_only=True)
 class FeedForward(Part):
-    """Give a shaped motion the lean and the torques that it needs, from the exact model; there is nothing to set.
+    """Give a motion the lean and the torques that it needs, from the exact model; there is nothing to set.
 
     Takes the second to fourth derivatives of the shaped x and y, turned into the heading frame, and psi's second. Adds
-    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`.
+    the lean theta, phi [rad] to the reference and torques (n,) [N m] to the output. Needs `ReferenceShaping`. A
+    reference with leans and rates, as `ballbot.plan` makes it, is followed as it is, without shaping.
 
     Raises
     ------
@@ -84,6 +177,7 @@ class FeedForward(Part):
     label = "feed-forward"
     comment = "A shaped motion is given the lean and the torques that it needs."
     record = FeedForwardRecord
+    state = FeedForwardState
     needs: ClassVar[Mapping[str, str]] = {"shaping": "it uses the derivatives of the shaped reference"}
 
     def numbers(self, settings: LawSettings) -> FeedForwardRecord:
@@ -111,4 +205,7 @@ class FeedForward(Part):
             by_second=back @ (d_2 - A @ r_2),
             by_fourth=back @ (d_4 - A @ r_4),
             by_turning=(back @ d_psi)[:, 0],
+            pull=np.asarray(G, dtype=np.float64),
+            rate=1.0 / settings.sample_time,
+            delay=settings.delay,
         )

@@ -108,6 +108,12 @@ def turned(a, v_x, v_y):
 
 
 @inlined
+def turned_back(a, v_x, v_y):
+    """Return a vector of the heading frame in the world."""
+    return a.cos_psi * v_x - a.sin_psi * v_y, a.sin_psi * v_x + a.cos_psi * v_y
+
+
+@inlined
 def heading_frame(a, v):
     """Return a state or an error (10,) of the world in the heading frame, by the attitude of the state."""
     x, y = turned(a, v[0], v[1])

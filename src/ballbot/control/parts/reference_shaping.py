@@ -127,6 +127,17 @@ def _shaped(own, memory, state, wanted):
 
 
 @inlined
+def restart_shaping(memory, wanted):
+    """Let the shaping go on from a pose at rest: a plan, which is followed without it, ends there."""
+    x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
+    own = memory.shaping
+    _start(own, (x, y, 0.0, 0.0, psi), x, y, psi)
+    for i in range(3):
+        own.change[i] = 0.0
+        own.bend[i] = 0.0
+
+
+@inlined
 def _start(memory, state, r_x, r_y, r_psi):
     x, y, psi = state[0], state[1], state[4]
     for i in range(4):

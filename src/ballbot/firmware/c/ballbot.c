@@ -202,7 +202,7 @@ static bool admitted(struct ballbot_state *state, const struct ballbot_parameter
 }
 
 /* Take over a reference that is allowed; before the first one, the pose is held. */
-static void take_reference(struct ballbot_state *state, const float reference[10])
+static void take_reference(struct ballbot_state *state, const struct ballbot_law *law, const float reference[10])
 {
     struct ballbot_run_state *run = &state->run;
 
@@ -212,7 +212,7 @@ static void take_reference(struct ballbot_state *state, const float reference[10
         run->reference[4] = run->estimate[4];
         run->held = 1;
     }
-    if (reference != NULL && ballbot_refused_place(reference) == BALLBOT_ALLOWED) {
+    if (reference != NULL && ballbot_refused_place(law, reference) == BALLBOT_ALLOWED) {
         for (int i = 0; i < 10; ++i) {
             run->reference[i] = reference[i];
         }
@@ -223,7 +223,7 @@ static void take_reference(struct ballbot_state *state, const float reference[10
 static bool balance(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                     const float reference[10], float torques[])
 {
-    take_reference(state, reference);
+    take_reference(state, &parameters->law, reference);
     (void)ballbot_control_law(&parameters->law, &state->memory, parameters->wheel_count, state->run.estimate,
                               state->run.reference, torques);
     ballbot_safety_release(&state->safety, parameters->wheel_count, torques);

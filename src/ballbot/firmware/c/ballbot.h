@@ -66,7 +66,8 @@ void ballbot_halt(struct ballbot_state *state, enum ballbot_stop reason);
 /* Take one sample; fill the torques of all wheels [N m].
  *
  * reading: of the sensors; NaN for a value that is missing. time: of the sample [us]. reference: the state (10) to go to, of
- * which x, y and psi may differ from zero. A reference that is refused is ignored, and so is NULL; the last one then holds.
+ * which x, y and psi may differ from zero, or a row of a plan (`ballbot plan`) if the law has feed-forward. A reference that is
+ * refused is ignored, and so is NULL; the last one then holds.
  * Returns whether torques may be given: armed, not stopped, and with a state to give them for.
  */
 bool ballbot_update(struct ballbot_state *state, const struct ballbot_parameters *parameters,

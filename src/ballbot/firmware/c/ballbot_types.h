@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "179b5ee8f334b425711751434c4342cbd5024a9d76c8ed337c70428de054b33a"
+#define BALLBOT_SCHEMA_DIGEST "ff6a75f783337a84996122a8e8ed5de437df4724f8ac4d1195b9f103467f18ea"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 396058344, 1932833829, 1897353539, 1279476427, 1426213533, 1992879411, 2087731853, 1616163642 }
+#define BALLBOT_SCHEMA_WORDS { 2137683447, 53705348, 425796264, 1760386532, 937379620, 2024557841, 364507395, 1182734570 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -89,8 +89,11 @@ struct ballbot_feed_forward_record {
     float by_second[BALLBOT_MAX_WHEELS][2]; /* [N m s^2/m] */
     float by_fourth[BALLBOT_MAX_WHEELS][2]; /* [N m s^4/m] */
     float by_turning[BALLBOT_MAX_WHEELS]; /* [N m s^2/rad] */
+    float pull[2][2]; /* [m/(s^2 rad)] */
+    float rate; /* [1/s] */
+    float delay; /* [s] */
 };
-typedef char ballbot_feed_forward_record_has_no_padding[(sizeof(struct ballbot_feed_forward_record) == 29u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_feed_forward_record_has_no_padding[(sizeof(struct ballbot_feed_forward_record) == 35u * sizeof(float)) ? 1 : -1];
 
 /* The sampled integral. */
 struct ballbot_integral_record {
@@ -160,7 +163,7 @@ struct ballbot_law {
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1395u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1401u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -211,7 +214,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1492u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1498u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -303,11 +306,14 @@ struct ballbot_shaping_state {
 };
 typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 40u * sizeof(float)) ? 1 : -1];
 
-/* The state of a part without memory; compiled records have at least one field. */
-struct ballbot_no_state {
-    float unused; /* [1] */
+/* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
+struct ballbot_feed_forward_state {
+    int32_t started;
+    int32_t age;
+    float row[10]; /* [m] */
+    float changes[3]; /* [rad/s^2] */
 };
-typedef char ballbot_no_state_has_no_padding[(sizeof(struct ballbot_no_state) == 1u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_feed_forward_state_has_no_padding[(sizeof(struct ballbot_feed_forward_state) == 15u * sizeof(float)) ? 1 : -1];
 
 /* The integrals of x, y [m s] and psi [rad s], world frame. */
 struct ballbot_integral_state {
@@ -322,6 +328,12 @@ struct ballbot_observer_state {
     float estimate[BALLBOT_MAX_WHEELS]; /* [N m] */
 };
 typedef char ballbot_observer_state_has_no_padding[(sizeof(struct ballbot_observer_state) == 10u * sizeof(float)) ? 1 : -1];
+
+/* The state of a part without memory; compiled records have at least one field. */
+struct ballbot_no_state {
+    float unused; /* [1] */
+};
+typedef char ballbot_no_state_has_no_padding[(sizeof(struct ballbot_no_state) == 1u * sizeof(float)) ? 1 : -1];
 
 /* Of each wheel's filter. */
 struct ballbot_notch_state {
@@ -343,14 +355,14 @@ struct ballbot_memory {
     struct ballbot_heading_memory reference_heading;
     struct ballbot_tuning_state tuning;
     struct ballbot_shaping_state shaping;
-    struct ballbot_no_state feed_forward;
+    struct ballbot_feed_forward_state feed_forward;
     struct ballbot_integral_state integral;
     struct ballbot_observer_state disturbance_observer;
     struct ballbot_no_state lean_limit;
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 527u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 541u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -389,7 +401,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 849u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 863u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

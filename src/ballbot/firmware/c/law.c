@@ -13,14 +13,12 @@ bool ballbot_is_state(const float state[10])
     return true;
 }
 
-int32_t ballbot_refused_place(const float reference[10])
+int32_t ballbot_refused_place(const struct ballbot_law *law, const float reference[10])
 {
-    static const float largest[10] = {
-        BALLBOT_LARGEST_STATE, BALLBOT_LARGEST_STATE, 0.0f, 0.0f, BALLBOT_LARGEST_STATE, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f
-    };
-
     for (int32_t i = 0; i < 10; ++i) {
-        if (!(ballbot_magnitude(reference[i]) <= largest[i])) {
+        const bool allowed = i == 0 || i == 1 || i == 4 || law->feed_forward.on != 0;
+
+        if (!(ballbot_magnitude(reference[i]) <= (allowed ? BALLBOT_LARGEST_STATE : 0.0f))) {
             return i;
         }
     }
@@ -125,7 +123,12 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     now.x = at_rest(wanted[0] - now.pose[0]);
     now.y = at_rest(wanted[1] - now.pose[1]);
     now.psi = at_rest(wanted[4] - now.pose[2]);
-    ballbot_shaping_shape(law, memory, &now);
+    if (ballbot_follows_plan(law, memory, reference)) {
+        ballbot_shaping_restart(memory, &now);
+        ballbot_feed_forward_plan(law, memory, &now);
+    } else {
+        ballbot_shaping_shape(law, memory, &now);
+    }
 
     heading_error(&now);
     now.error_limited = false;
@@ -148,7 +151,7 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
 int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
                             const float measured[10], const float reference[10], float torques[])
 {
-    const int32_t refused = ballbot_refused_place(reference);
+    const int32_t refused = ballbot_refused_place(law, reference);
 
     if (refused != BALLBOT_ALLOWED || !ballbot_is_state(measured)) {
         for (int32_t i = 0; i < n; ++i) {

@@ -19,16 +19,16 @@
 /* Return whether every number of a state (10) is possible for a robot; a NaN is not. */
 bool ballbot_is_state(const float state[10]);
 
-/* Return the first place of a reference (10) that is refused, else BALLBOT_ALLOWED: a lean or a rate, for which A r is not
- * 0, or something impossible.
+/* Return the first place of a reference (10) that is refused, else BALLBOT_ALLOWED: something impossible, or without
+ * feed-forward a lean or a rate, for which A r is not 0.
  */
-int32_t ballbot_refused_place(const float reference[10]);
+int32_t ballbot_refused_place(const struct ballbot_law *law, const float reference[10]);
 
 /* Fill the torques of n wheels [N m].
  *
- * `memory` is all zeros at the start of a run. `measured` and `reference` are states (10); a reference may ask for x, y
- * and psi only. Returns ballbot_refused_place of the reference. If that is refused, and without a valid state, the torques are
- * zero and the memory stays as it is.
+ * `memory` is all zeros at the start of a run. `measured` and `reference` are states (10); without feed-forward a reference
+ * may ask for x, y and psi only. Returns ballbot_refused_place of the reference. If that is refused, and without a valid
+ * state, the torques are zero and the memory stays as it is.
  */
 int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
                             const float measured[10], const float reference[10], float torques[]);

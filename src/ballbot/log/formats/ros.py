@@ -1,9 +1,11 @@
 """ROS bags, read by the library rosbags: of ROS 1 (.bag), of ROS 2 as a folder or one file (.db3, .mcap).
 
 Messages are read by the definitions that the bag carries, or those of ROS 2 if it has none; a quaternion becomes its
-roll, pitch and yaw. Topics have their own times: the table has the times of the topic with the most messages, and the
-latest value of every other topic at each of them, as a controller that listens to these topics would know. Before a
-topic's first message its values are missing. Nothing is interpolated, so that a slow sensor still looks like one.
+roll, pitch and yaw. nav_msgs/Odometry has its pose in the frame of the odometry and its twist in that of the body: the
+columns `velocity` are its linear velocity in the frame of the pose. Topics have their own times: the table has the
+times of the topic with the most messages, and the latest value of every other topic at each of them, as a controller
+that listens to these topics would know. Before a topic's first message its values are missing. Nothing is interpolated,
+so that a slow sensor still looks like one.
 
 Two topics hold a log without loss: /ballbot/names (std_msgs/String, the columns' names as a list in JSON) and
 /ballbot/values (std_msgs/Float64MultiArray, a row of the log).
@@ -17,12 +19,14 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ballbot.errors import InputError
 from ballbot.log.columns import Columns, Floats
 from ballbot.log.formats.json import flattened
 
 _NAMES, _VALUES = "/ballbot/names", "/ballbot/values"
+_ODOMETRY = "nav_msgs/msg/Odometry"
 #: first element of the covariance of a quantity that an IMU does not measure
 _NOT_MEASURED = -1.0
 #: by topic, the times [ns] and the numbers of its messages, in their order in the file
@@ -53,7 +57,8 @@ def read_bag(path: Path) -> Columns:
             numbers = _fields_of(message)
             times, messages = topics.setdefault(connection.topic, ([], []))
             times.append(_stamp(numbers.pop("header", None)) or time)
-            messages.append(flattened(numbers))
+            cells = flattened(numbers)
+            messages.append(cells | _velocity(cells) if connection.msgtype == _ODOMETRY else cells)
     if names:
         table = np.array(rows, dtype=np.float64).reshape(len(rows), len(names))
         return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
@@ -94,6 +99,14 @@ def _fields_of(message: object) -> dict[str, object]:
             if isinstance(value, list) and len(value) == len(names):
                 values[key] = dict(zip(map(str, names), value, strict=True))
     return values
+
+
+def _velocity(odometry: Mapping[str, float]) -> dict[str, float]:
+    """Return the linear velocity of an odometry's message in the frame of its pose."""
+    angles = [odometry[f"pose.pose.orientation.{name}"] for name in ("yaw", "pitch", "roll")]
+    linear = [odometry[f"twist.twist.linear.{axis}"] for axis in "xyz"]
+    turned = Rotation.from_euler("ZYX", angles).apply(linear)
+    return {f"velocity.{axis}": float(value) for axis, value in zip("xyz", turned, strict=True)}
 
 
 def _stamp(header: object) -> int:

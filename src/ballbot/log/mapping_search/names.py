@@ -313,6 +313,8 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
     if quaternion and not roles.attitude:
         columns |= quaternion_angles(np.column_stack([columns[name] for name in quaternion]))
         roles = replace(roles, attitude=QUATERNION_ANGLES, quaternion=quaternion)
+    if not roles.attitude:
+        roles = replace(roles, attitude=_odometry_angles(columns))
     missing = "column is named as a time" if not roles.time else ""
     if not roles.angles and not roles.attitude:
         missing = f"columns are named as roll and pitch, and none as the angles of {wheel_count} wheels"
@@ -399,6 +401,16 @@ def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
                 if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
                     candidates.append(series)
     return min(candidates, key=lambda series: "odom" in series[0].lower(), default=())
+
+
+def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:
+    """Return roll, pitch and yaw of a message of odometry whose lean is not always zero; empty if there is none."""
+    for name in columns:
+        if "odom" in name.lower() and name.endswith("orientation.roll"):
+            angles = tuple(name.removesuffix("roll") + angle for angle in ("roll", "pitch", "yaw"))
+            if all(angle in columns for angle in angles) and np.nan_to_num(columns[name]).any():
+                return angles
+    return ()
 
 
 def _half_turn(roll: Floats, unit: str | None) -> float | None:

@@ -165,7 +165,7 @@ static bool is_part(int32_t offset, int32_t count)
 }
 
 /* Return what is wrong with the values of a frame. */
-static enum ballbot_result values_of(const struct ballbot_frame *frame)
+static enum ballbot_result values_of(const struct ballbot_parameters *parameters, const struct ballbot_frame *frame)
 {
     struct ballbot_message_arm arm;
     struct ballbot_message_reference reference;
@@ -181,7 +181,7 @@ static enum ballbot_result values_of(const struct ballbot_frame *frame)
         break;
     case BALLBOT_MESSAGE_REFERENCE:
         ballbot_copy_bytes(&reference, frame->body, sizeof reference);
-        good = ballbot_refused_place(reference.reference) == BALLBOT_ALLOWED;
+        good = ballbot_refused_place(&parameters->law, reference.reference) == BALLBOT_ALLOWED;
         break;
     case BALLBOT_MESSAGE_TORQUES:
         ballbot_copy_bytes(&torques, frame->body, sizeof torques);
@@ -224,7 +224,7 @@ static void check(struct ballbot_link *link, struct ballbot_state *state, struct
         refuse(link, BALLBOT_LAYER_SEQUENCE);
         return;
     }
-    values = values_of(frame);
+    values = values_of(parameters, frame);
     if (values != BALLBOT_RESULT_OK) {
         refuse(link, BALLBOT_LAYER_VALUES);
         ballbot_link_answer(link, frame, values, 0);

@@ -15,9 +15,15 @@ void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct 
 void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_memory *memory,
                                 struct ballbot_sample *now, int32_t n);
 
-/* shape: replace the reference by the one that is followed */
+/* shape: replace the reference by the one that is followed; a plan, a reference with leans or rates, is followed as it is,
+ * and shaping goes on from its end
+ */
 void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
                            struct ballbot_sample *now);
+void ballbot_shaping_restart(struct ballbot_memory *memory, const struct ballbot_sample *now);
+bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10]);
+void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballbot_memory *memory,
+                               struct ballbot_sample *now);
 
 /* error: change the error */
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now);

@@ -23,12 +23,9 @@ struct lags {
     float step;      /* g = w h */
 };
 
-/* Let the motion start at rest where the robot is. */
-static void start_at_pose(struct ballbot_shaping_state *state, const struct ballbot_sample *now, const float r[3])
+/* Let the motion start at rest at a pose. */
+static void start_at(struct ballbot_shaping_state *state, const float pose[3], const float r[3])
 {
-    const float pose[3] = { now->pose[0] + now->state[0], now->pose[1] + now->state[1],
-                            now->pose[2] + now->state[4] };
-
     for (int axis = 0; axis < 3; ++axis) {
         for (int i = 0; i < 4; ++i) {
             state->lags[axis][i] = pose[axis];
@@ -39,6 +36,18 @@ static void start_at_pose(struct ballbot_shaping_state *state, const struct ball
         state->last[axis] = r[axis];
     }
     state->started = 1;
+}
+
+void ballbot_shaping_restart(struct ballbot_memory *memory, const struct ballbot_sample *now)
+{
+    struct ballbot_shaping_state *state = &memory->shaping;
+    const float r[3] = { now->reference[0], now->reference[1], now->reference[4] };
+
+    start_at(state, r, r);
+    for (int axis = 0; axis < 3; ++axis) {
+        state->change[axis] = 0.0f;
+        state->bend[axis] = 0.0f;
+    }
 }
 
 /* Return how much of a bend counts, whose size is over the limit's. */
@@ -155,7 +164,10 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
     float steps[3];
 
     if (state->started == 0) {
-        start_at_pose(state, now, r);
+        const float pose[3] = { now->pose[0] + now->state[0], now->pose[1] + now->state[1],
+                                now->pose[2] + now->state[4] };
+
+        start_at(state, pose, r);
     }
     const float change[3] = { r[0] - state->last[0], r[1] - state->last[1], r[2] - state->last[2] };
     struct sum before[3];

@@ -1,0 +1,332 @@
+"""Fast moves: the fastest motion between poses, along a path, or to a stop, as a reference that controllers follow.
+
+A plan is made of legs (`ballbot.workflows.collocation`): one from rest to rest, or a run-up to a speed, a moment at it
+and the stop. The reference holds the states at the robot's sample time. A controller with feed-forward follows them
+without shaping; the margin of the limits is what it has against disturbances.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.arrays import positive_number, real_array
+from ballbot.control.controller import Controller, grip_torque_limit
+from ballbot.control.references import Reference, read_poses, sampled_reference, write_reference
+from ballbot.errors import InputError
+from ballbot.fitting.run import ALL_CORES, Executor
+from ballbot.log import Log
+from ballbot.results import left_out
+from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.rounding import percent
+from ballbot.summary import Summary, summarized
+from ballbot.twin.imperfections import with_identified
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.collocation import FAMILIES, Leg, Motion, MoveLimits, Planner, course_through
+from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
+from ballbot.workflows.metrics import leans, position_error
+
+#: at the speed from which it is to stop [s]
+_CRUISE = 0.5
+#: after the plan, in which the robot stands [s]
+_AFTER = 2.0
+#: for a guess of the time: acceleration [m/s^2], turning [rad/s], speed along a path [m/s]
+_USUAL, _USUAL_TURN, _USUAL_SPEED = 1.0, 2.0, 0.5
+
+
+@summarized
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """A fast move, sampled."""
+
+    robot: Robot = field(metadata=left_out)
+    limits: MoveLimits
+    what: str  #: "the move to [2 0 0]"
+    t: NDArray[np.float64] = field(metadata=left_out)  #: (k,) [s]
+    states: NDArray[np.float64] = field(metadata=left_out)  #: (k, 10)
+    torques: NDArray[np.float64] = field(
+        metadata=left_out
+    )  #: (k, n) of the motors, with their friction [N m]
+    used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
+    duration: float  #: of what is to be fast: the move, or the stop [s]
+    distance: float  #: over the floor in this time [m]
+    begins: float  #: when the stop begins; 0 of a move [s]
+    savings: dict[str, float]  #: by which a per cent more of each limit would shorten it [s]
+    top_speed: float  #: largest steady speed in the direction of the move [m/s]
+    top_speed_bound: str  #: the limit that bounds that
+    iterations: int  #: of the solver
+
+    @property
+    def bound(self) -> str:
+        """The limit that bounds the time most."""
+        return max(FAMILIES, key=lambda name: self.savings[name])
+
+    def limit_values(self) -> tuple[float, ...]:
+        """Return the limits [N m, rad/s, rad, m/s, 1, 1, m], without the margin, in the order of `FAMILIES`."""
+        own = self.limits
+        return (
+            own.torque,
+            self.robot.drive.top_speed,
+            own.lean,
+            own.speed,
+            own.grip,
+            own.floor_grip,
+            own.pivot,
+        )
+
+    @property
+    def reference(self) -> Reference:
+        """The reference f(t) -> (10,); it rests at the end."""
+        return sampled_reference(self.t, self.states)
+
+    def write(self, path: str | Path) -> None:
+        """Write the reference as a log file, in the format of its suffix."""
+        write_reference(self.t, self.states, path)
+
+    def c_table(self) -> str:
+        """Return the states as a C header: a row for each sample, for `ballbot_update`."""
+        step = self.robot.sensors.sample_time
+        rows = ",\n".join(
+            "    { " + ", ".join(f"{value:.8e}f" for value in row) + " }" for row in self.states.tolist()
+        )
+        return (
+            f"/* {self.what} of the robot {self.robot.name}, by `ballbot plan`: the reference (10) of each sample of\n"
+            f" * {1e3 * step:g} ms, in the frame of the start. Give row k to ballbot_update at sample k, and the\n"
+            " * last row from there on. */\n"
+            f"#define BALLBOT_PLAN_ROWS {len(self.states)}\n"
+            f"static const float ballbot_plan[BALLBOT_PLAN_ROWS][10] = {{\n{rows}\n}};\n"
+        )
+
+    def summary(self) -> Summary:
+        """Return the time, the distance and the use of the limits."""
+        rows = tuple(
+            (name, f"{percent(share)} used")
+            for name, share in zip(FAMILIES, self.used.max(axis=0), strict=True)
+        )
+        return Summary(
+            title=f"Plan of {self.what}: {self.duration:.3f} s, bounded by the {self.bound}",
+            rows=(
+                *rows,
+                ("largest steady speed", f"{self.top_speed:.3g} m/s, bounded by the {self.top_speed_bound}"),
+            ),
+        )
+
+
+def plan(
+    robot: RobotLike,
+    *,
+    to: Sequence[float] | None = None,
+    along: str | Path | NDArray[np.float64] | None = None,
+    stop_from: float | None = None,
+    direction: float = 0.0,
+    within: float | None = None,
+    corridor: float = 0.02,
+    limits: MoveLimits | None = None,
+) -> Plan:
+    """Return the fastest move to a pose, along a path, or to a stop; it starts at rest at the origin.
+
+    Parameters
+    ----------
+    robot : Robot, preset or robot file
+        With its friction.
+    to : (x, y, psi), optional
+        Where it ends, at rest [m, m, rad].
+    along : path or array (k, 3), optional
+        A reference file, whose times do not count, or places x, y [m] and psi [rad]; the first becomes the origin.
+    stop_from : float, optional
+        The speed [m/s] from which it is to stop, wherever that is; a run-up to it comes before.
+    direction : float
+        Of the stop, from forward to the left [rad].
+    within : float, optional
+        The longest time allowed [s].
+    corridor : float
+        How far the ball may be from the path [m].
+    limits : MoveLimits, optional
+        `default_limits(robot)` if not given.
+
+    Raises
+    ------
+    InputError
+        If not one of `to`, `along` and `stop_from` is given, CasADi is not installed, or a limit forbids the move: it
+        says which, and by how much.
+
+    Examples
+    --------
+    >>> ballbot.plan("alten", to=(2.0, 0.0, 0.0)).bound  # doctest: +SKIP
+    'wheel torque'
+    """
+    robot = as_robot(robot)
+    if (to is not None) + (along is not None) + (stop_from is not None) != 1:
+        raise InputError("A plan needs one of to, along and stop_from.")
+    planner = Planner(robot=robot, limits=limits or default_limits(robot))
+    ahead = np.array([np.cos(direction), np.sin(direction)])
+    if stop_from is not None:
+        legs, what = _stop_legs(planner, stop_from, ahead), f"the stop from {stop_from:g} m/s"
+    elif along is not None:
+        legs, what = [_path_leg(planner, along, corridor)], "the path"
+    else:
+        pose = np.array(to, dtype=np.float64)
+        legs, what = [_move_leg(planner, pose)], f"the move to [{pose[0]:g} {pose[1]:g} {pose[2]:g}]"
+        ahead = pose[:2] / max(float(np.hypot(*pose[:2])), 1e-9) if pose[:2].any() else ahead
+    motions = [planner.fastest(leg) for leg in legs]
+    if within is not None and motions[-1].t[-1] > within:
+        raise InputError(_too_slow(planner, legs[-1], motions[-1], within, what))
+    return _sampled(planner, motions, what, ahead)
+
+
+def default_limits(robot: RobotLike) -> MoveLimits:
+    """Return the limits of the precise controller: its torque, which keeps the wheels' grip, and a lean of 0.35 rad."""
+    return MoveLimits(torque=grip_torque_limit(as_robot(robot)))
+
+
+def _leg(planner: Planner, end: NDArray[np.float64], time: float) -> Leg:
+    return Leg(start=np.zeros(10), end=end, torques=np.zeros((2, planner.robot.wheel_count)), time=time)
+
+
+def _move_leg(planner: Planner, pose: NDArray[np.float64]) -> Leg:
+    """Return the leg from rest to a pose at rest."""
+    if pose.shape != (3,) or not np.isfinite(pose).all() or not np.abs(pose).max() > 0.0:
+        raise InputError("The pose to move to is three numbers, x and y in m and psi in rad, not all zero.")
+    end = np.zeros(10)
+    end[[0, 1, 4]] = pose
+    time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
+    return _leg(planner, end, float(time))
+
+
+def _path_leg(planner: Planner, along: str | Path | NDArray[np.float64], corridor: float) -> Leg:
+    """Return the leg along places, moved so that the first is the origin."""
+    places = (
+        real_array(along, ("k", 3), "The path") if isinstance(along, np.ndarray) else read_poses(along)[1]
+    )
+    if len(places) < 2 or places.shape[1] != 3:
+        raise InputError("A path is at least two places x, y and psi.")
+    course = course_through(places - places[0], positive_number(corridor, "The corridor"))
+    end = np.zeros(10)
+    end[[0, 1, 4]] = places[-1] - places[0]
+    return replace(_leg(planner, end, 1.0 + course.length / _USUAL_SPEED), course=course)
+
+
+def _stop_legs(planner: Planner, speed: float, ahead: NDArray[np.float64]) -> list[Leg]:
+    """Return the run-up to a speed and the stop; InputError if the speed is above the largest."""
+    speed = positive_number(speed, "The speed to stop from")
+    top, bound = planner.top_speed(ahead)
+    if speed > top:
+        needed = planner.steady_use(speed * ahead)[FAMILIES.index(bound)]
+        raise InputError(
+            f"A speed of {speed:g} m/s cannot be held: the {bound} forbids it. It needs {percent(needed)} of the limit "
+            f"less the margin of {percent(planner.limits.margin)}; the largest speed in this direction is {top:.3g} "
+            "m/s."
+        )
+    state, torques = planner.steady(speed * ahead)
+    moving, rest = state.copy(), np.zeros(10)
+    moving[:2] = rest[:2] = np.nan
+    none = np.zeros_like(torques)
+    time = 1.0 + speed / _USUAL
+    up = Leg(start=np.zeros(10), end=moving, torques=np.array([none, torques]), line=ahead, time=time)
+    return [up, Leg(start=state, end=rest, torques=np.array([torques, none]), line=ahead, time=time)]
+
+
+def _too_slow(planner: Planner, leg: Leg, fastest: Motion, within: float, what: str) -> str:
+    """Return which limit forbids a time, and by how much it would have to be larger."""
+    bound = max(FAMILIES, key=lambda name: fastest.savings[name])
+    time = fastest.t[-1]
+    text = f"{what[0].upper()}{what[1:]} takes at least {time:.3f} s, {time - within:.3f} s more than {within:g} s"
+    try:
+        factor = planner.fastest(replace(leg, time=float(time)), time=within, larger=bound).factor
+    except InputError:
+        return f"{text}: the {bound} forbids it, and no larger one alone would do."
+    return f"{text}: the {bound} forbids it, which would have to be {factor:.2f} times as large."
+
+
+def _sampled(planner: Planner, motions: Sequence[Motion], what: str, ahead: NDArray[np.float64]) -> Plan:
+    """Return the plan of one motion, or of a run-up and a stop with a moment between them."""
+    run_up, last = motions[0] if len(motions) == 2 else None, motions[-1]
+    begins = run_up.t[-1] + _CRUISE if run_up else 0.0
+    step = planner.robot.sensors.sample_time
+    t = np.asarray(step * np.arange(int(np.ceil((begins + last.t[-1]) / step - 1e-9)) + 1), dtype=np.float64)
+    states, torques = last.at(np.clip(t - begins, 0.0, last.t[-1]))
+    states[-1, 2:4] = states[-1, 5:] = 0.0  # rest, without rounding
+    if run_up:
+        before = t < begins
+        first, first_torques = run_up.at(np.minimum(t, run_up.t[-1]))
+        first[:, :2] += first[:, 5:7] * np.maximum(t - run_up.t[-1], 0.0)[:, None]
+        states[:, :2] += run_up.states[-1, :2] + _CRUISE * run_up.states[-1, 5:7]
+        states[before], torques[before] = first[before], first_torques[before]
+    used, motors = planner.used(states, torques)
+    way = states[t >= begins, :2]
+    top, bound = planner.top_speed(ahead)
+    return Plan(
+        robot=planner.robot,
+        limits=planner.limits,
+        what=what,
+        t=t,
+        states=states,
+        torques=motors,
+        used=used,
+        duration=float(last.t[-1]),
+        distance=float(np.hypot(*np.diff(way, axis=0).T).sum()),
+        begins=float(begins),
+        savings=last.savings,
+        top_speed=top,
+        top_speed_bound=bound,
+        iterations=sum(motion.iterations for motion in motions),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Followed:
+    """How a controller followed a plan on simulated robots."""
+
+    runs: int
+    fell: int
+    peak_error: float  #: largest distance from the reference, of the runs that did not fall [m]
+    end_error: float  #: the same once the robot has stood for two seconds [m]
+    peak_lean: float  #: [rad]
+
+
+def follow(
+    plan: Plan,
+    controller: Controller,
+    scenario: Scenario,
+    *,
+    runs: int = 20,
+    twin: bool = False,
+    workers: Executor = ALL_CORES,
+) -> Followed:
+    """Return how robots follow a plan, on the compiled loop or on the twin, each with a seed of its own.
+
+    The scenario's friction is replaced by the robot's.
+    """
+    truth = with_identified(scenario, plan.robot.friction)
+    plant = (
+        TwinRobot(robot=plan.robot, scenario=truth, known=plan.robot)
+        if twin
+        else LoopRobot.of(plan.robot, truth, known=plan.robot)
+    )
+    conditions = [
+        Condition(
+            plant=plant, reference=lambda: plan.reference, duration=float(plan.t[-1]) + _AFTER, seed=seed
+        )
+        for seed in range(1, runs + 1)
+    ]
+    tried = [GridRun(candidate="plan", controller=controller, condition=one) for one in conditions]
+    found = np.array(run_grid(tried, _errors, workers=workers).answers)
+    return Followed(
+        runs=runs,
+        fell=int(np.isnan(found[:, 0]).sum()),
+        peak_error=float(np.nanmax(found[:, 0], initial=0.0)),
+        end_error=float(np.nanmax(found[:, 1], initial=0.0)),
+        peak_lean=float(np.nanmax(found[:, 2], initial=0.0)),
+    )
+
+
+def _errors(_: GridRun, log: Log) -> tuple[float, float, float]:
+    """Return the largest distance from the reference, the last one, and the largest lean; NaN after a fall."""
+    if log.ended is not None:
+        return np.nan, np.nan, np.nan
+    distance = position_error(log)
+    return float(distance.max()), float(distance[-1]), float(leans(log).max())
