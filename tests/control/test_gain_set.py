@@ -118,7 +118,7 @@ def test_setting_outside_is_refused_and_changes_nothing(setting, words):
 
 def test_compensation_is_bounded_by_what_is_certain():
     uncertain = alten(FRICTION).annotated(standard_deviations={"friction.coulomb": (0.01,) * 3})
-    controller = tunable(nominal_controller(uncertain, compensation="full"))
+    controller = tunable(nominal_controller(alten(FRICTION), compensation="full"), robot=uncertain)
     most = float(controller.record["tuning"]["compensation"][0])
     assert 0.5 < most < 1.0
     with pytest.raises(InputError, match="the certain one"):

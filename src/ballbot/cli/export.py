@@ -52,7 +52,7 @@ def export(
     check_belongs(controller, described)
     read = read_controller(controller, described)
     with open_result(out, doing="writing the firmware", writes=exported_names()) as result:
-        exported = export_controller(read, read_others(mixed, described), lean=lean)
+        exported = export_controller(read, read_others(mixed, described), described=described, lean=lean)
         to_install = what_to_install()
         if not to_install:
             result.report(Progress(stage="counting instructions"))

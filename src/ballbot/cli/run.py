@@ -174,7 +174,8 @@ def balance(
             raise InputError("--controller needs the robot that it is for: give --robot.")
         check_belongs(controller, link.described)
         others = read_others(mixed, link.described)
-        exported = export_controller(read_controller(controller, link.described), others, lean=lean)
+        read = read_controller(controller, link.described)
+        exported = export_controller(read, others, described=link.described, lean=lean)
         parameters, gains = exported.parameters, exported.gains
         if (study := controller.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"

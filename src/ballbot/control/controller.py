@@ -71,7 +71,7 @@ def torque_limit_words(controller: Controller) -> str:
 class Controller:
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
-    Its settings are fixed once it is made; `reset` clears its memory.
+    Its settings are fixed once it is made; `tune` changes them within bounds while it runs, `reset` clears its memory.
 
     Parameters
     ----------

@@ -28,9 +28,10 @@ from ballbot.control.controller import Controller
 from ballbot.control.law import LAW
 from ballbot.control.linear import Matrix, robot_loop
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.overcompensation import certain_friction, compensation_margin
+from ballbot.control.overcompensation import certain_friction, compensation_margin, has_friction
 from ballbot.control.tuning import MAX_GAINS, add_gains
 from ballbot.errors import InputError
+from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots, uncertain
 
 #: robots drawn from the standard deviations, and factors of the torques of the described one
@@ -45,10 +46,14 @@ _RESOLUTION = 1e-7
 _MIXTURES = 11
 
 
-def tunable(controller: Controller, others: Sequence[Controller] = ()) -> Controller:
+def tunable(
+    controller: Controller, others: Sequence[Controller] = (), *, robot: Robot | None = None
+) -> Controller:
     """Return a copy of a controller that can mix its gain with those of others, by `Controller.tune`.
 
-    Its compensation can be changed up to the one that is certain (`ballbot.control.overcompensation`).
+    Its compensation can be changed up to what is certain of a described robot's friction
+    (`ballbot.control.overcompensation`); that is the controller's robot if none is given. Whether the gains may be mixed
+    is for `certified` to say.
 
     InputError if the others are too many, or differ from it in more than the gains.
     """
@@ -67,9 +72,10 @@ def tunable(controller: Controller, others: Sequence[Controller] = ()) -> Contro
     copy = controller.with_parts(controller.parts)
     copy.others = tuple(others)
     add_gains(copy.record, [other.record for other in others])
-    if any(controller.robot.friction.breakaway) and controller.compensation != "none":
-        margin = compensation_margin(controller, certain_friction(controller.robot))
-        copy.record["tuning"]["compensation"] = min(1.0, 1.0 / margin.largest)
+    described = robot or controller.robot
+    if has_friction(described.friction):
+        margin = compensation_margin(controller, certain_friction(described))
+        copy.record["tuning"]["compensation"] = 1.0 / max(1.0, margin.largest)
     return copy
 
 

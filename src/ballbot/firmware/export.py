@@ -67,6 +67,7 @@ def export_controller(
     controller: Controller,  # with the robot that it was read for
     others: Sequence[Controller] = (),  # whose gains can be mixed with its own while the robot balances
     *,
+    described: Robot | None = None,  # with the uncertainty of its friction, which bounds the compensation
     lean: float = 0.35,  # largest |theta| and |phi| [rad]; the safety layer stops beyond it
 ) -> Export:
     """Return a controller and its robot as firmware.
@@ -76,7 +77,7 @@ def export_controller(
     1.2 rad.
     """
     refuse_without_margin(controller)
-    controller = tunable(controller, others)
+    controller = tunable(controller, others, robot=described)
     gains = certified(controller) if others else None
     shaping = controller.parts.shaping
     if shaping and max(shaping.frequency, shaping.yaw_frequency) > _LARGEST_FREQUENCY:
