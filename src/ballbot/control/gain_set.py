@@ -52,8 +52,8 @@ def tunable(
     """Return a copy of a controller that can mix its gain with those of others, by `Controller.tune`.
 
     Its compensation can be changed up to what is certain of a described robot's friction
-    (`ballbot.control.overcompensation`); that is the controller's robot if none is given. Whether the gains may be mixed
-    is for `certified` to say.
+    (`ballbot.control.overcompensation`), by default the controller's robot. `certified` says whether the gains may be
+    mixed.
 
     InputError if the others are too many, or differ from it in more than the gains.
     """

@@ -113,7 +113,7 @@ void ballbot_compensate(const struct ballbot_law *law, struct ballbot_memory *me
     for (int32_t i = 0; i < n; ++i) {
         agreement += torques[i] * rolling_torque(own, i, force);
     }
-    const float share = 1.0f - memory->tuning.now[BALLBOT_TUNING_COMPENSATION];
+    const float share = ballbot_share(memory->tuning.now[BALLBOT_TUNING_COMPENSATION]);
     const float rolls = own->full + ((agreement > 0.0f) ? own->partial : 0.0f);
 
     for (int32_t i = 0; i < n; ++i) {
