@@ -24,6 +24,7 @@ from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import Commander, FollowReference, TorqueProgram
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
+from ballbot.link.stream import stream_address
 from ballbot.link.tuning import TERMINAL, Change, Tuner, command_lines
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
@@ -76,6 +77,10 @@ class LinkOptions:
     seed: options.SeedNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
+    stream: Annotated[list[str] | None, Parameter(negative="")] = None
+    """Show the robot live: foxglove, plotjuggler, ws://HOST:PORT of a server for Foxglove, or udp://HOST:PORT, to which
+    rows go as JSON. May be given more than once. An emulated robot then runs no faster than the clock."""
+
     @property
     def name(self) -> str:
         """The robot's name or file, as a command line has it."""
@@ -97,8 +102,9 @@ class LinkOptions:
         if self.emulated == (port is not None):
             both = f", not both: {port} would be a port" if port else ""
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
+        stream = [stream_address(text) for text in self.stream or ()]
         if port is not None:
-            return connect_port(port, self.described, say=notice)
+            return connect_port(port, self.described, say=notice, stream=stream)
         described = Robot.load(self.name)
         emulated = emulated_robot(
             described,
@@ -106,11 +112,11 @@ class LinkOptions:
             plant=self.plant,
             seed=self.seed,
             hold=hold,
-            real_time=real_time,
+            real_time=real_time or bool(stream),
             imu_checked=imu_checked,
         )
         filmed_by = self.seed if hold == "upside_down" else None
-        return connect_emulated(described, emulated, filmed_by=filmed_by)
+        return connect_emulated(described, emulated, filmed_by=filmed_by, stream=stream)
 
 
 _LINK = LinkOptions()
@@ -215,7 +221,7 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
         for line in lines:
             console.print(line, soft_wrap=True)
         with _monitor().shown() as monitor:
-            robot.watch(monitor.states_of(robot), duration=duration)
+            robot.watch(connection.states_shown(monitor), duration=duration)
         console.print(f"The robot sent its sensors for {duration:g} s; no torque was applied.")
         console.print(f"Next: `ballbot run wiring {port or '--emulated'}`", soft_wrap=True)
 
@@ -237,7 +243,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
     with link.connect(port, imu_checked=False) as connection:
         robot = connection.robot
         with _monitor().shown() as monitor:
-            turns = measure_turns(robot, connection.operator, watch=monitor.states_of(robot))
+            turns = measure_turns(robot, connection.operator, watch=connection.states_shown(monitor))
         check = check_turns(turns, robot.ball_from_wheels)
         page = wiring_report(check, about=connection.words)
         printed = [*map(finding_line, check.findings), *page.parts()]
