@@ -136,7 +136,10 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     ballbot_lean_limit_error(law, memory, &now);
 
     for (int32_t i = 0; i < n; ++i) {
-        torques[i] = feedback(law->gain[i], now.e) + feedback(memory->tuning.gain[i], now.e);
+        torques[i] = feedback(law->gain[i], now.e);
+        if (law->tuning.others > 0) {
+            torques[i] += feedback(memory->tuning.gain[i], now.e);
+        }
     }
     ballbot_feed_forward_torque(law, &now, torques, n);
     ballbot_integral_torque(law, memory, &now, torques, n);

@@ -22,7 +22,9 @@ void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot
         const float *more = memory->tuning.integral[i];
 
         torques[i] += own->gain[i][0] * I.x + own->gain[i][1] * I.y + own->gain[i][2] * sums[2];
-        torques[i] += more[0] * I.x + more[1] * I.y + more[2] * sums[2];
+        if (law->tuning.others > 0) {
+            torques[i] += more[0] * I.x + more[1] * I.y + more[2] * sums[2];
+        }
     }
 }
 

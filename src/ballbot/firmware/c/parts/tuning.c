@@ -13,6 +13,9 @@ static bool move(const struct ballbot_tuning_record *own, struct ballbot_tuning_
     for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
         largest = ballbot_larger(largest, ballbot_magnitude(state->wanted[k] - state->now[k]));
     }
+    if (!(largest > 0.0f)) {
+        return false;
+    }
     for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
         if (largest <= own->step) {
             state->now[k] = state->wanted[k];
@@ -20,7 +23,7 @@ static bool move(const struct ballbot_tuning_record *own, struct ballbot_tuning_
             state->now[k] += own->step / largest * (state->wanted[k] - state->now[k]);
         }
     }
-    return largest > 0.0f;
+    return true;
 }
 
 void ballbot_tune(const struct ballbot_law *law, struct ballbot_memory *memory)
@@ -28,7 +31,7 @@ void ballbot_tune(const struct ballbot_law *law, struct ballbot_memory *memory)
     const struct ballbot_tuning_record *own = &law->tuning;
     struct ballbot_tuning_state *state = &memory->tuning;
 
-    if (!move(own, state)) {
+    if (!move(own, state) || own->others == 0) {
         return;
     }
     const float first = state->now[0];
