@@ -126,6 +126,11 @@ def test_change_has_the_time_of_the_robot():
     assert changes[0].t == pytest.approx(3.0 + 10e-6)
 
 
+def test_same_setting_again_leaves_the_former_one():
+    _, changes = told(["torque 0.5", "gain 0", "back"])
+    assert [change.setting.torque_limit for change in changes] == [0.5, 0.5, 1.0]
+
+
 @pytest.mark.parametrize("text", ["gain 0.3", "1 gain 0.3\n0.5 back", "nan back"])
 def test_file_needs_times_in_order(text, tmp_path):
     (tmp_path / "changes").write_text(text)

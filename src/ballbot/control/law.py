@@ -41,7 +41,7 @@ from ballbot.control.parts.part import (
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
-from ballbot.control.tuning import TuningRecord, TuningState, own_bounds, torque_limit_of, tune
+from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, torque_limit_of, tune
 from ballbot.estimation.heading import TURN, compiled_turns_after
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
@@ -108,7 +108,7 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
     feedback = FeedbackRecord(torque_limit=torque_limit, rate=1.0 / settings.sample_time, gain=settings.gain)
     fill_record(record, feedback)
     fill_record(record["compensation"], compensation_record(settings))
-    fill_record(record["tuning"], own_bounds(settings.sample_time))
+    record["tuning"]["step"], record["tuning"]["compensation"] = settings.sample_time / CHANGE_TIME, 1.0
     for name, part in parts.present():
         fill_record(record[name], part.numbers(settings))
     return record

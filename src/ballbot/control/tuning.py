@@ -173,19 +173,6 @@ def take_setting(own: np.void, state: np.void, setting: Setting | None) -> None:
     state["wanted"] = wanted
 
 
-def own_bounds(sample_time: float) -> TuningRecord:
-    """Return the record of a controller without other gains."""
-    return TuningRecord(
-        others=0,
-        step=sample_time / CHANGE_TIME,
-        compensation=1.0,
-        gain=np.zeros((0, 0, 0)),
-        integral=np.zeros((0, 0, 0)),
-        asked=np.zeros((0, 0, 0)),
-        turn_rate=np.zeros(0),
-    )
-
-
 def add_gains(law: NDArray[np.void], others: Sequence[NDArray[np.void]]) -> None:
     """Add the gains of other laws, which are records (1,) as this one, to those that it can mix."""
     own = law["tuning"]

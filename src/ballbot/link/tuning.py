@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -42,14 +41,6 @@ class Change:
 
     t: float  #: since arming [s]
     setting: Setting  #: to which the robot moves from then on
-
-
-class Lines(Protocol):
-    """The source of the commands."""
-
-    def until(self, t: float) -> Iterator[str]:
-        """Yield the new commands until a time since arming [s]."""
-        ...
 
 
 class TypedLines:
@@ -94,6 +85,10 @@ class FileLines:
             yield self._timed.pop(0)[1]
 
 
+#: the source of the commands
+Lines = TypedLines | FileLines
+
+
 def command_lines(source: str) -> Lines:
     """Return the commands of the terminal, or of a file; InputError if there is none."""
     return TypedLines(sys.stdin.fileno()) if source == TERMINAL else FileLines(Path(source))
@@ -129,7 +124,7 @@ class Tuner:
                 self._say(f"The robot refuses {line.strip()!r}: {reason(result)}.")
                 continue
             setting = self._former if wanted is None else wanted
-            if wanted is not None and wanted != self._setting:
+            if wanted is not None and wanted.numbers() != self._setting.numbers():
                 self._former = self._setting
             self._setting = setting
             moment = t + 1e-6 * ((changed - time + 2**31) % 2**32 - 2**31)
