@@ -162,7 +162,7 @@ def controllers() -> dict[str, Callable[[], Controller]]:
         by_name[f"policy beside every part, {wheels}"] = partial(
             _learned, partial(everything, robot), feedback=0.6
         )
-    for name in KINDS.keys() - {"policy"}:
+    for name in [name for name in KINDS if name != "policy"]:
         by_name[f"without {name}"] = partial(_without, alten, name)
         by_name[f"{name} alone"] = partial(_alone, alten, name)
     return by_name
