@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 
 NAME = "ballbot.gym:ballbot/Balance-v0"  # Gymnasium imports the module, which registers it
-LANES = 2000
+LANES = 800
 #: what others state, with their machines; not measured here
 PUBLISHED = (
     ("EnvPool, MuJoCo's Ant (Weng et al. 2022)", "3.1 million", "DGX A100, 256 cores"),
@@ -25,22 +25,27 @@ PUBLISHED = (
 )
 
 
-def steps_a_second(
-    envs: gymnasium.vector.VectorEnv, *, size: float, seconds: float = 2.0
-) -> tuple[float, float]:
-    """Return environment steps a second of the clock, and of the processors' time, with actions U(-size, size)."""
+def steps_a_second(envs: gymnasium.vector.VectorEnv, *, size: float) -> tuple[float, float]:
+    """Return environment steps a second, by the clock and by the processors' time: the best of eight spells of 0.3 s.
+
+    Actions are U(-size, size).
+    """
     random = np.random.default_rng(1)
     actions = random.uniform(-size, size, (64, *(envs.action_space.shape or ()))).astype(np.float32)
     envs.reset(seed=1)
     for row in actions:
         envs.step(row)
-    begun, spent, steps = perf_counter(), process_time(), 0
-    while perf_counter() - begun < seconds:
-        envs.step(actions[steps % 64])
-        steps += 1
-    wall, cpu = perf_counter() - begun, process_time() - spent
+    by_clock = by_processors = 0.0
+    for _ in range(8):
+        begun, spent, steps = perf_counter(), process_time(), 0
+        while perf_counter() - begun < 0.3:
+            envs.step(actions[steps % 64])
+            steps += 1
+        done = steps * envs.num_envs
+        by_clock = max(by_clock, done / (perf_counter() - begun))
+        by_processors = max(by_processors, done / (process_time() - spent))
     envs.close()
-    return steps * envs.num_envs / wall, steps * envs.num_envs / cpu
+    return by_clock, by_processors
 
 
 def ours(*, size: float, threads: int, base: str | None, observe: str) -> tuple[float, float]:
@@ -77,7 +82,7 @@ def rows() -> list[tuple[str, str, str]]:
         for threads in sorted({1, cores}):
             wall, cpu = ours(size=size, threads=threads, base=base, observe=observe)
             what = f"environment steps of 5 ms, {LANES} robots, {threads} threads: {name}"
-            value = f"{wall / 1e6:.2f} million/s; {cpu / 1e6:.2f} a second of one core"
+            value = f"{wall / 1e6:.2f} million/s; {cpu / 1e6:.2f} for a second of processor time"
             table.append((what, value, wanted if threads == cores else ""))
     table += [
         (

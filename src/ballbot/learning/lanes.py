@@ -127,8 +127,9 @@ def _take(task, commands, episodes, lane, ending):
 def _draw_sample(draws, pool, task, episodes, lane):
     """Draw what is random in a sample."""
     stream = episodes.streams[lane]
-    fill_normal(stream, draws.noise[lane])
-    fill_normal(stream, draws.faults[lane])
+    fill_normal(stream, draws.noise[lane, 0 if task.sensing else 6 :])  # of the AHRS, then of the torques
+    if task.sensing:
+        fill_normal(stream, draws.faults[lane])
     if draws.durations.shape[1] > 0:
         jitter, before = pool.jitters[episodes.drawn[lane]], episodes.late[lane]
         episodes.late[lane] = jitter * uniform(stream, -1.0, 1.0)
@@ -405,7 +406,7 @@ class Lanes:
             ),
             out=empty_outcome(lanes, 0, _NEVER, n),
             pool=pool,
-            task=TaskNumbers.of(self.task, self.robot),
+            task=TaskNumbers.of(self.task, self.robot, sensing=estimator is not None),
             episodes=_new_episodes(inputs.loops, n, seed),
         )
 

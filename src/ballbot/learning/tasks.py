@@ -161,10 +161,11 @@ class TaskNumbers(NamedTuple):
     push_samples: int  #: in a push
     push_height: float  #: above the ball's centre [m]
     torque_limit: float  #: [N m]
+    sensing: bool  #: whether sensors are read
     weights: NDArray[np.float64]  #: of `Weights.per_si`
 
     @staticmethod
-    def of(task: Task, robot: Robot) -> TaskNumbers:
+    def of(task: Task, robot: Robot, *, sensing: bool) -> TaskNumbers:
         """Return a task's numbers for a robot; a push acts at its body's centre of mass."""
         h = robot.sensors.sample_time
         return TaskNumbers(
@@ -183,6 +184,7 @@ class TaskNumbers(NamedTuple):
             push_samples=max(1, round(PUSH / h)),
             push_height=robot.body.center_of_mass,
             torque_limit=robot.drive.torque_limit,
+            sensing=sensing,
             weights=task.weights.per_si(),
         )
 
