@@ -18,7 +18,11 @@ _UNITS = ("N m", "rad/s", "deg", "m/s", "", "", "m")
 
 def plan_report(plan: Plan, followed: Followed | None, *, scenario: str) -> Result:
     """Return the page; without `followed` nothing has followed the plan."""
-    limits = plan.limit_values()
+    own = plan.limits
+    limits = (
+        *(own.torque, plan.robot.drive.top_speed, own.lean, own.speed),
+        *(own.grip, own.floor_grip, own.pivot),
+    )
     rows = [
         (
             f"{name} [{unit}]" if unit else name,

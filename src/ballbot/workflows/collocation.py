@@ -119,7 +119,6 @@ class Motion:
     #: by which a per cent more of each limit would shorten it [s]
     savings: dict[str, float]
     factor: float  #: of the limits that were made as large as they must be; 1 if none was
-    iterations: int
 
     def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return states (k, 10), with continuous accelerations, and net torques (k, n) at times (k,)."""
@@ -240,9 +239,8 @@ class Planner:
         widths = _SLOW * np.geomspace(1.0, 32.0, _WIDTHS)
         steps = np.tanh(speeds[:, None] / widths)
         basis = np.column_stack([speeds, steps, steps**2])
-        weights = np.linalg.lstsq(basis, table[:, wheel] * np.tanh(np.abs(speeds) / _SLOW), rcond=None)[
-            0
-        ].tolist()
+        smooth = table[:, wheel] * np.tanh(np.abs(speeds) / _SLOW)
+        weights = np.linalg.lstsq(basis, smooth, rcond=None)[0].tolist()
         stairs = [self._casadi.tanh(speed / width) for width in widths]
         terms = [speed, *stairs, *(one**2 for one in stairs)]
         return sum(weight * term for weight, term in zip(weights, terms, strict=True))
@@ -331,7 +329,6 @@ class Planner:
             torques=net.T,
             savings=dict(zip(FAMILIES, (-0.01 * saved).tolist(), strict=True)),
             factor=float(solved.value(factor)),
-            iterations=int(opti.stats()["iter_count"]),
         )
 
 
