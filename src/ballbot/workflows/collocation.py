@@ -6,7 +6,8 @@ States x (10,) and the wheels' net torques u (n,), what friction leaves of the m
 time. Over each two intervals the state is a cubic, which has the derivative f at its middle node too: Simpson's rule
 (C. R. Hargraves and S. W. Paris, J. Guidance 10 (1987) 338). Ipopt solves it (A. Wächter and L. T. Biegler, Math.
 Program. 106 (2006) 25). Wheel friction only takes from the torques that the motors have, so that the controller's
-compensation gives it; the floor's rolling friction is a force in f. The small second term makes the torques unique.
+compensation gives it; the floor's rolling friction is a force in f. The small second term makes the torques unique, and
+their reversals gentle enough for gears with play: with a tenth of it, wheels of the twin slipped.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 #: limits, by the names of reports
 FAMILIES = ("wheel torque", "motor speed", "lean", "speed", "wheel grip", "floor grip", "pivoting")
 #: c
-_SMOOTHNESS = 1e-3
+_SMOOTHNESS = 1e-2
 #: limits whose rows are of squares; in place of no limit [m/s]
 _SQUARED, _ANY_SPEED = ("lean", "speed", "floor grip"), 1e3
 #: below which the friction's sign becomes a ramp: wheel [rad/s], ball [m/s]
@@ -71,10 +72,6 @@ class MoveLimits:
     lean: float = parameter("largest lean", "rad", default=0.35, most=1.0)
     speed: float = parameter("largest speed of the ball", "m/s", default=math.inf, most=math.inf)
     grip: float = parameter("friction coefficient of the wheels on the ball", default=1.0, most=10.0)
-    #: a wheel that the motion unloads, even one without torque, slips by the controller's own torques
-    reserve: float = parameter(
-        "part of a wheel's load at rest that holds no force of the motion", default=0.4, least=0.0, most=0.9
-    )
     floor_grip: float = parameter("friction coefficient of the ball on the floor", default=1.0, most=10.0)
     #: beyond it the ball pivots under a robot that turns, and the heading is lost
     pivot: float = parameter(
@@ -198,7 +195,6 @@ class Planner:
             for motor, speed in zip(motors, speeds, strict=True)
         ]
         grips = [moment / (robot.wheels.radius * limits.grip * load) for moment in moments]
-        reserve = (1.0 - limits.margin) * limits.reserve
         turn = rotate(a.R, ball_torque(P, moments))[2] / (limits.pivot * robot.weight)
         slide = (force[0] ** 2 + force[1] ** 2) / (limits.floor_grip * robot.weight) ** 2
         asked = {
@@ -206,11 +202,7 @@ class Planner:
             "motor speed": [(sign * one, 1.0) for one in curve for sign in (1, -1)],
             "lean": [((q[2] ** 2 + q[3] ** 2) / limits.lean**2, 1.0)],
             "speed": [(pace / min(limits.speed, _ANY_SPEED) ** 2, 1.0)],
-            "wheel grip": [
-                (sign * f + reserve, N / load)
-                for f, N in zip(grips, presses, strict=True)
-                for sign in (1, -1)
-            ],
+            "wheel grip": [(s * f, N / load) for f, N in zip(grips, presses, strict=True) for s in (1, -1)],
             "floor grip": [(slide, normal**2)],
             "pivoting": [(sign * turn, normal) for sign in (1, -1)],
         }
