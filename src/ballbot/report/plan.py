@@ -37,7 +37,7 @@ def plan_report(plan: Plan, followed: Followed, *, scenario: str) -> Result:
     ]
     headings = ("limit", "value", "used", "1 % more saves [ms]")
     caption = (
-        "What the motion uses of each limit, of the motors' speed with their torque. "
+        "What the motion uses of each limit: of the motors' speed with their torque, of the grip with the reserve. "
         f"{percent(own.margin)} of each is left to the controller."
     )
     return Result(

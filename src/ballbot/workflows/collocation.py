@@ -72,6 +72,10 @@ class MoveLimits:
     lean: float = parameter("largest lean", "rad", default=0.35, most=1.0)
     speed: float = parameter("largest speed of the ball", "m/s", default=math.inf, most=math.inf)
     grip: float = parameter("friction coefficient of the wheels on the ball", default=1.0, most=10.0)
+    #: a wheel that the motion unloads slips by the controller's own torques
+    reserve: float = parameter(
+        "part of a wheel's load at rest that holds no force of the motion", default=0.4, least=0.0, most=0.9
+    )
     floor_grip: float = parameter("friction coefficient of the ball on the floor", default=1.0, most=10.0)
     #: beyond it the ball pivots under a robot that turns, and the heading is lost
     pivot: float = parameter(
@@ -195,6 +199,7 @@ class Planner:
             for motor, speed in zip(motors, speeds, strict=True)
         ]
         grips = [moment / (robot.wheels.radius * limits.grip * load) for moment in moments]
+        reserve = (1.0 - limits.margin) * limits.reserve
         turn = rotate(a.R, ball_torque(P, moments))[2] / (limits.pivot * robot.weight)
         slide = (force[0] ** 2 + force[1] ** 2) / (limits.floor_grip * robot.weight) ** 2
         asked = {
@@ -202,7 +207,9 @@ class Planner:
             "motor speed": [(sign * one, 1.0) for one in curve for sign in (1, -1)],
             "lean": [((q[2] ** 2 + q[3] ** 2) / limits.lean**2, 1.0)],
             "speed": [(pace / min(limits.speed, _ANY_SPEED) ** 2, 1.0)],
-            "wheel grip": [(s * f, N / load) for f, N in zip(grips, presses, strict=True) for s in (1, -1)],
+            "wheel grip": [
+                (s * f + reserve, N / load) for f, N in zip(grips, presses, strict=True) for s in (1, -1)
+            ],
             "floor grip": [(slide, normal**2)],
             "pivoting": [(sign * turn, normal) for sign in (1, -1)],
         }
