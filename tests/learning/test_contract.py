@@ -1,12 +1,14 @@
 """The contract between a policy and an environment."""
 
+import re
 from dataclasses import replace
 
 import pytest
 
 from ballbot import InputError
 from ballbot.learning.contract import Contract
-from ballbot.learning.tasks import Weights, task_named
+from ballbot.learning.tasks import TASKS, Weights, task_named
+from tests.support.paths import ROOT
 
 CONTRACT = Contract.of("alten", wheels=3, torque_limit=6.0, period=0.01, delay=1)
 
@@ -49,3 +51,20 @@ def test_tasks_are_known_by_name_and_their_numbers_are_checked():
         task_named("balanse")
     with pytest.raises(InputError):
         Weights(position=-1.0)
+
+
+def test_the_document_has_the_weights_of_the_tasks_and_the_sizes_of_the_observation():
+    text = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    for name in ("position", "velocity", "heading", "lean_rate", "turning", "torque_change"):
+        row = re.search(rf"^\| `{name}`.*", text, re.MULTILINE)
+        assert row, name
+        written = [float(cell) for cell in row[0].strip("| ").split("|")[2:]]
+        assert written == [getattr(TASKS[task].weights, name) for task in ("Balance", "Track", "Drive")], name
+        assert getattr(TASKS["Push"].weights, name) == written[0]
+    assert all(task.weights.upright == 0.3 for task in TASKS.values())
+    sizes = {(channel.scale, channel.unit, channel.limit) for channel in CONTRACT.observation[:10]}
+    table = text[text.index("| | scale | limit |") : text.index("| torques of the last three")]
+    rows = [cells.strip("| ").split("|")[1:] for cells in table.splitlines()[2:]]
+    assert {(float(size.split()[0]), size.split()[1], float(most)) for size, most in rows} == sizes
+    for task, low, high in (("Balance", 0.9, 3), ("Track", 1.8, 6), ("Drive", 1.8, 6), ("Push", 0.9, 3)):
+        assert TASKS[task].interval == pytest.approx(low / 0.3) == high
