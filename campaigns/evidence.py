@@ -32,6 +32,7 @@ CAMPAIGNS = {
     "prediction": "campaigns.controller_prediction",
     "benchmark": "campaigns.benchmark",
     "fast_moves": "campaigns.fast_moves",
+    "learning": "campaigns.learning",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

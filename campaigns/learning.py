@@ -1,0 +1,97 @@
+"""Controllers learned with ten seeds, tried on fresh robots of the loop and on the twin, beside an LQR.
+
+.venv/bin/python -m campaigns.evidence learning
+
+Trainings that are finished are kept in build/learning.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballbot.fitting.run import Run, Threads
+from ballbot.learning.learn import Confirmed, Learned, base_controller, confirm, learn
+from ballbot.learning.robots import drawn_robots
+from ballbot.learning.tasks import task_named
+from ballbot.progress import ignore_progress
+from ballbot.robot import Robot
+from ballbot.twin.scenario import Scenario
+from campaigns.section import Section, finished
+
+TASKS, SEEDS = ("balance", "drive"), 10
+#: fresh robots of a trial on the loop; seeds whose controllers are tried on the twin, and runs there
+RUNS, TWIN_SEEDS, TWIN_RUNS = 100, 1, 100
+_PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "learning")
+
+
+def tried(piece: tuple[str, int]) -> tuple[Learned | None, list[Confirmed]]:
+    """Learn a task with a seed (the linear law for a seed below 0), and return what was learned and its trials."""
+    name, seed = piece
+    scenario, task = Scenario.nominal("alten"), task_named(name)
+    robots = drawn_robots(Robot.load("alten"), scenario, None)
+    known = robots[0].imperfections.known or robots[0].model.robot
+    learned = learn(robots, task, run=Run(seed=seed, progress=ignore_progress)) if seed >= 0 else None
+    controller = learned.controller if learned else base_controller(known)
+    plants = [(False, RUNS), *([(True, TWIN_RUNS)] if seed < TWIN_SEEDS else [])]
+    return learned, [
+        confirm(controller, task, known, scenario, runs=runs, twin=twin) for twin, runs in plants
+    ]
+
+
+def campaign() -> Section:
+    """Run the missing trainings and return the section of docs/generated/evidence.md."""
+    pieces = {f"{name}_{seed}": (name, seed) for name in TASKS for seed in range(-1, SEEDS)}
+    done = finished("learning", tried, pieces, packages=_PACKAGES, workers=Threads(count=1))
+    rows = []
+    for name in TASKS:
+        own = [done[f"{name}_{seed}"] for seed in range(SEEDS)]
+        learned = [one for one, _ in own if one is not None]
+        balanced = [
+            next((p.seconds for p in one.curve if p.fallen == 0.0 and p.length > 0.0), np.nan)
+            for one in learned
+        ]
+        columns = [
+            [one.curve[-1].seconds for one in learned],
+            balanced,
+            [one.curve[-1].reward for one in learned],
+            [loop[0].fell for _, loop in own],
+            [1e3 * loop[0].rms_position for _, loop in own],
+            [loop[0].rms_velocity for _, loop in own],
+        ]
+        rows.append([f"{name}, learned", *map(_spread, columns), _on_twin(own[0][1])])
+        _, linear = done[f"{name}_-1"]
+        baseline = [np.nan, np.nan, learned[0].baseline, linear[0].fell]
+        baseline += [1e3 * linear[0].rms_position, linear[0].rms_velocity]
+        rows.append([f"{name}, LQR", *(_number(value) for value in baseline), _on_twin(linear)])
+    return Section(
+        title="Controllers learned from nothing",
+        before=f"`ballbot learn` with {SEEDS} seeds: median (best to worst). Then each runs {RUNS} times 60 s on fresh "
+        f"robots of the nominal scenario on the compiled loop, with rollers and play, and that of the first seed "
+        f"{TWIN_RUNS} times on the twin. Times are by the clock of this machine; the LQR is the nominal one with the "
+        "Kalman filter.",
+        columns=[
+            "task, controller",
+            "training [s]",
+            "until no episode fell [s]",
+            "reward a second",
+            f"falls of {RUNS}",
+            "RMS position error [mm]",
+            "RMS velocity error [m/s]",
+            f"on the twin: falls of {TWIN_RUNS}; errors",
+        ],
+        rows=rows,
+    )
+
+
+def _spread(values: list[float]) -> str:
+    least, middle, most = np.min(values), np.median(values), np.max(values)
+    return f"{_number(middle)} ({_number(least)} to {_number(most)})"
+
+
+def _number(value: float) -> str:
+    return "–" if np.isnan(value) else f"{value:.3g}"
+
+
+def _on_twin(trials: list[Confirmed]) -> str:
+    on = [one for one in trials if one.plant == "twin"]
+    return "; ".join(f"{one.fell}; {1e3 * one.rms_position:.3g} mm, {one.rms_velocity:.3g} m/s" for one in on)
