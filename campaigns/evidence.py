@@ -31,6 +31,7 @@ CAMPAIGNS = {
     "agreement": "campaigns.agreement",
     "prediction": "campaigns.controller_prediction",
     "benchmark": "campaigns.benchmark",
+    "fast_moves": "campaigns.fast_moves",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = "twin,formats,view,interop,cluster,vision,link"
+EXTRAS = "twin,formats,view,interop,cluster,vision,link,stream"
 #: what the tests themselves import, and the options in pyproject.toml need
 TOOLS = ("pytest>=8", "pytest-xdist>=3.5", "pytest-timeout>=2.3", "hypothesis>=6.100")
 #: tests of each package that Ballbot depends on, without long compilation
@@ -33,6 +33,7 @@ TESTS = (
     "tests/control/test_lqr.py",  # scipy, control
     "tests/vision/test_parts.py",  # opencv
     "tests/link/test_frames.py",  # cobs, fastcrc
+    "tests/link/test_stream.py",  # foxglove-sdk
     "tests/fitting/test_run.py",  # processes
     "tests/viewer/test_server.py",  # websockets
 )

@@ -11,7 +11,7 @@ def test_soft_gain_holds_closer_through_speeds_without_knowing_the_friction():
     speeds = speed_run(("hold", 700))
     assert torques.ended is None
     assert speeds.ended is None
-    # 42 and 5 mm in the campaign
+    # 42 and 4.5 mm in the campaign
     assert speeds.rms_position_error < 0.5 * torques.rms_position_error
 
 
@@ -21,5 +21,5 @@ def test_stiff_gain_holds_worse_without_compensation_of_rolling_friction():
         loop_scores(("precise", words), seeds=range(700, 708))["hold"]
         for words in ("as it is", "rolling friction not compensated")
     )
-    # 1.4 and 2.5 mm in the campaign
+    # 1.4 and 2.0 mm in the campaign
     assert sum(run.rms_position_error for run in has) < sum(run.rms_position_error for run in lacks)

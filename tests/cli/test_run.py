@@ -3,9 +3,10 @@
 import json
 import os
 import signal
+import socket
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -70,6 +71,36 @@ def test_wiring_passes_and_writes_what_it_measured(tmp_path):
     assert found["passed"] is True
     assert len(found["turns"]) == 3
     assert "The wiring is right." in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_and_a_monitor_stream_their_rows_and_events(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1_000_000)
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(0.5)
+        stream = f"--stream udp://127.0.0.1:{receiver.getsockname()[1]}"
+
+        def received():
+            with suppress(TimeoutError):
+                while True:
+                    yield json.loads(receiver.recv(4096))
+
+        assert run(f"--duration 0.3 {stream}", tmp_path / "run") == 0
+        messages, log = list(received()), Log.read(tmp_path / "run" / "log.csv")
+        events = [message["event"] for message in messages if "event" in message]
+        assert events == ["The robot is armed.", "The run of 0.3 s is over."]
+        rows = [message["log"] for message in messages if "log" in message]
+        assert [row["t"] for row in rows] == log.t.tolist()
+        assert [row["u2"] for row in rows] == log["u2"].tolist()
+        assert main(["run", "monitor", "--emulated", "--duration", "0.2", *stream.split()]) == 0
+        rows = [message["log"] for message in received()]
+        assert len(rows) > 20
+        assert {"theta", "gyro_x", "wheel1"} <= rows[0].keys()
+
+
+def test_an_address_that_is_none_is_refused_before_the_robot_is_asked(capsys):
+    assert main(["run", "/dev/none", "--stream", "foxglov"]) == 2
+    assert "--stream foxglov is no address: give foxglove, plotjuggler" in capsys.readouterr().err
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from dataclasses import replace
 from enum import IntEnum
 
 from ballbot.control.records import Schema
+from ballbot.control.tuning import LEAST_LIMIT, ROUNDING
 from ballbot.files import write_text
 from ballbot.firmware.header import SOURCES, struct_text
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
@@ -34,7 +35,11 @@ from ballbot.link.messages import (
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"
 #: lengths that have a name in the header; a friction table's is as large as that of a part of the parameters
-_NAMED = {"[BALLBOT_TABLE_SPEEDS]": "[BALLBOT_PARAMETER_WORDS]", "[9]": "[BALLBOT_LAYERS]"}
+_NAMED = {
+    "[BALLBOT_TABLE_SPEEDS]": "[BALLBOT_PARAMETER_WORDS]",
+    "[9]": "[BALLBOT_LAYERS]",
+    "weights[3]": "weights[BALLBOT_MAX_GAINS]",
+}
 _MICROSECONDS = 1e6
 
 
@@ -68,6 +73,9 @@ def messages_header() -> str:
 #define BALLBOT_LINK_STATE_INTERVAL {LONGEST_STATE_INTERVAL:g}f
 /* Longest ramp of the torque limit after arming [s]. */
 #define BALLBOT_LINK_LONGEST_RAMP {LONGEST_RAMP:.1f}f
+/* Least share of a limit that can be asked for, and by how much the weights' sum may be off. */
+#define BALLBOT_LINK_LEAST_LIMIT {LEAST_LIMIT}f
+#define BALLBOT_LINK_ROUNDING {ROUNDING:g}f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD {OVERHEAD}u
 #define BALLBOT_LONGEST_PAYLOAD {LONGEST_PAYLOAD}u

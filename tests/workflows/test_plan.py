@@ -1,5 +1,6 @@
 """Fast moves: against the exact model between the nodes, bang-bang bounds, and what follows them in closed loop."""
 
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -15,6 +16,7 @@ from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import contact_momentum
 from ballbot.twin import Scenario
+from ballbot.workflows.collocation import FAMILIES
 from ballbot.workflows.plan import Plan, default_limits, follow
 
 pytest.importorskip("casadi")
@@ -123,7 +125,8 @@ def test_the_ball_stays_in_the_corridor_of_a_path():
 
 def test_an_infeasible_plan_names_the_limit_and_by_how_much():
     with pytest.raises(
-        InputError, match=r"at least .* more than 2.7 s: the wheel torque forbids it, .* times as large"
+        InputError,
+        match=r"at least .* more than 2.7 s: the wheel torque and wheel grip forbid it, .* times as large",
     ):
         ballbot.plan(rough(), to=(2.0, 0.0, 0.0), within=2.7)
     with pytest.raises(InputError, match=r"motor speed forbids it.*the largest speed in this direction is"):
@@ -131,6 +134,29 @@ def test_an_infeasible_plan_names_the_limit_and_by_how_much():
     weak = replace(default_limits(rough()), torque=0.1)
     with pytest.raises(InputError, match="to start against its friction"):
         ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=weak)
+
+
+@pytest.mark.parametrize(("name", "limit", "within"), [("lean", 0.05, 3.0), ("grip", 0.3, 2.5)])
+def test_a_limit_that_forbids_a_time_is_named_with_its_factor(name, limit, within):
+    limits = replace(default_limits(rough()), torque=6.0, **{name: limit})
+    with pytest.raises(InputError, match=rf"the (wheel )?{name} forbids? it, .* be 1\.\d\d times as large"):
+        ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=limits, within=within)
+
+
+def test_no_wheel_is_unloaded_below_the_reserve():
+    """Without it, the stop's run-up leaves a wheel without torque a tenth of its load, and the twin's slips there."""
+    plan = ballbot.plan(rough(), stop_from=1.4)
+    share = plan.used[:, FAMILIES.index("wheel grip")].max()
+    assert plan.limits.reserve == 0.4
+    assert share < 0.83  # the reserve over the least load of all wheels, or more
+
+
+def test_missing_casadi_is_one_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    with pytest.raises(
+        InputError, match=r"A plan needs CasADi; install it with: pip install 'ballbot\[plan\]'"
+    ):
+        ballbot.plan(rough(), to=(1.0, 0.0, 0.0))
 
 
 def test_a_plan_needs_exactly_one_aim():

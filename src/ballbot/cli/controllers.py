@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from cyclopts import Parameter
 
 from ballbot.cli.output import notice
 from ballbot.control.controller import Compensation, Controller
+from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
+from ballbot.firmware.export import check_belongs
 from ballbot.robot import Robot
 
 
@@ -44,6 +47,13 @@ class ControllerOptions:
 
 #: the nominal controller, without compensation
 NOMINAL = ControllerOptions()
+
+
+def read_others(paths: list[Path] | None, robot: Robot) -> list[Controller]:
+    """Return the controllers of --with for a robot; InputError if one was designed for another robot."""
+    for path in paths or ():
+        check_belongs(path, robot)
+    return [read_controller(path, robot) for path in paths or ()]
 
 
 def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.cli.controllers import warn_of_idle_compensation
+from ballbot.cli.controllers import read_others, warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
 from ballbot.control.file import read_controller
 from ballbot.firmware.export import check_belongs, export_controller, exported_names
@@ -20,6 +20,7 @@ def export(
     /,
     *,
     robot: options.Robot,
+    mixed: options.Mixed = None,
     lean: options.LeanLimit = 0.35,
     clock: float = 72e6,
     accept: options.Accept = None,
@@ -29,6 +30,8 @@ def export(
     """Write a controller as C99 firmware: sources, the controller's numbers, build files and examples.
 
     Example: ballbot export found/controller.toml --robot found/robot.toml --out firmware
+
+    Example: ballbot export stiff.toml --with soft.toml --robot found/robot.toml --out firmware
 
     The library has the estimator that the controller names, the control law with all its parts, and the safety layer.
     It computes in single precision, needs no operating system and no C library, and takes no memory. Start with
@@ -49,7 +52,7 @@ def export(
     check_belongs(controller, described)
     read = read_controller(controller, described)
     with open_result(out, doing="writing the firmware", writes=exported_names()) as result:
-        exported = export_controller(read, lean=lean)
+        exported = export_controller(read, read_others(mixed, described), described=described, lean=lean)
         to_install = what_to_install()
         if not to_install:
             result.report(Progress(stage="counting instructions"))

@@ -33,6 +33,7 @@ _EXTRAS = {
     "cobs": "link",
     "fastcrc": "link",
     "websockets": "view",
+    "foxglove": "stream",
 }
 
 

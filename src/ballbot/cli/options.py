@@ -72,6 +72,17 @@ Scenario = Annotated[
 #: the length of a run
 Duration = Annotated[float, Parameter(help="Length of the run [s].")]
 
+#: the option --with of the commands that make firmware's numbers
+Mixed = Annotated[
+    list[Path] | None,
+    Parameter(
+        name="--with",
+        negative="",
+        help="Another controller file, up to two, designed with the same options but for its weights. Its gain can be "
+        "mixed with the first one's while the robot balances, if they share a Lyapunov function.",
+    ),
+]
+
 #: the tilt beyond which the firmware stops a robot
 LeanLimit = Annotated[
     float,

@@ -36,6 +36,7 @@ def plan(
     lean: options.Positive = 20.0,
     speed: options.Positive | None = None,
     grip: options.Positive = 1.0,
+    reserve: float = 40.0,
     floor_grip: options.Positive = 1.0,
     pivot: options.Positive = 0.02,
     margin: float = 20.0,
@@ -80,6 +81,8 @@ def plan(
         Largest speed [m/s]; no limit but the motors' if not given.
     grip
         Friction coefficient of the wheels on the ball.
+    reserve
+        Part of a wheel's load at rest that holds no force of the motion [per cent]; a wheel with less slips.
     floor_grip
         Friction coefficient of the ball on the floor.
     pivot
@@ -100,6 +103,7 @@ def plan(
         lean=math.radians(lean),
         speed=math.inf if speed is None else speed,
         grip=grip,
+        reserve=0.01 * reserve,
         floor_grip=floor_grip,
         pivot=pivot,
         margin=0.01 * margin,

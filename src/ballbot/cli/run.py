@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from cyclopts import App, Parameter
 
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.context import Content, open_result
+from ballbot.cli.controllers import read_others
 from ballbot.cli.output import emit, notice, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
@@ -22,6 +24,8 @@ from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import Commander, FollowReference, TorqueProgram
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
+from ballbot.link.stream import stream_address
+from ballbot.link.tuning import TERMINAL, Change, Tuner, command_lines
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
 from ballbot.report.comparison import alternation_report
@@ -73,6 +77,10 @@ class LinkOptions:
     seed: options.SeedNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
+    stream: Annotated[list[str] | None, Parameter(negative="")] = None
+    """Show the robot live: foxglove, plotjuggler, ws://HOST:PORT of a server for Foxglove, or udp://HOST:PORT, to which
+    rows go as JSON. May be given more than once. An emulated robot then runs no faster than the clock."""
+
     @property
     def name(self) -> str:
         """The robot's name or file, as a command line has it."""
@@ -94,8 +102,9 @@ class LinkOptions:
         if self.emulated == (port is not None):
             both = f", not both: {port} would be a port" if port else ""
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
+        stream = [stream_address(text) for text in self.stream or ()]
         if port is not None:
-            return connect_port(port, self.described, say=notice)
+            return connect_port(port, self.described, say=notice, stream=stream)
         described = Robot.load(self.name)
         emulated = emulated_robot(
             described,
@@ -103,11 +112,11 @@ class LinkOptions:
             plant=self.plant,
             seed=self.seed,
             hold=hold,
-            real_time=real_time,
+            real_time=real_time or bool(stream),
             imu_checked=imu_checked,
         )
         filmed_by = self.seed if hold == "upside_down" else None
-        return connect_emulated(described, emulated, filmed_by=filmed_by)
+        return connect_emulated(described, emulated, filmed_by=filmed_by, stream=stream)
 
 
 _LINK = LinkOptions()
@@ -120,6 +129,8 @@ def balance(
     *,
     link: LinkOptions = _LINK,
     controller: Path | None = None,
+    mixed: options.Mixed = None,
+    tune: str | None = None,
     lean: options.LeanLimit = 0.35,
     reference: str = "hold",
     duration: options.Positive = 30.0,
@@ -135,11 +146,17 @@ def balance(
 
     Example: ballbot run --emulated --reference square --duration 32 --out run1
 
+    Example: ballbot run /dev/ttyACM0 --robot found/robot.toml --controller stiff.toml --with soft.toml --tune terminal
+
     Parameters
     ----------
     controller
         A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
         controller runs.
+    tune
+        Changes of the controller while it balances: terminal to type them, or a file with a time [s] and a command in
+        each row. gain 0.3 gives the second gain this weight (or give a weight for each gain); compensation 0.8, torque
+        0.9 and lean 0.5 are shares of what was exported; back is the setting before.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends). It begins where the robot stands.
@@ -150,24 +167,37 @@ def balance(
     out
         The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
-    parameters, then = None, f"identify {link.name} LOG --out identified"
+    if mixed and controller is None:
+        raise InputError("--with needs the controller whose gain it is mixed with: give --controller.")
+    if tune == TERMINAL and reference == KEYBOARD:
+        raise InputError(
+            "--tune terminal and --reference keyboard both read the terminal; give a file to one."
+        )
+    lines = None if tune is None else command_lines(tune)
+    parameters, gains, then = None, None, f"identify {link.name} LOG --out identified"
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
         check_belongs(controller, link.described)
-        parameters = export_controller(read_controller(controller, link.described), lean=lean).parameters
+        others = read_others(mixed, link.described)
+        read = read_controller(controller, link.described)
+        exported = export_controller(read, others, described=link.described, lean=lean)
+        parameters, gains = exported.parameters, exported.gains
         if (study := controller.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
-        link.connect(port, real_time=reference == KEYBOARD) as connection,
+        link.connect(port, real_time=reference == KEYBOARD or tune == TERMINAL) as connection,
     ):
         robot = connection.robot
         if parameters is not None:
             robot.use_parameters(parameters)
         check_balancing_parameters(robot.parameters)
-        commander = FollowReference(driven, sample_time=robot.sample_time)
-        _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp)
+        own = robot.parameters["law"]["tuning"][0]
+        tuner = Tuner(lines, own, gains=gains, say=notice) if lines else None
+        commander = FollowReference(driven, sample_time=robot.sample_time, tuner=tuner)
+        changes = tuner.changes if tuner else ()
+        _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp, changes=changes)
 
 
 @run.command
@@ -191,7 +221,7 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
         for line in lines:
             console.print(line, soft_wrap=True)
         with _monitor().shown() as monitor:
-            robot.watch(monitor.states_of(robot), duration=duration)
+            robot.watch(connection.states_shown(monitor), duration=duration)
         console.print(f"The robot sent its sensors for {duration:g} s; no torque was applied.")
         console.print(f"Next: `ballbot run wiring {port or '--emulated'}`", soft_wrap=True)
 
@@ -213,7 +243,7 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
     with link.connect(port, imu_checked=False) as connection:
         robot = connection.robot
         with _monitor().shown() as monitor:
-            turns = measure_turns(robot, connection.operator, watch=monitor.states_of(robot))
+            turns = measure_turns(robot, connection.operator, watch=connection.states_shown(monitor))
         check = check_turns(turns, robot.ball_from_wheels)
         page = wiring_report(check, about=connection.words)
         printed = [*map(finding_line, check.findings), *page.parts()]
@@ -370,6 +400,7 @@ def _record(
     *,
     seed: int,
     ramp: float = 0.0,
+    changes: Sequence[Change] = (),  # of the controller, filled during the run
 ) -> None:
     """Run the robot, and write log and results into the folder, if any; if the link is lost, the log so far."""
     recording, held = None if out is None else out / f"log{SUFFIX}", isinstance(commander, TorqueProgram)
@@ -389,6 +420,7 @@ def _record(
             "sample_time": connection.robot.sample_time,
             "ended": live_run.ending.kind,
             "reason": live_run.ending.text,
+            "changes": changes,
             **summary,
             "provenance": to_results(result.origin) | connection.provenance,
         }
@@ -398,6 +430,7 @@ def _record(
             held=held,
             ending=live_run.ending.text,
             about=connection.words,
+            changes=changes,
             data=results,
         )
         step = f"`ballbot {then.replace('LOG', result.path('log.csv'))}`"

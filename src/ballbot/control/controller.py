@@ -14,6 +14,7 @@ from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.part import LawSettings
+from ballbot.control.tuning import Setting, take_setting
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
@@ -70,7 +71,7 @@ def torque_limit_words(controller: Controller) -> str:
 class Controller:
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
-    Its settings are fixed once it is made; `reset` clears its memory.
+    Its settings are fixed once it is made; `tune` changes them within bounds while it runs, `reset` clears its memory.
 
     Parameters
     ----------
@@ -139,6 +140,8 @@ class Controller:
         self.estimator: EstimatorName = checked_name(estimator)
         #: values of the robot that the design assumed, from the controller's file; None if they are those of `robot`
         self.designed_for: Mapping[str, Value] | None = None
+        #: whose gains it can mix with its own while it runs; `ballbot.control.gain_set.tunable` gives them
+        self.others: tuple[Controller, ...] = ()
         #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
         settings = LawSettings(
             robot=robot,
@@ -197,6 +200,13 @@ class Controller:
     def reset(self) -> None:
         """Clear the memory at the start of a run; a shaped reference then starts at the first measured pose."""
         self._memory[:] = 0.0
+
+    def tune(self, setting: Setting | None) -> None:
+        """Change to another setting while it runs, or back to the former one (None); see `ballbot.control.tuning`.
+
+        InputError if the setting is not within its gains, compensation and limits.
+        """
+        take_setting(self.record["tuning"][0], self.memory["tuning"][0], setting)
 
     def update(
         self,

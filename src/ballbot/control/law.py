@@ -41,6 +41,7 @@ from ballbot.control.parts.part import (
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
+from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, torque_limit_of, tune
 from ballbot.estimation.heading import TURN, compiled_turns_after
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
@@ -59,12 +60,13 @@ class FeedbackRecord:
     gain: NDArray[np.float64] = field(metadata=number("N m per state", MAX_WHEELS, 10))
 
 
-#: a controller's numbers: feedback, compensation, and each part's record by its name
+#: a controller's numbers: feedback, compensation, what may change, and each part's record by its name
 LAW = Schema(
     name="law",
     fields={
         **schema_of(FeedbackRecord).fields,
         "compensation": schema_of(CompensationRecord),
+        "tuning": schema_of(TuningRecord),
         **{name: schema_of(kind.record) for name, kind in KINDS.items()},
     },
 )
@@ -79,13 +81,15 @@ class HeadingMemory:
     turns: int = field(metadata=whole())
 
 
-#: a controller's memory: torques of the last updates, headings, each part's state by its name; zeros when a run starts
+#: a controller's memory: torques of the last updates, headings, what has changed, each part's state by its name; zeros
+#: when a run starts
 MEMORY = Schema(
     name="memory",
     fields={
         "history": schema_of(TorqueHistory),
         "measured_heading": schema_of(HeadingMemory),
         "reference_heading": schema_of(HeadingMemory),
+        "tuning": schema_of(TuningState),
         **{name: schema_of(kind.state) for name, kind in KINDS.items()},
     },
 )
@@ -104,6 +108,7 @@ def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> N
     feedback = FeedbackRecord(torque_limit=torque_limit, rate=1.0 / settings.sample_time, gain=settings.gain)
     fill_record(record, feedback)
     fill_record(record["compensation"], compensation_record(settings))
+    record["tuning"]["step"], record["tuning"]["compensation"] = settings.sample_time / CHANGE_TIME, 1.0
     for name, part in parts.present():
         fill_record(record[name], part.numbers(settings))
     return record
@@ -158,7 +163,7 @@ def _heading_error(a, state, moved, wanted):
 @inlined
 def _filter_and_limit(law, memory, torques):
     """Filter, limit and remember the torques; return whether one exceeded the limit."""
-    history, limit = memory.history, law.torque_limit
+    history, limit = memory.history, torque_limit_of(law, memory)
     limited = False
     for i in range(len(torques)):
         history.disturbance_compensation[0, i] = 0.0  # the observer adds to it
@@ -184,6 +189,7 @@ def _is_state(measured):
 def _decide(law, memory, measured, reference, torques):
     """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
     n = len(torques)
+    tune(law, memory)
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
     observe(law, memory, seen, n)
     a, state = predict(law, memory, seen, n)
@@ -191,10 +197,12 @@ def _decide(law, memory, measured, reference, torques):
     moved = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
     wanted = _followed(law, memory, Measured(a, state), reference, asked)
-    e, error_limited = limit_error(law, lean_error(law, _heading_error(a, state, moved, wanted), a, wanted))
+    error = lean_error(law, _heading_error(a, state, moved, wanted), a, wanted)
+    e, error_limited = limit_error(law, memory, error)
     now = Sample(a, state, wanted, e)
     for i in range(n):
-        torque = add_feed_forward(law, row_times(law.gain[i], e), now, i)
+        feedback = row_times(law.gain[i], e) + row_times(memory.tuning.gain[i], e)
+        torque = add_feed_forward(law, feedback, now, i)
         torques[i] = add_integral(law, memory, torque, now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)

@@ -139,13 +139,22 @@ class RobotLoop:
         """The names of the torques at which the loop is opened."""
         return torque_names(self.B.shape[1])
 
-    def broken(self, more_delay: Sequence[float] | Matrix | None = None) -> tuple[Matrix, Matrix, Matrix]:
+    @property
+    def pending(self) -> int:
+        """The number of torques of each wheel that are under way."""
+        whole, rest = _split(self.delay, self.sample_time)
+        return whole + (rest > 0.0)
+
+    def broken(
+        self, more_delay: Sequence[float] | Matrix | None = None, *, room: int = 0
+    ) -> tuple[Matrix, Matrix, Matrix]:
         """Return A, B, C of the open loop z[k+1] = A z[k] + B v[k], u[k] = C z[k]; L(z) = -C (z I - A)^-1 B.
 
         `more_delay` (n,) is the delay of each wheel's torque beyond the loop's own [s]; any fraction of a sample.
+        The state holds at least `room` torques of each wheel, so that loops of several delays have the same states.
         """
         more = np.zeros(len(self.wheels)) if more_delay is None else np.asarray(more_delay, dtype=np.float64)
-        A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more)
+        A, B = _late_plant(self.A, self.B, self.sample_time, self.delay + more, room)
         states, law = len(self.A), self.controller
         seen = np.eye(states, len(A))  # the robot's state within the plant's, which includes delayed torques
         whole = np.asarray(block_diag(A, law.A), dtype=np.float64)
@@ -223,7 +232,7 @@ def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> Ste
     return StepResponse(t=t, states=all_z[:, :states], torques=all_z @ C.T + asked)
 
 
-def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix) -> tuple[Matrix, Matrix]:
+def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix, room: int) -> tuple[Matrix, Matrix]:
     """Return the sampled plant with delayed torques: its state is the robot's and each wheel's pending torques.
 
     A torque commanded at t_k acts from t_k + tau to t_k+1 + tau. The discretisation is exact for any tau: a delay of d
@@ -232,7 +241,7 @@ def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix) -> tup
     states, wheels = B.shape
     F = held(A, B, sample_time)[0]
     splits = [_split(delay, sample_time) for delay in delays.tolist()]
-    waiting = [whole + (rest > 0.0) for whole, rest in splits]
+    waiting = [max(whole + (rest > 0.0), room) for whole, rest in splits]
     begins = states + np.cumsum([0, *waiting])
     whole_A, whole_B = np.zeros((begins[-1], begins[-1])), np.zeros((begins[-1], wheels))
     whole_A[:states, :states] = F

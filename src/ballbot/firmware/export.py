@@ -12,7 +12,7 @@ The same controller and robot give the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.friction_table import SPEEDS, friction_table
+from ballbot.control.gain_set import GainSet, certified, tunable
 from ballbot.control.linear import refuse_without_margin
 from ballbot.control.safety import SafetyLimits
 from ballbot.errors import InputError
@@ -44,6 +45,7 @@ class Export:
     parameters: NDArray[np.void]  #: (1,) of `PARAMETERS` in single precision
     files: Mapping[str, str]  #: text by path, in order
     limits: SafetyLimits
+    gains: GainSet | None  #: if the controller has several
 
     @property
     def parameter_bytes(self) -> int:
@@ -63,15 +65,20 @@ def exported_names() -> list[str]:
 
 def export_controller(
     controller: Controller,  # with the robot that it was read for
+    others: Sequence[Controller] = (),  # whose gains can be mixed with its own while the robot balances
     *,
+    described: Robot | None = None,  # with the uncertainty of its friction, which bounds the compensation
     lean: float = 0.35,  # largest |theta| and |phi| [rad]; the safety layer stops beyond it
 ) -> Export:
     """Return a controller and its robot as firmware.
 
-    InputError if the loop with the robot has no stability margin, single precision cannot hold the controller, or the
-    lean is not above zero and at most 1.2 rad.
+    InputError if the loop with the robot has no stability margin, the others differ in more than their gains, the gains
+    share no Lyapunov function, single precision cannot hold the controller, or the lean is not above zero and at most
+    1.2 rad.
     """
     refuse_without_margin(controller)
+    controller = tunable(controller, others, robot=described)
+    gains = certified(controller) if others else None
     shaping = controller.parts.shaping
     if shaping and max(shaping.frequency, shaping.yaw_frequency) > _LARGEST_FREQUENCY:
         raise InputError(
@@ -92,7 +99,7 @@ def export_controller(
             f"{100.0 * friction_table(controller.robot).error:.2g} %."
         )
     files = _fixed_files() | {PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment)}
-    return Export(parameters=record, files=dict(sorted(files.items())), limits=limits)
+    return Export(parameters=record, files=dict(sorted(files.items())), limits=limits, gains=gains)
 
 
 def _fixed_files() -> dict[str, str]:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
 from ballbot.control.records import MAX_WHEELS, Number, Schema
+from ballbot.control.tuning import MAX_GAINS
 from ballbot.files import write_text
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
@@ -71,6 +72,8 @@ def types_header() -> str:
 #define BALLBOT_MAX_WHEELS {MAX_WHEELS}
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST {MAX_PAST}
+/* Gains that can be mixed. */
+#define BALLBOT_MAX_GAINS {MAX_GAINS}
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS {SPEEDS}
 /* SHA-256 of names, order, types, lengths and units of everything below. */

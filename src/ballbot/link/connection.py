@@ -20,11 +20,12 @@ from rich.text import Text
 from ballbot.errors import InputError
 from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
-from ballbot.link.live import Commander, Ending, LiveRobot, RobotSample, TorqueProgram, log_columns
+from ballbot.link.live import Commander, Ending, LiveRobot, RobotSample, Samples, TorqueProgram, log_columns
 from ballbot.link.messages import State
 from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
 from ballbot.link.recorder import Recorder
 from ballbot.link.session import Session
+from ballbot.link.stream import LiveStream, StreamAddress
 from ballbot.link.transport import Transport, open_transport
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -100,6 +101,7 @@ class Connection:
     described: Robot | None  #: its description, if it is known
     operator: Operator
     address: str  #: port or "emulated"
+    stream: LiveStream  #: to programs that show the robot live
     camera: EmulatedCamera | None = None  #: above an emulated robot that is upside down
 
     @property
@@ -118,6 +120,24 @@ class Connection:
             "session": self.robot.session_name,
             "parameters_sha256": sha256(self.robot.parameters.tobytes()).hexdigest(),
         }
+
+    def states_shown(self, monitor: Monitor) -> Callable[[State], None]:
+        """Return a callback that shows each state of the robot, armed or not, on the monitor and in the stream."""
+        show, robot = monitor.states_of(self.robot), self.robot
+        samples: Samples | None = None
+
+        def watch(state: State) -> None:
+            nonlocal samples
+            show(state)
+            samples = samples or Samples(
+                state, wheel_count=robot.wheel_count, encoder_step=robot.encoder_step
+            )
+            sample = samples.sample(state)
+            if state.imu_valid and not state.estimate_valid:
+                sample.state[2:5] = state.attitude
+            self.stream.append(sample.row())
+
+        return watch
 
     def run(
         self,
@@ -145,6 +165,7 @@ class Connection:
 
                 def record(row: Sequence[float]) -> None:
                     rows.append(row)
+                    self.stream.append(row)
                     if recorder is not None:
                         recorder.append(row)
 
@@ -157,7 +178,9 @@ class Connection:
                 gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
                 try:
                     robot.arm(self.operator.confirm_arming, controller=commander.place, ramp=ramp)
+                    self.stream.append("The robot is armed.")
                     ending = robot.run(commander, duration=duration, record=record, watch=watch)
+                    self.stream.append(ending.text)
                 finally:
                     gc.unfreeze()
                     if recording and not rows:  # nothing to recover
@@ -172,6 +195,7 @@ class Connection:
         """Yield what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
         if made.trouble:
             yield made.trouble
+        yield from self.stream.troubles()
         if made.ending.kind == "interrupt":
             raise KeyboardInterrupt("interrupted; the robot is disarmed.")
         if made.ending.kind == "link":
@@ -192,10 +216,21 @@ def _robot_at(transport: Transport, clock: Callable[[], float]) -> Iterator[Live
 
 
 @contextmanager
-def connect_port(port: str, described: Robot | None, *, say: Callable[[str], None]) -> Iterator[Connection]:
+def connect_port(
+    port: str,
+    described: Robot | None,
+    *,
+    say: Callable[[str], None],
+    stream: Sequence[StreamAddress] = (),  # where its rows are shown live
+) -> Iterator[Connection]:
     """Hold the link to a robot at a port while the block runs; `say` prints what its operator is to do."""
-    with _robot_at(open_transport(port), time.monotonic) as robot:
-        yield Connection(robot=robot, described=described, operator=TerminalOperator(say), address=port)
+    with (
+        _robot_at(open_transport(port), time.monotonic) as robot,
+        LiveStream(stream, log_columns(robot.wheel_count), described) as live,
+    ):
+        yield Connection(
+            robot=robot, described=described, operator=TerminalOperator(say), address=port, stream=live
+        )
 
 
 @contextmanager
@@ -205,9 +240,13 @@ def connect_emulated(
     *,
     filmed_by: int
     | None = None,  # random seed of a camera above a robot that is held upside down, if there is one
+    stream: Sequence[StreamAddress] = (),  # where its rows are shown live
 ) -> Iterator[Connection]:
     """Hold the link to an emulated robot while the block runs."""
-    with _robot_at(emulated, emulated.clock) as robot:
+    with (
+        _robot_at(emulated, emulated.clock) as robot,
+        LiveStream(stream, log_columns(robot.wheel_count), described) as live,
+    ):
         camera = None
         if filmed_by is not None:
             camera = EmulatedCamera(
@@ -215,5 +254,10 @@ def connect_emulated(
             )
         operator = EmulatedOperator(emulated.hand)
         yield Connection(
-            robot=robot, described=described, operator=operator, address="emulated", camera=camera
+            robot=robot,
+            described=described,
+            operator=operator,
+            address="emulated",
+            stream=live,
+            camera=camera,
         )

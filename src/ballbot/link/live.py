@@ -33,6 +33,7 @@ from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
 from ballbot.link.session import IMU_POSITIONS, MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
+from ballbot.link.tuning import Tuner
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
@@ -89,6 +90,7 @@ class RobotSample:
     wheel_speeds: NDArray[np.float64]  #: (n,) [rad/s]
     gyro: NDArray[np.float64]  #: (3,) body frame [rad/s]; NaN if the IMU gave nothing
     start: NDArray[np.float64]  #: (3,) x, y [m] and psi [rad] at arming, as the robot estimates them
+    time: int  #: by the robot's clock [us], modulo 2^32
 
     def row(self) -> list[float]:
         """Return the sample as a row of a log."""
@@ -138,12 +140,12 @@ class Commander(Protocol):
 
 
 class FollowReference:
-    """Gives references to the controller on the robot; one that does not arrive is sent again."""
+    """Gives references to the controller on the robot; one that does not arrive is sent again. A tuner tunes it."""
 
     place: ClassVar = ControllerPlace.ROBOT
 
-    def __init__(self, reference: LiveReference, *, sample_time: float) -> None:
-        self._source, self._step = reference, sample_time
+    def __init__(self, reference: LiveReference, *, sample_time: float, tuner: Tuner | None = None) -> None:
+        self._source, self._step, self._tuner = reference, sample_time, tuner
         self._asked: NDArray[np.float64] | None = None
         self._sent = np.zeros(10, np.float32)  # the same in the robot's frame
         self._sent_at = 0.0  # time of the sample [s]
@@ -155,6 +157,8 @@ class FollowReference:
 
     def command(self, session: Session, sample: RobotSample) -> None:
         """Send the reference of the next sample if it is another one, or if the robot still lacks the last one."""
+        if self._tuner is not None:
+            self._tuner.update(session, sample.t, sample.time)
         wanted = self._source.update(sample.t + self._step)
         if self._asked is None or not np.array_equal(wanted, self._asked):
             self._asked = wanted.copy()
@@ -222,6 +226,7 @@ class Samples:
             wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
             gyro=state.gyro.astype(np.float64) if state.imu_valid else np.full(3, np.nan),
             start=self._start,
+            time=state.time % 2**32,
         )
 
 

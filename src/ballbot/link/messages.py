@@ -4,7 +4,7 @@ A message is a frozen dataclass whose fields carry unit and shape, as records of
 gives its bytes: numbers of 4 bytes, little-endian, in order. The structs in C are written from the
 same schemas, so that both sides agree; a digest of all messages is exchanged in the handshake.
 
-    host -> robot    Hello Keep SelfTest Arm Disarm Reference Torques Read Write Commit AskCounts
+    host -> robot    Hello Keep SelfTest Arm Disarm Reference Torques Read Write Commit AskCounts Tune StepBack
     robot -> host    Welcome State Answer Parameters Counts
 
 `docs/link.md` describes the protocol.
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.records import MAX_WHEELS, Schema, number, schema_of, whole
+from ballbot.control.tuning import MAX_GAINS
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
 
 #: of the protocol, in every frame
@@ -69,6 +70,10 @@ class AnswerResult(IntEnum):
     CHECKSUM = 7  #: the parameters that were written have another CRC-32; `value` is that CRC-32
     PARAMETERS = 8  #: the robot does not accept these parameters
     VALUES = 9  #: a value is not finite or out of range
+    DISARMED = 10  #: only while the controller on the robot balances
+    GAINS = 11  #: the weights are no mixture of the robot's gains
+    COMPENSATION = 12  #: more compensation than is certain, or less than none
+    LIMITS = 13  #: a limit beyond the exported one, or below a quarter of it
 
 
 class ControllerPlace(IntEnum):
@@ -178,6 +183,29 @@ class AskCounts:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Tune:
+    """Change the controller on the robot while it balances; it moves there at a limited rate.
+
+    The answer's value is the time of the robot's last sample [us].
+    """
+
+    TYPE: ClassVar[int] = 12
+    weights: NDArray[np.float32] = field(metadata=number("1", MAX_GAINS))  #: of its gains, with a sum of 1
+    compensation: float = field(
+        metadata=number("1")
+    )  #: share of its compensation, 0 to the one that is certain
+    torque_limit: float = field(metadata=number("1"))  #: share of its torque limit, `LEAST_LIMIT` to 1
+    lean_limit: float = field(metadata=number("1"))  #: share of its lean limit, `LEAST_LIMIT` to 1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StepBack:
+    """Return to the setting before the last `Tune`; answered like that one."""
+
+    TYPE: ClassVar[int] = 13
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Welcome:
     """Answer a `Hello`; the frame repeats its random number."""
 
@@ -254,7 +282,10 @@ class Message(Protocol):
 
 TO_ROBOT: dict[int, type[Message]] = {
     kind.TYPE: kind
-    for kind in (Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts)
+    for kind in (
+        *(Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts, Tune),
+        StepBack,
+    )
 }
 TO_HOST: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Welcome, State, Answer, Parameters, Counts)}
 MESSAGES = TO_ROBOT | TO_HOST

@@ -75,7 +75,7 @@ class KeyboardReference:
         self._pose = np.zeros(10)
         self._descriptor, self._waiting = descriptor, b""
         self._restore: Callable[[], None] | None = None
-        _require_terminal(descriptor)
+        require_terminal(descriptor, "--reference keyboard")
 
     def update(self, t: float) -> NDArray[np.float64]:  # noqa: ARG002
         """Return the pose (10,) after all keys that were pressed."""
@@ -111,11 +111,10 @@ class KeyboardReference:
         return data
 
 
-def _require_terminal(descriptor: int) -> None:
+def require_terminal(descriptor: int, option: str) -> None:
+    """Raise InputError unless the input is a terminal that can be read while a robot runs."""
     if importlib.util.find_spec("termios") is None or not os.isatty(descriptor):
-        raise InputError(
-            "The reference keyboard needs a terminal of Linux or macOS; give another --reference."
-        )
+        raise InputError(f"{option} needs a terminal of Linux or macOS; give another value.")
 
 
 def _keys_at_once(descriptor: int) -> Callable[[], None]:

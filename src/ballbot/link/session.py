@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
+from ballbot.control.tuning import MAX_GAINS, Setting
 from ballbot.errors import InputError
 from ballbot.firmware.records import PARAMETERS, SelfTestOutcome
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
@@ -50,7 +51,9 @@ from ballbot.link.messages import (
     Reference,
     SelfTest,
     State,
+    StepBack,
     Torques,
+    Tune,
     Welcome,
     Write,
     firmware_words,
@@ -84,6 +87,10 @@ _REASONS = {
     AnswerResult.CHECKSUM: "the parameters that it received are not those that were sent",
     AnswerResult.PARAMETERS: "the parameters are not allowed",
     AnswerResult.VALUES: "a value is not finite or out of range",
+    AnswerResult.DISARMED: "its own controller does not balance it",
+    AnswerResult.GAINS: "the weights are no mixture of its gains",
+    AnswerResult.COMPENSATION: "it would be more compensation than is certain, or less than none",
+    AnswerResult.LIMITS: "a limit would be above the exported one, or below a quarter of it",
 }
 
 
@@ -370,6 +377,28 @@ class Session:
         room = np.zeros(MAX_WHEELS, dtype=np.float32)
         room[: self.welcome.wheel_count] = real_array(torques, (self.welcome.wheel_count,), "The torques")
         return self.send(Torques(torques=room))
+
+    def tune(self, setting: Setting | None) -> tuple[AnswerResult, int]:
+        """Ask the balancing robot for another setting, or for the former one (None).
+
+        Returns
+        -------
+        result : AnswerResult
+        time : int
+            Of the robot's last sample before the change [us], modulo 2^32.
+        """
+        message: Message = StepBack()
+        if setting is not None:
+            weights = np.zeros(MAX_GAINS, np.float32)
+            weights[: len(setting.weights)] = setting.weights
+            message = Tune(
+                weights=weights,
+                compensation=setting.compensation,
+                torque_limit=setting.torque_limit,
+                lean_limit=setting.lean_limit,
+            )
+        answer, _ = self._request(message)
+        return AnswerResult(answer.result), answer.value % 2**32
 
     def ask_counts(self) -> Counts:
         """Return the robot's counts of frames."""

@@ -45,7 +45,11 @@ def export_report(
     return Result(
         title=f"{robot.name}: a controller as firmware",
         lead="In C99; README.md says how to build it.",
-        verdict=[("Firmware", about), *([("Processor", _worst(load))] if load else [])],
+        verdict=[
+            ("Firmware", about),
+            *([("Gains", exported.gains.sentence())] if exported.gains else []),
+            *([("Processor", _worst(load))] if load else []),
+        ],
         sections=[
             section("The controller", Sheet(_HEADINGS, rows)),
             _processor_section(load) if load else None,
@@ -65,6 +69,8 @@ def export_report(
             "schema": FIRMWARE.digest,
             "parameter_bytes": exported.parameter_bytes,
             "state_bytes": exported.state_bytes,
+            "gains": exported.gains
+            and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},
             "processor": load and load.to_dict(),
         },
     )

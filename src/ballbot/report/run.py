@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
@@ -46,6 +47,7 @@ from ballbot.workflows.metrics import (
 )
 
 if TYPE_CHECKING:  # the link and the twin are extras
+    from ballbot.link.tuning import Change
     from ballbot.link.wiring import Turn, WiringCheck
     from ballbot.twin.recording import Recording
     from ballbot.workflows.record import RecordJob
@@ -120,7 +122,14 @@ def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Fi
 
 
 def live_run_report(
-    log: Log, robot: Robot | None, *, held: bool, ending: str, about: str, data: Mapping[str, object]
+    log: Log,
+    robot: Robot | None,
+    *,
+    held: bool,
+    ending: str,
+    about: str,
+    changes: Sequence[Change],  # of the controller during the run
+    data: Mapping[str, object],
 ) -> Result:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
     undecided = ["How much runs differ: this is one. `ballbot run compare` makes several alternately."]
@@ -131,7 +140,7 @@ def live_run_report(
         )
     if robot is None:
         undecided.append("How close the torques come to the wheels' limit: give the robot's file (--robot).")
-    return run_report(
+    page = run_report(
         log,
         robot,
         title="A run of a live robot",
@@ -141,6 +150,14 @@ def live_run_report(
         ending=ending,
         data=data,
     )
+    if not changes:
+        return page
+    rows = [(f"{change.t:.2f}", change.setting.words()) for change in changes]
+    caption = (
+        "Weights of the gains and shares of what was exported, to which the robot moved from each time on."
+    )
+    table = section("Changes of the controller", Sheet(("t [s]", "setting"), rows, caption))
+    return replace(page, sections=[*page.sections, table])
 
 
 def wiring_report(check: WiringCheck, *, about: str) -> Result:

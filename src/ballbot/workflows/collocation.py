@@ -12,7 +12,7 @@ compensation gives it; the floor's rolling friction is a force in f. The small s
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -44,6 +44,8 @@ if TYPE_CHECKING:
 FAMILIES = ("wheel torque", "motor speed", "lean", "speed", "wheel grip", "floor grip", "pivoting")
 #: c
 _SMOOTHNESS = 1e-3
+#: limits whose rows are of squares; in place of no limit [m/s]
+_SQUARED, _ANY_SPEED = ("lean", "speed", "floor grip"), 1e3
 #: below which the friction's sign becomes a ramp: wheel [rad/s], ball [m/s]
 _SLOW, _SLOW_BALL = 0.5, 0.02
 #: of the functions that friction is a sum of
@@ -69,6 +71,10 @@ class MoveLimits:
     lean: float = parameter("largest lean", "rad", default=0.35, most=1.0)
     speed: float = parameter("largest speed of the ball", "m/s", default=math.inf, most=math.inf)
     grip: float = parameter("friction coefficient of the wheels on the ball", default=1.0, most=10.0)
+    #: a wheel that the motion unloads, even one without torque, slips by the controller's own torques
+    reserve: float = parameter(
+        "part of a wheel's load at rest that holds no force of the motion", default=0.4, least=0.0, most=0.9
+    )
     floor_grip: float = parameter("friction coefficient of the ball on the floor", default=1.0, most=10.0)
     #: beyond it the ball pivots under a robot that turns, and the heading is lost
     pivot: float = parameter(
@@ -112,7 +118,7 @@ class Motion:
     torques: NDArray[np.float64]  #: (N + 1, n) net [N m]
     #: by which a per cent more of each limit would shorten it [s]
     savings: dict[str, float]
-    factor: float  #: of the limit that was made as large as it must be; 1 if none was
+    factor: float  #: of the limits that were made as large as they must be; 1 if none was
     iterations: int
 
     def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -121,6 +127,16 @@ class Motion:
         q = BPoly.from_derivatives(self.t, nodes)
         torques = np.column_stack([np.interp(t, self.t, column) for column in self.torques.T])
         return np.hstack([q(t), q.derivative()(t)]), torques
+
+
+class _Equations(NamedTuple):
+    """Functions of x (10,) and u (n,) [N m], and of `more`, by which each limit is larger (7,)."""
+
+    rate: casadi.Function  #: x'
+    excess: casadi.Function  #: rows that the limits keep below zero
+    used: casadi.Function  #: parts of the limits (7,), and the motors' torques (n,) [N m]
+    balance: casadi.Function  #: accelerations (5,), and their derivatives by leans and u
+    by_limit: casadi.Function  #: derivatives of the weighted excess by `more`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,65 +165,71 @@ class Planner:
         """Largest torque of a motor, less the margin [N m]."""
         return (1.0 - self.limits.margin) * self.limits.torque
 
+    @property
+    def left(self) -> NDArray[np.float64]:
+        """What the margin leaves of each limit (7,); the speed's is not for the controller."""
+        return np.array([1.0 if name == "speed" else 1.0 - self.limits.margin for name in FAMILIES])
+
     @cached_property
-    def _symbols(self) -> tuple:
-        """Return x, u, x', the limits' rows (<= 1) by families, what is used of each limit, and the rows' factors."""
+    def _equations(self) -> _Equations:
         ca, robot, limits = self._casadi, self.robot, self.limits
         model, n = Model(robot), robot.wheel_count
         P = unpacked(model.selected, model.packed.item)
-        x, u, more = ca.SX.sym("x", 10), ca.SX.sym("u", n), ca.SX.sym("more", len(FAMILIES))
+        x, u = ca.SX.sym("x", 10), ca.SX.sym("u", n)
         q, net = [x[i] for i in range(10)], tuple(u[i] for i in range(n))
         a = attitude_of(tuple(f(angle) for angle in q[2:5] for f in (ca.sin, ca.cos)))
         v, rates = tuple(q[5:7]), tuple(q[7:])
         w = body_rates(a, rates)
-        brake = -P.rolling_force / ca.sqrt(v[0] ** 2 + v[1] ** 2 + _SLOW_BALL**2)
-        floor = FloorFriction((brake * v[0], brake * v[1]), 0.0)
-        v_dot, w_dot = acceleration(model.selected, P, a, v, w, net, floor)
+        pace = v[0] ** 2 + v[1] ** 2
+        brake = -P.rolling_force / ca.sqrt(pace + _SLOW_BALL**2)
+        v_dot, w_dot = acceleration(
+            model.selected, P, a, v, w, net, FloorFriction((brake * v[0], brake * v[1]), 0.0)
+        )
         rate = ca.vertcat(*q[5:], *v_dot, *angle_accelerations(model.selected, a, rates, w_dot))
         speeds = wheel_speeds(model.selected, P, a, v, w)
         motors = [net[i] + self._friction(i, speeds[i]) for i in range(n)]
-        pushes, presses = forces_at_wheels(P, a, w, (v_dot, w_dot), net, pack_contacts(robot).tolist())
-        turn = rotate(a.R, ball_torque(P, pushes))[2]
-        pushes = [push / robot.wheels.radius for push in pushes]
+        moments, presses = forces_at_wheels(P, a, w, (v_dot, w_dot), net, pack_contacts(robot).tolist())
         turning = add(cross(w_dot, (0.0, 0.0, 1.0)), cross(w, cross(w, (0.0, 0.0, 1.0))))
         force = add(
             (P.weighed * v_dot[0], P.weighed * v_dot[1], robot.weight), scale(rotate(a.R, turning), P.ml)
         )
-        left = 1.0 - limits.margin
-        lean, pace = q[2] ** 2 + q[3] ** 2, v[0] ** 2 + v[1] ** 2
-        top, load = left * robot.drive.top_speed * more[1], wheel_load(robot)
-        asked = [torque / (self.torque * more[0]) for torque in motors]
-        curve = [FALLING_PART * asked[i] + speeds[i] / top for i in range(n)]
-        slips = [
-            sign * f / (left * limits.grip * more[4]) - N
-            for f, N in zip(pushes, presses, strict=True)
-            for sign in (1, -1)
+        load, top, normal = wheel_load(robot), robot.drive.top_speed, force[2] / robot.weight
+        curve = [
+            FALLING_PART * motor / limits.torque + speed / top
+            for motor, speed in zip(motors, speeds, strict=True)
         ]
-        rows = {
-            "wheel torque": [sign * one for one in asked for sign in (1, -1)],
-            "motor speed": [sign * one for one in curve for sign in (1, -1)],
-            "lean": [lean / (left * limits.lean * more[2]) ** 2],
-            "speed": [pace / (min(limits.speed, 1e3) * more[3]) ** 2],
-            "wheel grip": [slip / load + 1.0 for slip in slips],
-            "pivoting": [
-                (sign * turn / (left * limits.pivot * more[6]) - force[2]) / robot.weight + 1.0 for sign in (1, -1)
+        grips = [moment / (robot.wheels.radius * limits.grip * load) for moment in moments]
+        reserve = (1.0 - limits.margin) * limits.reserve
+        turn = rotate(a.R, ball_torque(P, moments))[2] / (limits.pivot * robot.weight)
+        slide = (force[0] ** 2 + force[1] ** 2) / (limits.floor_grip * robot.weight) ** 2
+        asked = {
+            "wheel torque": [(sign * motor / limits.torque, 1.0) for motor in motors for sign in (1, -1)],
+            "motor speed": [(sign * one, 1.0) for one in curve for sign in (1, -1)],
+            "lean": [((q[2] ** 2 + q[3] ** 2) / limits.lean**2, 1.0)],
+            "speed": [(pace / min(limits.speed, _ANY_SPEED) ** 2, 1.0)],
+            "wheel grip": [
+                (sign * f + reserve, N / load)
+                for f, N in zip(grips, presses, strict=True)
+                for sign in (1, -1)
             ],
-            "floor grip": [
-                (force[0] ** 2 + force[1] ** 2) / (left * limits.floor_grip * more[5] * robot.weight) ** 2
-                + 1.0 - (force[2] / robot.weight) ** 2
-            ],
-        }  # fmt: skip
-        used = [
-            ca.mmax(ca.fabs(ca.vertcat(*motors))) / limits.torque,
-            ca.mmax(ca.fabs(ca.vertcat(*speeds))) / robot.drive.top_speed,
-            ca.sqrt(lean) / limits.lean,
-            ca.sqrt(pace) / limits.speed,
-            ca.mmax(ca.vertcat(*(ca.fabs(f) / N for f, N in zip(pushes, presses, strict=True))))
-            / limits.grip,
-            ca.sqrt(force[0] ** 2 + force[1] ** 2) / force[2] / limits.floor_grip,
-            ca.fabs(turn) / force[2] / limits.pivot,
-        ]
-        return x, u, more, rate, rows, ca.vertcat(*used), ca.vertcat(*motors)
+            "floor grip": [(slide, normal**2)],
+            "pivoting": [(sign * turn, normal) for sign in (1, -1)],
+        }
+        more, rows, used = ca.SX.sym("more", len(FAMILIES)), [], []
+        for i, name in enumerate(FAMILIES):
+            power = 2 if name in _SQUARED else 1
+            rows += [part - (self.left[i] * more[i]) ** power * of for part, of in asked[name]]
+            used.append(ca.mmax(ca.vertcat(*(part / of for part, of in asked[name]))) ** (1.0 / power))
+        excess, weights = ca.vertcat(*rows), ca.SX.sym("weights", len(rows))
+        balance = [rate[5:], ca.jacobian(rate[5:], ca.vertcat(x[2:4], u))]
+        by_limit = ca.gradient(ca.dot(weights, excess), more)
+        return _Equations(
+            rate=ca.Function("rate", [x, u], [rate]),
+            excess=ca.Function("excess", [x, u, more], [excess]),
+            used=ca.Function("used", [x, u], [ca.vertcat(*used), ca.vertcat(*motors)]),
+            balance=ca.Function("balance", [x, u], balance),
+            by_limit=ca.Function("by_limit", [x, u, more, weights], [by_limit]),
+        )
 
     def _friction(self, wheel: int, speed: Any) -> Any:
         """Return a wheel's friction by the robot's law, loaded by the largest torque, as a sum of smooth functions."""
@@ -225,25 +247,11 @@ class Planner:
         terms = [speed, *stairs, *(one**2 for one in stairs)]
         return sum(weight * term for weight, term in zip(weights, terms, strict=True))
 
-    @cached_property
-    def _families(self) -> NDArray[np.str_]:
-        """The family of each row of the limits."""
-        return np.array([name for name, rows in self._symbols[4].items() for _ in rows])
-
-    @cached_property
-    def _functions(self) -> tuple:
-        """Return the functions f(x, u), and f with the limits' rows of (x, u, factors)."""
-        ca = self._casadi
-        x, u, more, rate, rows, *_ = self._symbols
-        every = ca.vertcat(*(row for family in rows.values() for row in family))
-        return ca.Function("f", [x, u], [rate]), ca.Function("limits", [x, u, more], [rate, every])
-
     def used(
         self, states: NDArray[np.float64], torques: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what is used of each of `FAMILIES` (k, 7), and the motors' torques (k, n) [N m], at states (k, 10)."""
-        x, u, _, _, _, used, motors = self._symbols
-        shares, given = self._casadi.Function("used", [x, u], [used, motors])(states.T, torques.T)
+        shares, given = self._equations.used(states.T, torques.T)
         return np.asarray(shares).T, np.asarray(given).T
 
     def steady(self, velocity: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -251,24 +259,16 @@ class Planner:
         state, torques = np.zeros(10), np.zeros(self.robot.wheel_count)
         state[5:7] = velocity
         for _ in range(_NEWTON):
-            rest, slope = (np.asarray(one) for one in self._balance(state, torques))
+            rest, slope = (np.asarray(one) for one in self._equations.balance(state, torques))
             step = -np.linalg.lstsq(slope, rest[:, 0], rcond=None)[0]
             state[2:4] += step[:2]
             torques += step[2:]
         return state, torques
 
-    @cached_property
-    def _balance(self) -> Any:
-        """The function of (x, u) that gives the accelerations and how they change with lean and torques."""
-        x, u, _, rate, *_ = self._symbols
-        jacobian = self._casadi.jacobian(rate[5:], self._casadi.vertcat(x[2:4], u))
-        return self._casadi.Function("balance", [x, u], [rate[5:], jacobian])
-
     def steady_use(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what a steady motion (2,) [m/s] uses of each family, of the limit less the margin (7,)."""
+        """Return what a steady motion (2,) [m/s] uses of each limit less the margin (7,)."""
         state, torques = self.steady(velocity)
-        rows = np.asarray(self._functions[1](state, torques, np.ones(len(FAMILIES)))[1])[:, 0]
-        return np.array([max(rows[self._families == name]) for name in FAMILIES])
+        return self.used(state[None], torques[None])[0][0] / self.left
 
     def top_speed(self, direction: NDArray[np.float64]) -> tuple[float, str]:
         """Return the largest steady speed in a direction (2,) [m/s], and the family that bounds it."""
@@ -278,148 +278,91 @@ class Planner:
             low, high = (middle, high) if self.steady_use(middle * direction).max() <= 1.0 else (low, middle)
         return low, FAMILIES[int(self.steady_use(high * direction).argmax())]
 
-    def fastest(self, leg: Leg, *, time: float | None = None, larger: str = "") -> Motion:
-        """Return the fastest motion; with a time [s], the one in it with the least factor of the limit `larger`.
+    def fastest(self, leg: Leg, *, time: float | None = None, larger: Collection[str] = ()) -> Motion:
+        """Return the fastest motion; with a time [s], the one in it with the least factor of the limits `larger`.
 
         InputError if the solver ends without one.
         """
-        ca, n = self._casadi, self.robot.wheel_count
+        ca, equations = self._casadi, self._equations
         N = 2 * int(np.clip(round(leg.time / _SPACING), _FEWEST, _MOST))
-        f, limits = self._functions
-        X, U, T, factor = (
-            ca.MX.sym("X", 10, N + 1),
-            ca.MX.sym("U", n, N + 1),
-            ca.MX.sym("T"),
-            ca.MX.sym("factor"),
-        )
-        more = ca.vertcat(*(factor if name == larger else 1.0 for name in FAMILIES))
-        F, rows = limits.map(N + 1)(X, U, ca.repmat(more, 1, N + 1))
-        equal = ca.vertcat(*_defects(ca, X, F, 2.0 * T / N), *_ends(leg, X, U))
-        path = _path(ca, leg, X, N)
+        opti = ca.Opti()
+        X, U = opti.variable(10, N + 1), opti.variable(self.robot.wheel_count, N + 1)
+        T, factor = opti.variable(), opti.variable()
+        opti.subject_to(T >= _SHORTEST if time is None else time == T)
+        opti.subject_to(factor >= 0.1 if larger else factor == 1.0)
+        more = ca.vertcat(*(factor if name in larger else 1.0 for name in FAMILIES))
+        F, h = equations.rate.map(N + 1)(X, U), 2.0 * T / N
+        x_0, x_m, x_1, f_0, f_m, f_1 = (M[:, i::2][:, : N // 2] for M in (X, F) for i in range(3))
+        opti.subject_to(ca.vec(x_m - 0.5 * (x_0 + x_1) - h / 8.0 * (f_0 - f_1)) == 0.0)
+        opti.subject_to(ca.vec(x_1 - x_0 - h / 6.0 * (f_0 + 4.0 * f_m + f_1)) == 0.0)
+        within = ca.vec(equations.excess.map(N + 1)(X, U, ca.repmat(more, 1, N + 1))) <= 0.0
+        opti.subject_to(within)
+        opti.subject_to(X[:, 0] == leg.start)
+        ends = [i for i in range(10) if np.isfinite(leg.end[i])]
+        opti.subject_to(X[ends, -1] == leg.end[ends])
+        if leg.line is not None:
+            opti.subject_to(X[0, -1] * leg.line[1] == X[1, -1] * leg.line[0])
+        opti.subject_to(U[:, 0] == leg.torques[0])
+        opti.subject_to(U[:, -1] == leg.torques[1])
+        places = _stay_on(opti, ca, leg.course, X) if leg.course else _stay_between(opti, leg, X)
+        guess = np.zeros((10, N + 1))
+        guess[[0, 1, 4]] = places.T
+        guess[[5, 6, 9]] = ((places[-1] - places[0]) / leg.time)[:, None]
+        for symbol, value in ((X, guess), (T, time or leg.time), (factor, 1.0)):
+            opti.set_initial(symbol, value)
         jumps = ca.sumsqr(U[:, 1:] - U[:, :-1]) / self.torque**2
-        problem = {
-            "x": ca.vertcat(ca.vec(X), ca.vec(U), T, factor, path.lengths),
-            "f": (factor if larger else T) + _SMOOTHNESS * jumps,
-            "g": ca.vertcat(equal, ca.vec(rows), path.rows),
-        }
-        lower, upper = _state_bounds(leg, N)
-        torques = np.full(n * (N + 1), np.inf)
-        times = (_SHORTEST, np.inf) if time is None else (time, time)
-        factors = (0.1, np.inf) if larger else (1.0, 1.0)
-        first = _guess(leg, path.places).ravel(), np.zeros(len(torques)), [time or leg.time, 1.0], path.first
-        zeros, most = np.zeros(equal.numel()), np.ones(rows.numel() + path.rows.numel())
-        bounds = {
-            "x0": np.concatenate(first),
-            "lbx": np.concatenate([lower, -torques, [times[0], factors[0]], path.least]),
-            "ubx": np.concatenate([upper, torques, [times[1], factors[1]], path.most]),
-            "lbg": np.concatenate([zeros, -np.inf * most]),
-            "ubg": np.concatenate([zeros, most]),
-        }
-        solved, iterations = _solved(ca, problem, bounds)
-        z, count = np.asarray(solved["x"])[:, 0], 10 * (N + 1)
-        states, net = z[:count].reshape(N + 1, 10), z[count : count + len(torques)].reshape(N + 1, n)
-        T_found, factor_found = z[count + len(torques) :][:2]
-        multipliers = np.asarray(solved["lam_g"])[equal.numel() :, 0][: rows.numel()].reshape(N + 1, -1)
+        opti.minimize((factor if larger else T) + _SMOOTHNESS * jumps)
+        opti.solver("ipopt", {"print_time": False}, _IPOPT)
+        try:
+            solved = opti.solve()
+        except RuntimeError:
+            why = str(opti.stats()["return_status"]).replace("_", " ").lower()
+            raise InputError(
+                f"The solver found no plan: {why} after {opti.stats()['iter_count']} iterations. Give it wider limits "
+                "or a smoother path."
+            ) from None
+        states, net = np.asarray(solved.value(X)), np.asarray(solved.value(U))
+        weights = np.asarray(solved.value(opti.dual(within))).reshape(N + 1, -1).T
+        saved = np.asarray(equations.by_limit(states, net, solved.value(more), weights)).sum(axis=1)
         return Motion(
-            t=np.linspace(0.0, T_found, N + 1),
-            states=states,
-            accelerations=np.asarray(f(states.T, net.T)).T[:, 5:],
-            torques=net,
-            savings={
-                name: float(_PER_CENT[name] * multipliers[:, self._families == name].sum())
-                for name in FAMILIES
-            },
-            factor=float(factor_found),
-            iterations=iterations,
+            t=np.linspace(0.0, solved.value(T), N + 1),
+            states=states.T,
+            accelerations=np.asarray(equations.rate(states, net)).T[:, 5:],
+            torques=net.T,
+            savings=dict(zip(FAMILIES, (-0.01 * saved).tolist(), strict=True)),
+            factor=float(solved.value(factor)),
+            iterations=int(opti.stats()["iter_count"]),
         )
 
 
-_OPTIONS = {
-    "print_time": False,
-    "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-6, "acceptable_iter": 0},
-}
-#: of the right side of a family's rows for one per cent of its limit, which is squared in some
-_PER_CENT = {name: 0.02 if name in ("lean", "speed", "floor grip") else 0.01 for name in FAMILIES}
+_IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-6, "acceptable_iter": 0}
 
 
-def _solved(ca: Any, problem: dict[str, Any], bounds: dict[str, Any]) -> tuple[dict[str, Any], int]:
-    """Return Ipopt's solution and its iterations; InputError if it has none."""
-    solver = ca.nlpsol("fastest", "ipopt", problem, _OPTIONS)
-    solved, state = solver(**bounds), solver.stats()
-    if not state["success"]:
-        words = str(state["return_status"]).replace("_", " ").lower()
-        raise InputError(
-            f"The solver found no plan: {words} after {state['iter_count']} iterations. Give it wider limits or a "
-            "smoother path."
-        )
-    return solved, int(state["iter_count"])
+def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
+    """Keep the heading between those of the ends, as turning to and fro would gain a hundredth of the time.
+
+    Return a guess of x, y and psi (N + 1, 3).
+    """
+    middle, half = 0.5 * (leg.end[4] + leg.start[4]), 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
+    opti.subject_to(opti.bounded(middle - half, X[4, :], middle + half))
+    free = leg.start + 0.5 * leg.time * np.roll(leg.start + np.nan_to_num(leg.end), -5)
+    end = np.where(np.isfinite(leg.end), leg.end, free)
+    return np.linspace(leg.start, end, X.shape[1])[:, [0, 1, 4]]
 
 
-def _state_bounds(leg: Leg, N: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds of the states: without a course, the heading stays between those of its ends."""
-    middle, band = np.zeros((N + 1, 10)), np.full((N + 1, 10), np.inf)
-    if leg.course is None:  # turning to and fro would gain a hundredth of the time
-        middle[:, 4] = 0.5 * (leg.end[4] + leg.start[4])
-        band[:, 4] = 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
-    return (middle - band).ravel(), (middle + band).ravel()
-
-
-def _defects(ca: Any, X: Any, F: Any, h: Any) -> Iterator:
-    """Yield what is zero over each interval h: at its middle the cubic, and Simpson's rule at its end."""
-    x_0, x_m, x_1, f_0, f_m, f_1 = (M[:, i::2][:, : X.shape[1] // 2] for M in (X, F) for i in range(3))
-    yield ca.vec(x_m - 0.5 * (x_0 + x_1) - h / 8.0 * (f_0 - f_1))
-    yield ca.vec(x_1 - x_0 - h / 6.0 * (f_0 + 4.0 * f_m + f_1))
-
-
-def _ends(leg: Leg, X: Any, U: Any) -> list:
-    """Return what is zero at both ends."""
-    end = [X[i, -1] - leg.end[i] for i in range(10) if np.isfinite(leg.end[i])]
-    if leg.line is not None:
-        end.append(X[0, -1] * leg.line[1] - X[1, -1] * leg.line[0])
-    return [X[:, 0] - leg.start, *end, U[:, 0] - leg.torques[0], U[:, -1] - leg.torques[1]]
-
-
-class _Path(NamedTuple):
-    """The lengths along a course that are found with a motion; without a course, nothing but a guess of places."""
-
-    lengths: Any  #: symbols
-    rows: Any  #: at most 1
-    places: NDArray[np.float64]  #: (N + 1, 3) x, y and psi at first
-    first: NDArray[np.float64]
-    least: NDArray[np.float64]
-    most: NDArray[np.float64]
-
-
-def _path(ca: Any, leg: Leg, X: Any, N: int) -> _Path:
-    none = np.zeros(0)
-    if leg.course is None:
-        start = leg.start[[0, 1, 4]]
-        free = start + 0.5 * leg.time * leg.start[[5, 6, 9]]
-        if leg.line is not None and np.isnan(leg.end[0]):
-            free[:2] = start[:2] + 0.5 * leg.time * (leg.start[5:7] + leg.end[5:7])
-        end = np.where(np.isfinite(leg.end[[0, 1, 4]]), leg.end[[0, 1, 4]], free)
-        return _Path(ca.MX(0, 1), ca.MX(0, 1), np.linspace(start, end, N + 1), none, none, none)
-    place, length, corridor = leg.course
-    s, first = ca.MX.sym("s", N + 1), np.linspace(0.0, length, N + 1)
+def _stay_on(opti: Any, ca: Any, course: Course, X: Any) -> NDArray[np.float64]:
+    """Keep the ball in the corridor of a course; return a guess of x, y and psi."""
+    place, length, corridor = course
+    N = X.shape[1] - 1
+    s, first = opti.variable(N + 1), np.linspace(0.0, length, N + 1)
     off = X[[0, 1, 4], :] - place.map(N + 1)(s.T)
-    steps = (s[1:] - s[:-1]) * (N / length)
-    rows = ca.vertcat(
-        ca.vec(ca.sum1(off[:2, :] ** 2)) / corridor**2,
-        ca.vec(off[2, :] ** 2) / _HEADING_ERROR**2,
-        steps / 4.0,
-        -steps,
-    )
-    least, most = np.full(N + 1, -corridor), np.full(N + 1, length + corridor)
-    least[[0, -1]] = most[[0, -1]] = 0.0, length
-    return _Path(s, rows, np.asarray(place(first[None])).T, first, least, most)
-
-
-def _guess(leg: Leg, places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return states (N + 1, 10) without lean through places, at the mean speed."""
-    states = np.zeros((len(places), 10))
-    states[:, [0, 1, 4]] = places
-    states[:, [5, 6, 9]] = (places[-1] - places[0]) / leg.time
-    return states
+    opti.subject_to(ca.vec(ca.sum1(off[:2, :] ** 2)) / corridor**2 <= 1.0)
+    opti.subject_to(ca.vec(off[2, :] ** 2) / _HEADING_ERROR**2 <= 1.0)
+    opti.subject_to(opti.bounded(-corridor, s, length + corridor))
+    opti.subject_to(opti.bounded(-length / N, s[1:] - s[:-1], 4.0 * length / N))  # it may roll back first
+    opti.subject_to(s[[0, -1]] == np.array([0.0, length]))
+    opti.set_initial(s, first)
+    return np.asarray(place(first[None])).T
 
 
 def course_through(places: NDArray[np.float64], corridor: float) -> Course:

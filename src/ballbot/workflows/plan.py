@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import positive_number, real_array
 from ballbot.control.controller import Controller, grip_torque_limit
 from ballbot.control.references import Reference, read_poses, sampled_reference, write_reference
-from ballbot.errors import InputError
+from ballbot.errors import InputError, every
 from ballbot.fitting.run import ALL_CORES, Executor
 from ballbot.log import Log
 from ballbot.results import left_out
@@ -34,6 +35,8 @@ from ballbot.workflows.metrics import leans, position_error
 _CRUISE = 0.5
 #: after the plan, in which the robot stands [s]
 _AFTER = 2.0
+#: a limit binds if a per cent more of it saves more than this part of what the first one saves
+_BINDS = 0.1
 #: for a guess of the time: acceleration [m/s^2], turning [rad/s], speed along a path [m/s]
 _USUAL, _USUAL_TURN, _USUAL_SPEED = 1.0, 2.0, 0.5
 
@@ -231,15 +234,17 @@ def _stop_legs(planner: Planner, speed: float, ahead: NDArray[np.float64]) -> li
 
 
 def _too_slow(planner: Planner, leg: Leg, fastest: Motion, within: float, what: str) -> str:
-    """Return which limit forbids a time, and by how much it would have to be larger."""
-    bound = max(FAMILIES, key=lambda name: fastest.savings[name])
-    time = fastest.t[-1]
+    """Return which limits forbid a time, and by how much they would have to be larger."""
+    time, most = fastest.t[-1], max(fastest.savings.values())
     text = f"{what[0].upper()}{what[1:]} takes at least {time:.3f} s, {time - within:.3f} s more than {within:g} s"
+    binding = [name for name, saving in fastest.savings.items() if saving > _BINDS * most]
+    binding.sort(key=lambda name: -fastest.savings[name])
+    forbid = f"the {every(binding)} {'forbids' if len(binding) == 1 else 'forbid'} it"
     try:
-        factor = planner.fastest(replace(leg, time=float(time)), time=within, larger=bound).factor
-    except InputError:
-        return f"{text}: the {bound} forbids it, and no larger one alone would do."
-    return f"{text}: the {bound} forbids it, which would have to be {factor:.2f} times as large."
+        factor = planner.fastest(replace(leg, time=float(time)), time=within, larger=binding).factor
+    except InputError:  # another limit bounds it then
+        return f"{text}: {forbid}, and larger ones alone would not do."
+    return f"{text}: {forbid}, which would have to be {factor:.2f} times as large."
 
 
 def _sampled(planner: Planner, motions: Sequence[Motion], what: str, ahead: NDArray[np.float64]) -> Plan:
@@ -307,10 +312,9 @@ def follow(
         if twin
         else LoopRobot.of(plan.robot, truth, known=plan.robot)
     )
+    reference = partial(sampled_reference, plan.t, plan.states)
     conditions = [
-        Condition(
-            plant=plant, reference=lambda: plan.reference, duration=float(plan.t[-1]) + _AFTER, seed=seed
-        )
+        Condition(plant=plant, reference=reference, duration=float(plan.t[-1]) + _AFTER, seed=seed)
         for seed in range(1, runs + 1)
     ]
     tried = [GridRun(candidate="plan", controller=controller, condition=one) for one in conditions]

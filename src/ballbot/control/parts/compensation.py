@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from ballbot.control.friction_table import SPEEDS, friction_table
 from ballbot.control.parts.part import LawSettings, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number
+from ballbot.control.tuning import compensated_share
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
 from ballbot.mechanics.equations import ball_rate, body_rates
@@ -122,10 +123,10 @@ def compensate(law, memory, now, torques):
     agreement = 0.0  # u . rolling
     for i in range(len(torques)):
         agreement += torques[i] * row_times(own.for_rolling[i], force)
-    rolls = own.full + (own.partial if agreement > 0.0 else 0.0)
+    rolls, share = own.full + (own.partial if agreement > 0.0 else 0.0), compensated_share(memory)
     for i in range(len(torques)):
         friction, fraction = _wheel_friction(own, i, relative, torques[i])
-        more = fraction * friction + rolls * row_times(own.for_rolling[i], force)
+        more = share * (fraction * friction + rolls * row_times(own.for_rolling[i], force))
         torques[i] += more
         added[0, i] = more
 

@@ -51,7 +51,10 @@ class IntegralState:
 def add_integral(law, memory, torque, now, i):
     """Add a wheel's torque for the integrals."""
     sums = memory.integral.sums
-    return torque + row_times(law.integral.gain[i], (*turned(now.a, sums[0], sums[1]), sums[2]))
+    integrals = (*turned(now.a, sums[0], sums[1]), sums[2])
+    return (
+        torque + row_times(law.integral.gain[i], integrals) + row_times(memory.tuning.integral[i], integrals)
+    )
 
 
 @inlined

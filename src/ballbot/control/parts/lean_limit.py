@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, both_rows_times
 from ballbot.control.records import number, whole
+from ballbot.control.tuning import lean_limit_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
@@ -36,22 +37,29 @@ class LeanLimitRecord:
 
 
 @inlined
-def limit_error(law, e):
+def limit_error(law, memory, e):
     """Return the error with position, speed and heading within the limits, and whether it is reduced."""
     own = law.lean_limit
     if own.on == 0:
         return e, False
-    near, p, h = _fractions(own, e)
+    near, p, h = _fractions(own, memory.tuning, lean_limit_of(law, memory), e)
     less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
     return less, near * p * h < 1.0
 
 
 @inlined
-def _fractions(own, e):
+def _fractions(own, tuned, lean, e):
     """Return the shares kept of the position, then of position and speed together, and of the heading."""
-    near = _fraction(own.lean, *both_rows_times(own.asked, (e[0], e[1], 0.0, 0.0)))
-    p = _fraction(own.lean, *both_rows_times(own.asked, (near * e[0], near * e[1], e[5], e[6])))
-    return near, p, _fraction(own.turn, e[4] + own.turn_rate * e[9], 0.0)
+    near = _fraction(lean, *_commanded(own, tuned, (e[0], e[1], 0.0, 0.0)))
+    p = _fraction(lean, *_commanded(own, tuned, (near * e[0], near * e[1], e[5], e[6])))
+    return near, p, _fraction(own.turn, e[4] + (own.turn_rate + tuned.turn_rate) * e[9], 0.0)
+
+
+@inlined
+def _commanded(own, tuned, errors):
+    """Return the lean that errors of position and speed command."""
+    (first, second), (more, too) = both_rows_times(own.asked, errors), both_rows_times(tuned.asked, errors)
+    return first + more, second + too
 
 
 @inlined

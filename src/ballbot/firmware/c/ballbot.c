@@ -39,6 +39,7 @@ bool ballbot_are_allowed(const struct ballbot_parameters *parameters)
         same = same && words[k] == parameters->schema[k];
     }
     return same && are_bounds(parameters) && parameters->wheel_count >= 3 && parameters->wheel_count <= BALLBOT_MAX_WHEELS &&
+           parameters->law.tuning.others >= 0 && parameters->law.tuning.others < BALLBOT_MAX_GAINS &&
            (parameters->estimator == BALLBOT_ONBOARD || parameters->estimator == BALLBOT_KALMAN) &&
            parameters->law.prediction.count >= 0 && parameters->law.prediction.count <= BALLBOT_MAX_PAST - 2 &&
            parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2;

@@ -13,12 +13,14 @@
 #define BALLBOT_MAX_WHEELS 4
 /* Updates whose torques the law remembers. */
 #define BALLBOT_MAX_PAST 22
+/* Gains that can be mixed. */
+#define BALLBOT_MAX_GAINS 3
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "11cb30e4bae83e1130ac22eb810bde04cfe2279d2ef3a94546c2e52fb7aa1a03"
+#define BALLBOT_SCHEMA_DIGEST "ff6a75f783337a84996122a8e8ed5de437df4724f8ac4d1195b9f103467f18ea"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 298528996, 988298769, 816587499, 17554948, 1340221341, 787720517, 1187177775, 933894659 }
+#define BALLBOT_SCHEMA_WORDS { 2137683447, 53705348, 425796264, 1760386532, 937379620, 2024557841, 364507395, 1182734570 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -47,6 +49,18 @@ struct ballbot_compensation_record {
     float for_rolling[BALLBOT_MAX_WHEELS][2]; /* [m] */
 };
 typedef char ballbot_compensation_record_has_no_padding[(sizeof(struct ballbot_compensation_record) == 214u * sizeof(float)) ? 1 : -1];
+
+/* What may change while the robot balances: the differences of other gains from the law's own, and bounds. */
+struct ballbot_tuning_record {
+    int32_t others;
+    float step; /* [1] */
+    float compensation; /* [1] */
+    float gain[2][4][10]; /* [N m per state] */
+    float integral[2][4][3]; /* [N m/(m s)] */
+    float asked[2][2][4]; /* [rad/m] */
+    float turn_rate[2]; /* [s] */
+};
+typedef char ballbot_tuning_record_has_no_padding[(sizeof(struct ballbot_tuning_record) == 125u * sizeof(float)) ? 1 : -1];
 
 /* The sampled shaping. */
 struct ballbot_shaping_record {
@@ -140,6 +154,7 @@ struct ballbot_law {
     float rate; /* [1/s] */
     float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
     struct ballbot_compensation_record compensation;
+    struct ballbot_tuning_record tuning;
     struct ballbot_shaping_record shaping;
     struct ballbot_feed_forward_record feed_forward;
     struct ballbot_integral_record integral;
@@ -148,7 +163,7 @@ struct ballbot_law {
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1276u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1401u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -199,7 +214,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1373u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1498u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -266,6 +281,18 @@ struct ballbot_torque_history {
 };
 typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
 
+/* Weights of the other gains, and what compensation, torque limit and lean limit are reduced by; zeros: nothing. */
+struct ballbot_tuning_state {
+    float wanted[5]; /* [1] */
+    float former[5]; /* [1] */
+    float now[5]; /* [1] */
+    float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
+    float integral[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */
+    float asked[2][4]; /* [rad/m] */
+    float turn_rate; /* [s] */
+};
+typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 76u * sizeof(float)) ? 1 : -1];
+
 /* Of x, y and psi: four lags each, p, the last r, its last change, and the filtered change of that. */
 struct ballbot_shaping_state {
     float lags[3][4]; /* [m] */
@@ -326,6 +353,7 @@ struct ballbot_memory {
     struct ballbot_torque_history history;
     struct ballbot_heading_memory measured_heading;
     struct ballbot_heading_memory reference_heading;
+    struct ballbot_tuning_state tuning;
     struct ballbot_shaping_state shaping;
     struct ballbot_feed_forward_state feed_forward;
     struct ballbot_integral_state integral;
@@ -334,7 +362,7 @@ struct ballbot_memory {
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 465u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 541u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -373,7 +401,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 787u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 863u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -86,14 +86,15 @@ static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memor
                              int32_t n)
 {
     struct ballbot_torque_history *history = &memory->history;
+    const float limit = law->torque_limit * ballbot_share(memory->tuning.now[BALLBOT_TUNING_TORQUE]);
     bool limited = false;
 
     for (int32_t i = 0; i < n; ++i) {
         history->disturbance_compensation[0][i] = 0.0f; /* the stage adds to it */
         torques[i] = ballbot_disturbance_observer_filter(memory, torques[i], i);
         torques[i] = ballbot_notch_filter(law, memory, torques[i], i);
-        limited = limited || ballbot_magnitude(torques[i]) > law->torque_limit;
-        torques[i] = ballbot_clipped(torques[i], law->torque_limit);
+        limited = limited || ballbot_magnitude(torques[i]) > limit;
+        torques[i] = ballbot_clipped(torques[i], limit);
         history->acting[0][i] = torques[i];
     }
     for (int32_t i = 0; i < n; ++i) {
@@ -109,6 +110,7 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     struct ballbot_sample now;
     float wanted[10];
 
+    ballbot_tune(law, memory);
     observed(&now, measured, ballbot_unwrapped(&memory->measured_heading, measured[4]));
     ballbot_disturbance_observer_observe(law, memory, &now, n);
     ballbot_prediction_predict(law, memory, &now, n);
@@ -131,10 +133,13 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     heading_error(&now);
     now.error_limited = false;
     ballbot_feed_forward_error(law, &now);
-    ballbot_lean_limit_error(law, &now);
+    ballbot_lean_limit_error(law, memory, &now);
 
     for (int32_t i = 0; i < n; ++i) {
         torques[i] = feedback(law->gain[i], now.e);
+        if (law->tuning.others > 0) {
+            torques[i] += feedback(memory->tuning.gain[i], now.e);
+        }
     }
     ballbot_feed_forward_torque(law, &now, torques, n);
     ballbot_integral_torque(law, memory, &now, torques, n);

@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,7 +23,9 @@ from ballbot.log.columns import Columns, Floats, unit_of
 from ballbot.log.formats.json import flattened
 from ballbot.log.formats.ros import Topics, joined, read_bag
 
-_METADATA, _LOG = "ballbot", "/log"
+_METADATA = "ballbot"
+#: the topic of a log's rows
+LOG_TOPIC = "/log"
 #: times of files are whole nanoseconds of 63 bits
 _LATEST = 2**63 - 1
 
@@ -51,33 +53,42 @@ def read_mcap(path: Path) -> Columns:
                 times, messages = topics.setdefault(channel.topic, ([], []))
                 times.append(message.log_time)
                 messages.append(flattened(fields) if isinstance(fields, dict) else {})
-    if not own or _LOG not in topics:
+    if not own or LOG_TOPIC not in topics:
         return joined(topics)
-    rows = topics[_LOG][1]
+    rows = topics[LOG_TOPIC][1]
     return {name: np.array([row.get(name, np.nan) for row in rows]) for name in json.loads(own[0])}
+
+
+def log_schema(names: Iterable[str]) -> dict[str, object]:
+    """Return the JSON schema of a row's message, with the units of its columns."""
+    properties = {name: {"type": "number"} for name in names}
+    for name in properties:
+        if unit := unit_of(name):
+            properties[name] |= {"unit": unit, "description": f"[{unit}]"}
+    return {"title": "log", "type": "object", "properties": properties}
+
+
+def row_message(names: Iterable[str], row: Sequence[float]) -> bytes:
+    """Return a row's message in JSON, without missing values."""
+    values = zip(names, row, strict=True)
+    return json.dumps({name: value for name, value in values if math.isfinite(value)}).encode()
 
 
 def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
     """Write columns (N,), whose t increases, to an MCAP file, whole or not at all."""
     from mcap.writer import Writer
 
-    properties = {name: {"type": "number"} for name in columns}
-    for name in columns:
-        if unit := unit_of(name):
-            properties[name] |= {"unit": unit, "description": f"[{unit}]"}
-    definition = {"title": "log", "type": "object", "properties": properties}
     t = columns["t"] - min(0.0, float(columns["t"][0]))  # the file's clock has no times below zero
     times = [min(int(time), _LATEST) for time in np.rint(1e9 * t).tolist()]
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(library=f"ballbot {version('ballbot')}")
     schema = writer.register_schema(
-        name="ballbot.log", encoding="jsonschema", data=json.dumps(definition).encode()
+        name="ballbot.log", encoding="jsonschema", data=json.dumps(log_schema(columns)).encode()
     )
-    channel = writer.register_channel(_LOG, message_encoding="json", schema_id=schema)
+    channel = writer.register_channel(LOG_TOPIC, message_encoding="json", schema_id=schema)
     for time, row in zip(times, np.column_stack(list(columns.values())).tolist(), strict=True):
-        row_values = {name: value for name, value in zip(columns, row, strict=True) if math.isfinite(value)}
-        writer.add_message(channel, log_time=time, data=json.dumps(row_values).encode(), publish_time=time)
+        writer.add_message(channel, log_time=time, data=row_message(columns, row), publish_time=time)
     units = {name: unit_of(name) or "" for name in columns}
     writer.add_metadata(_METADATA, {"columns": json.dumps(list(columns)), "units": json.dumps(units)})
     writer.finish()

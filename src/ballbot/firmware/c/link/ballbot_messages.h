@@ -12,8 +12,8 @@
 /* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS { 1820978815, 879475913, 941641617, 1670994315, 604801593, 1151392480, 1351886629, 795888779 }
-/* 6c89ee7f346bbcc9b8204f916399598b240c8a39c4a0dae050942725af704c8b */
+#define BALLBOT_MESSAGE_WORDS { 692639786, 349843183, 153546653, 564130996, 965229131, 1987875498, 1583641698, 1113738576 }
+/* a948d82a94da2eef8926ef9da19ff4b4b9883a4bf67c92aa5e64746242624d50 */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
@@ -23,6 +23,9 @@
 #define BALLBOT_LINK_STATE_INTERVAL 0.02f
 /* Longest ramp of the torque limit after arming [s]. */
 #define BALLBOT_LINK_LONGEST_RAMP 60.0f
+/* Least share of a limit that can be asked for, and by how much the weights' sum may be off. */
+#define BALLBOT_LINK_LEAST_LIMIT 0.25f
+#define BALLBOT_LINK_ROUNDING 1e-05f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD 12u
 #define BALLBOT_LONGEST_PAYLOAD 208u
@@ -47,6 +50,8 @@ enum ballbot_message {
     BALLBOT_MESSAGE_WRITE = 9,
     BALLBOT_MESSAGE_COMMIT = 10,
     BALLBOT_MESSAGE_ASK_COUNTS = 11,
+    BALLBOT_MESSAGE_TUNE = 12,
+    BALLBOT_MESSAGE_STEP_BACK = 13,
     BALLBOT_MESSAGE_WELCOME = 64,
     BALLBOT_MESSAGE_STATE = 65,
     BALLBOT_MESSAGE_ANSWER = 66,
@@ -78,7 +83,11 @@ enum ballbot_result {
     BALLBOT_RESULT_RANGE = 6,
     BALLBOT_RESULT_CHECKSUM = 7,
     BALLBOT_RESULT_PARAMETERS = 8,
-    BALLBOT_RESULT_VALUES = 9
+    BALLBOT_RESULT_VALUES = 9,
+    BALLBOT_RESULT_DISARMED = 10,
+    BALLBOT_RESULT_GAINS = 11,
+    BALLBOT_RESULT_COMPENSATION = 12,
+    BALLBOT_RESULT_LIMITS = 13
 };
 
 /* Which controller an armed robot obeys: its own or the host's. */
@@ -141,6 +150,15 @@ struct ballbot_message_commit {
     int32_t crc;
 };
 typedef char ballbot_message_commit_has_no_padding[(sizeof(struct ballbot_message_commit) == 1u * sizeof(float)) ? 1 : -1];
+
+/* Change the controller on the robot while it balances; it moves there at a limited rate. */
+struct ballbot_message_tune {
+    float weights[BALLBOT_MAX_GAINS]; /* [1] */
+    float compensation; /* [1] */
+    float torque_limit; /* [1] */
+    float lean_limit; /* [1] */
+};
+typedef char ballbot_message_tune_has_no_padding[(sizeof(struct ballbot_message_tune) == 6u * sizeof(float)) ? 1 : -1];
 
 /* Answer a `Hello`; the frame repeats its random number. */
 struct ballbot_message_welcome {

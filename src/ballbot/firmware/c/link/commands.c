@@ -1,6 +1,7 @@
 #include "link/commands.h"
 
 #include "link/crc32.h"
+#include "parts/part.h"
 
 /* Return a number in which every bit depends on every bit of another: the end of MurmurHash3. */
 static uint32_t scattered(uint32_t value)
@@ -138,6 +139,82 @@ static void commit(struct ballbot_link *link, struct ballbot_state *state, struc
     }
 }
 
+/* Return whether a share of a limit may be asked for; a NaN may not. */
+static bool is_limit(float share)
+{
+    return share >= BALLBOT_LINK_LEAST_LIMIT && share <= 1.0f;
+}
+
+/* Return why a setting is refused, if it is. */
+static enum ballbot_result refused_setting(const struct ballbot_tuning_record *own, const struct ballbot_message_tune *asked)
+{
+    float sum = 0.0f;
+
+    for (int k = 0; k < BALLBOT_MAX_GAINS; ++k) {
+        const float most = (k <= own->others) ? 1.0f : 0.0f;
+
+        if (!(asked->weights[k] >= 0.0f && asked->weights[k] <= most)) {
+            return BALLBOT_RESULT_GAINS;
+        }
+        sum += asked->weights[k];
+    }
+    if (ballbot_magnitude(sum - 1.0f) > BALLBOT_LINK_ROUNDING) {
+        return BALLBOT_RESULT_GAINS;
+    }
+    if (!(asked->compensation >= 0.0f && asked->compensation <= own->compensation)) {
+        return BALLBOT_RESULT_COMPENSATION;
+    }
+    return (is_limit(asked->torque_limit) && is_limit(asked->lean_limit)) ? BALLBOT_RESULT_OK : BALLBOT_RESULT_LIMITS;
+}
+
+/* Take a setting that is not refused; the same again, when an answer was lost, leaves the former one. */
+static void take_setting(struct ballbot_tuning_state *tuning, const struct ballbot_message_tune *asked)
+{
+    float wanted[BALLBOT_TUNING_NUMBERS] = { 0.0f };
+    bool same = true;
+
+    for (int k = 1; k < BALLBOT_MAX_GAINS; ++k) {
+        wanted[k - 1] = asked->weights[k];
+    }
+    wanted[BALLBOT_TUNING_COMPENSATION] = 1.0f - asked->compensation;
+    wanted[BALLBOT_TUNING_TORQUE] = 1.0f - asked->torque_limit;
+    wanted[BALLBOT_TUNING_LEAN] = 1.0f - asked->lean_limit;
+    for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
+        same = same && ballbot_magnitude(wanted[k] - tuning->wanted[k]) <= 0.0f;
+    }
+    for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
+        tuning->former[k] = same ? tuning->former[k] : tuning->wanted[k];
+        tuning->wanted[k] = wanted[k];
+    }
+}
+
+/* Change the law's setting while it balances, or return to the former one, with no more compensation than is certain. */
+static void tune(struct ballbot_link *link, struct ballbot_state *state, const struct ballbot_parameters *parameters,
+                 const struct ballbot_frame *frame)
+{
+    const struct ballbot_tuning_record *own = &parameters->law.tuning;
+    struct ballbot_tuning_state *tuning = &state->memory.tuning;
+    enum ballbot_result result = BALLBOT_RESULT_OK;
+    struct ballbot_message_tune asked;
+
+    if (state->run.armed == 0 || !ballbot_is_active(state) || link->controller != (int32_t)BALLBOT_CONTROLLER_ROBOT) {
+        result = BALLBOT_RESULT_DISARMED;
+    } else if (frame->type == (uint8_t)BALLBOT_MESSAGE_TUNE) {
+        ballbot_copy_bytes(&asked, frame->body, sizeof asked);
+        result = refused_setting(own, &asked);
+        if (result == BALLBOT_RESULT_OK) {
+            take_setting(tuning, &asked);
+        }
+    } else {
+        for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
+            tuning->wanted[k] = tuning->former[k];
+        }
+        tuning->wanted[BALLBOT_TUNING_COMPENSATION] =
+            ballbot_larger(tuning->wanted[BALLBOT_TUNING_COMPENSATION], 1.0f - own->compensation);
+    }
+    ballbot_link_answer(link, frame, result, (uint32_t)state->run.time);
+}
+
 /* Send the counts of frames. */
 static void send_counts(struct ballbot_link *link)
 {
@@ -196,6 +273,10 @@ void ballbot_link_obey(struct ballbot_link *link, struct ballbot_state *state, s
         break;
     case BALLBOT_MESSAGE_ASK_COUNTS:
         send_counts(link);
+        break;
+    case BALLBOT_MESSAGE_TUNE:
+    case BALLBOT_MESSAGE_STEP_BACK:
+        tune(link, state, parameters, frame);
         break;
     case BALLBOT_MESSAGE_KEEP:
     default:

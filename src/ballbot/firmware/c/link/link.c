@@ -66,10 +66,13 @@ static int32_t length_of(uint8_t type)
         return (int32_t)sizeof(struct ballbot_message_write);
     case BALLBOT_MESSAGE_COMMIT:
         return (int32_t)sizeof(struct ballbot_message_commit);
+    case BALLBOT_MESSAGE_TUNE:
+        return (int32_t)sizeof(struct ballbot_message_tune);
     case BALLBOT_MESSAGE_KEEP:
     case BALLBOT_MESSAGE_SELF_TEST:
     case BALLBOT_MESSAGE_DISARM:
     case BALLBOT_MESSAGE_ASK_COUNTS:
+    case BALLBOT_MESSAGE_STEP_BACK:
         return 0;
     case BALLBOT_MESSAGE_WELCOME:
     case BALLBOT_MESSAGE_STATE:

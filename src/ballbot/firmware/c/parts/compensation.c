@@ -113,11 +113,12 @@ void ballbot_compensate(const struct ballbot_law *law, struct ballbot_memory *me
     for (int32_t i = 0; i < n; ++i) {
         agreement += torques[i] * rolling_torque(own, i, force);
     }
+    const float share = ballbot_share(memory->tuning.now[BALLBOT_TUNING_COMPENSATION]);
     const float rolls = own->full + ((agreement > 0.0f) ? own->partial : 0.0f);
 
     for (int32_t i = 0; i < n; ++i) {
         const struct friction found = wheel_friction(own, i, relative, torques[i]);
-        const float more = found.fraction * found.torque + rolls * rolling_torque(own, i, force);
+        const float more = share * (found.fraction * found.torque + rolls * rolling_torque(own, i, force));
 
         torques[i] += more;
         memory->history.friction_compensation[0][i] = more;

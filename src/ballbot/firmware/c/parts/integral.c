@@ -19,7 +19,12 @@ void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot
     const struct ballbot_pair I = ballbot_to_heading(now->a, sums[0], sums[1]);
 
     for (int32_t i = 0; i < n; ++i) {
+        const float *more = memory->tuning.integral[i];
+
         torques[i] += own->gain[i][0] * I.x + own->gain[i][1] * I.y + own->gain[i][2] * sums[2];
+        if (law->tuning.others > 0) {
+            torques[i] += more[0] * I.x + more[1] * I.y + more[2] * sums[2];
+        }
     }
 }
 

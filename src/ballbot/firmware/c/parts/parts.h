@@ -4,6 +4,9 @@
 
 #include "parts/part.h"
 
+/* first: move to the setting that is asked for */
+void ballbot_tune(const struct ballbot_law *law, struct ballbot_memory *memory);
+
 /* observe: evaluate the sample that has passed */
 void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct ballbot_memory *memory,
                                           const struct ballbot_sample *now, int32_t n);
@@ -24,7 +27,8 @@ void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballb
 
 /* error: change the error */
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now);
-void ballbot_lean_limit_error(const struct ballbot_law *law, struct ballbot_sample *now);
+void ballbot_lean_limit_error(const struct ballbot_law *law, const struct ballbot_memory *memory,
+                              struct ballbot_sample *now);
 
 /* torque: add the part's summand to the feedback's torques [N m] */
 void ballbot_feed_forward_torque(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],

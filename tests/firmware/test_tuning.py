@@ -1,0 +1,143 @@
+"""Changes of the law while it runs: C moves as Python does, takes the same settings, and refuses others with a code."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ballbot.control.controller import Controller
+from ballbot.control.gain_set import tunable
+from ballbot.control.law import MEMORY
+from ballbot.control.records import schema_of
+from ballbot.control.safety import SafetyLimits
+from ballbot.control.tuning import Setting, TuningState, check_setting
+from ballbot.errors import InputError
+from ballbot.firmware.build import compile_sources, compilers, source_files
+from ballbot.firmware.records import READING, parameter_record
+from ballbot.link.messages import SCHEMAS, AnswerResult, Arm, StepBack, Tune
+from tests.firmware.test_law import double_library
+from tests.support.control_examples import FRICTION, alten, everything
+
+pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
+
+TUNING = schema_of(TuningState)
+SAMPLE = np.dtype(
+    [
+        ("type", np.int32),
+        ("setting", SCHEMAS[Tune.TYPE].dtype("single")),
+        ("reading", READING.dtype("single")),
+    ]
+)
+OUTCOME = np.dtype([("result", np.int32), ("torques", np.float32, 4), ("tuning", TUNING.dtype("single"))])
+
+
+def mixing() -> Controller:
+    """Return a controller with every part and three gains: whole, and two that are weaker."""
+    whole = everything(alten(FRICTION))
+    others = []
+    for factor in (0.9, 0.7):
+        other = whole.with_parts(whole.parts)
+        for numbers in (
+            other.record["gain"],
+            other.record["integral"]["gain"],
+            other.record["lean_limit"]["asked"],
+        ):
+            numbers *= factor
+        others.append(other)
+    return tunable(whole, others)
+
+
+def random_setting(random: np.random.Generator) -> Setting:
+    compensation, torque, lean = random.uniform([0.0, 0.25, 0.25], 1.0)
+    weights = tuple(random.dirichlet(np.ones(3)).tolist())
+    return Setting(weights=weights, compensation=compensation, torque_limit=torque, lean_limit=lean)
+
+
+def test_law_in_double_precision_moves_as_that_of_python(tmp_path_factory):
+    controller, compiled = mixing(), double_library(tmp_path_factory.getbasetemp())
+    random = np.random.default_rng(2)
+    memory, torques, state = np.zeros(1, MEMORY.dtype()), np.zeros((1, 3)), np.zeros(10)
+    for k in range(900):
+        if k % 60 == 10:
+            controller.tune(None if k % 7 == 0 else random_setting(random))
+            memory["tuning"]["wanted"] = controller.memory["tuning"]["wanted"]
+        state[5:] = 0.9 * state[5:] + 0.1 * random.standard_normal(5)
+        state[:5] = 0.99 * state[:5] + controller.sample_time * state[5:]
+        compiled.control_law(controller.record, memory, state[None], np.zeros((1, 10)), torques)
+        exact = controller.update(0.0, state, np.zeros(10))
+        np.testing.assert_allclose(torques[0], exact, rtol=0, atol=1e-9 * controller.torque_limit)
+    for name in ("now", "gain", "integral", "asked", "turn_rate"):
+        np.testing.assert_allclose(
+            memory["tuning"][name], controller.memory["tuning"][name], rtol=0, atol=1e-12
+        )
+    assert memory["tuning"]["gain"].any()
+
+
+def drawn_numbers(random: np.random.Generator) -> list[float]:
+    """Return numbers of a setting, (6,): in the set, or one of them anything else."""
+    setting = random_setting(random)
+    numbers = [*setting.weights, setting.compensation, setting.torque_limit, setting.lean_limit]
+    if random.uniform() < 0.6:
+        numbers[random.integers(6)] = random.choice(
+            [np.nan, np.inf, -np.inf, -0.1, 0.1, 1.1, 1e30, -1e-30, 0.24, 2.0]
+        )
+    return numbers
+
+
+def is_within(controller: Controller, numbers: np.ndarray) -> bool:
+    *weights, compensation, torque, lean = numbers.astype(float).tolist()
+    setting = Setting(weights=tuple(weights), compensation=compensation, torque_limit=torque, lean_limit=lean)
+    try:
+        check_setting(controller.record["tuning"][0], setting)
+    except InputError:
+        return False
+    return True
+
+
+def test_firmware_takes_the_settings_that_python_takes_and_sanitizers_find_nothing(tmp_path):
+    run, flags = tmp_path / "tune", ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    try:
+        compile_sources(run, [*source_files(), Path(__file__).parent / "tune.c"], flags=flags)
+    except InputError as refusal:
+        pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
+    random, controller = np.random.default_rng(3), mixing()
+    samples = np.zeros(1500, SAMPLE)
+    samples["reading"]["gyro"] = 0.01 * random.standard_normal((1500, 3))
+    samples["reading"]["attitude"] = 0.01 * random.standard_normal((1500, 3))
+    samples["reading"]["encoders_valid"] = 1
+    samples["type"][1::10], samples["type"][5::40] = Tune.TYPE, StepBack.TYPE
+    samples["type"][100] = Arm.TYPE
+    names = [name for name in samples["setting"].dtype.names if name != "weights"]
+    for sample in samples[1::10]:
+        *weights, compensation, torque, lean = drawn_numbers(random)
+        sample["setting"]["weights"] = weights
+        for name, value in zip(names, (compensation, torque, lean), strict=True):
+            sample["setting"][name] = value
+    record = parameter_record(
+        controller, SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
+    )
+    given = record.tobytes() + samples.tobytes()
+    done = subprocess.run([run], input=given, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr.decode()[:3000]
+    outcomes = np.frombuffer(done.stdout, OUTCOME)
+    assert len(outcomes) == len(samples)
+    counts = dict.fromkeys(AnswerResult, 0)
+    for number, (sample, outcome) in enumerate(zip(samples, outcomes, strict=True)):
+        if sample["type"] in (Tune.TYPE, StepBack.TYPE):
+            counts[AnswerResult(outcome["result"])] += 1
+        if sample["type"] == Tune.TYPE:
+            numbers = np.array([*sample["setting"]["weights"], *(sample["setting"][name] for name in names)])
+            wanted = number > 100 and is_within(controller, numbers)
+            assert (outcome["result"] == AnswerResult.OK) == wanted, numbers
+    # each refusal occurs, and before the arming every command is refused
+    refused = (AnswerResult.DISARMED, AnswerResult.GAINS, AnswerResult.COMPENSATION, AnswerResult.LIMITS)
+    assert all(counts[result] > 0 for result in (AnswerResult.OK, *refused))
+    now = outcomes["tuning"]["now"]
+    step = float(record["law"]["tuning"]["step"][0])
+    assert np.abs(np.diff(now, axis=0)).max() <= step * (1.0 + 1e-4)
+    assert (now >= 0.0).all()
+    assert (now[:, :2].sum(axis=1) <= 1.0 + 1e-5).all()
+    limits = controller.torque_limit * (1.0 - now[:, 3])
+    assert (np.abs(outcomes["torques"]).max(axis=1) <= limits * (1.0 + 1e-6)).all()
+    assert np.abs(outcomes["torques"][101:]).max() > 0.0
