@@ -39,6 +39,7 @@ MOVES = {
     f"{name}_{round(100 * margin)}": Move(name=words, to=to, stop_from=speed, margin=margin)
     for name, words, to, speed in (
         ("stop", "stop from 1.4 m/s", None, 1.4),
+        ("short_stop", "stop from 0.8 m/s", None, 0.8),
         ("move", "2 m ahead, rest to rest", (2.0, 0.0, 0.0), None),
         ("fastest", "stop from the largest speed", None, np.nan),
         ("turn", "to [1 -1 π]", (1.0, -1.0, np.pi), None),

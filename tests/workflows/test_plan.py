@@ -16,7 +16,6 @@ from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.model import contact_momentum
 from ballbot.twin import Scenario
-from ballbot.workflows.collocation import FAMILIES
 from ballbot.workflows.plan import Plan, default_limits, follow
 
 pytest.importorskip("casadi")
@@ -126,7 +125,7 @@ def test_the_ball_stays_in_the_corridor_of_a_path():
 def test_an_infeasible_plan_names_the_limit_and_by_how_much():
     with pytest.raises(
         InputError,
-        match=r"at least .* more than 2.7 s: the wheel torque and wheel grip forbid it, .* times as large",
+        match=r"at least .* more than 2.7 s: the wheel torque( and wheel grip)? forbids? it, .* times as large",
     ):
         ballbot.plan(rough(), to=(2.0, 0.0, 0.0), within=2.7)
     with pytest.raises(InputError, match=r"motor speed forbids it.*the largest speed in this direction is"):
@@ -143,12 +142,14 @@ def test_a_limit_that_forbids_a_time_is_named_with_its_factor(name, limit, withi
         ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=limits, within=within)
 
 
-def test_no_wheel_is_unloaded_below_the_reserve():
-    """Without it, the stop's run-up leaves a wheel without torque a tenth of its load, and the twin's slips there."""
+def test_torques_reverse_gently():
+    """A reversal within 50 ms, with a tenth of the weight of the torques' changes, made wheels of the twin slip."""
     plan = ballbot.plan(rough(), stop_from=1.4)
-    share = plan.used[:, FAMILIES.index("wheel grip")].max()
-    assert plan.limits.reserve == 0.4
-    assert share < 0.83  # the reserve over the least load of all wheels, or more
+    signs = np.sign(plan.torques[:, 1]) * (np.abs(plan.torques[:, 1]) > 0.7 * plan.torques.max())
+    full = np.flatnonzero(signs)
+    turns = full[1:][np.diff(signs[full]) != 0] - full[:-1][np.diff(signs[full]) != 0]
+    assert len(turns) >= 3
+    assert turns.min() * plan.t[1] > 0.08
 
 
 def test_missing_casadi_is_one_sentence(monkeypatch):

@@ -9,30 +9,37 @@ from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.results import to_results
 from ballbot.rounding import percent
 from ballbot.summary import counted
-from ballbot.workflows.collocation import FAMILIES
 from ballbot.workflows.metrics import lean_of
 from ballbot.workflows.plan import Followed, Plan
 
-_UNITS = ("N m", "rad/s", "deg", "m/s", "", "", "m")
 
-
-def plan_report(plan: Plan, followed: Followed | None, *, scenario: str) -> Result:
-    """Return the page; without `followed` nothing has followed the plan."""
-    limits = plan.limit_values()
+def plan_report(plan: Plan, followed: Followed, *, scenario: str) -> Result:
+    """Return the page."""
+    own = plan.limits
+    limits = {
+        "wheel torque [N m]": own.torque,
+        "motor speed [rad/s]": plan.robot.drive.top_speed,
+        "lean [deg]": np.degrees(own.lean),
+        "speed [m/s]": own.speed,
+        "wheel grip": own.grip,
+        "floor grip": own.floor_grip,
+        "pivoting [m]": own.pivot,
+    }
     rows = [
         (
-            f"{name} [{unit}]" if unit else name,
-            (np.degrees(share * limit) if unit == "deg" else share * limit) if np.isfinite(limit) else "-",
-            (np.degrees(limit) if unit == "deg" else limit) if np.isfinite(limit) else "-",
-            percent(share) if np.isfinite(limit) else "-",
-            f"{1e3 * plan.savings[name]:.1f}",
+            heading,
+            *((f"{limit:.3g}", percent(share)) if np.isfinite(limit) else ("-", "-")),
+            f"{1e3 * saving:.1f}",
         )
-        for name, unit, share, limit in zip(
-            FAMILIES, _UNITS, plan.used.max(axis=0).tolist(), limits, strict=True
+        for (heading, limit), share, saving in zip(
+            limits.items(), plan.used.max(axis=0).tolist(), plan.savings.values(), strict=True
         )
     ]
-    headings = ("limit", "at most", "limit", "used", "1 % more saves [ms]")
-    caption = f"What the motion uses of each limit; {percent(plan.limits.margin)} is left to the controller"
+    headings = ("limit", "value", "used", "1 % more saves [ms]")
+    caption = (
+        "What the motion uses of each limit: of the motors' speed with their torque, of the grip with the reserve. "
+        f"{percent(own.margin)} of each is left to the controller."
+    )
     return Result(
         title=f"{plan.robot.name}: {plan.what}",
         lead="The fastest motion within the robot's limits and with its friction, from the exact equations of motion.",
@@ -49,7 +56,7 @@ def plan_report(plan: Plan, followed: Followed | None, *, scenario: str) -> Resu
     )
 
 
-def plan_sentences(plan: Plan, followed: Followed | None, *, scenario: str) -> list[str]:
+def plan_sentences(plan: Plan, followed: Followed, *, scenario: str) -> list[str]:
     """Return what was found, the most important first."""
     text = f"{plan.what[0].upper()}{plan.what[1:]} takes {plan.duration:.3f} s over {plan.distance:.2f} m."
     saved = 1e3 * plan.savings[plan.bound]
@@ -59,13 +66,12 @@ def plan_sentences(plan: Plan, followed: Followed | None, *, scenario: str) -> l
     ]
     if plan.begins > 0.0:
         sentences.append(f"The stop begins {plan.begins:.2f} s after the start, at the end of the run-up.")
-    if followed is not None:
-        fell = "none fell" if followed.fell == 0 else f"{followed.fell} fell"
-        sentences.append(
-            f"On {counted(followed.runs, 'simulated robot')} of the scenario {scenario} that followed it, {fell}; the "
-            f"others were at most {1e3 * followed.peak_error:.0f} mm from it, and {1e3 * followed.end_error:.0f} mm "
-            "two seconds after its end."
-        )
+    fell = "none fell" if followed.fell == 0 else f"{followed.fell} fell"
+    sentences.append(
+        f"On {counted(followed.runs, 'simulated robot')} of the scenario {scenario} that followed it, {fell}; the "
+        f"others were at most {1e3 * followed.peak_error:.0f} mm from it, and {1e3 * followed.end_error:.0f} mm two "
+        "seconds after its end."
+    )
     return sentences
 
 

@@ -6,7 +6,8 @@ States x (10,) and the wheels' net torques u (n,), what friction leaves of the m
 time. Over each two intervals the state is a cubic, which has the derivative f at its middle node too: Simpson's rule
 (C. R. Hargraves and S. W. Paris, J. Guidance 10 (1987) 338). Ipopt solves it (A. Wächter and L. T. Biegler, Math.
 Program. 106 (2006) 25). Wheel friction only takes from the torques that the motors have, so that the controller's
-compensation gives it; the floor's rolling friction is a force in f. The small second term makes the torques unique.
+compensation gives it; the floor's rolling friction is a force in f. The small second term makes the torques unique, and
+their reversals gentle enough for gears with play: with a tenth of it, wheels of the twin slipped.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 #: limits, by the names of reports
 FAMILIES = ("wheel torque", "motor speed", "lean", "speed", "wheel grip", "floor grip", "pivoting")
 #: c
-_SMOOTHNESS = 1e-3
+_SMOOTHNESS = 1e-2
 #: limits whose rows are of squares; in place of no limit [m/s]
 _SQUARED, _ANY_SPEED = ("lean", "speed", "floor grip"), 1e3
 #: below which the friction's sign becomes a ramp: wheel [rad/s], ball [m/s]
@@ -71,7 +72,7 @@ class MoveLimits:
     lean: float = parameter("largest lean", "rad", default=0.35, most=1.0)
     speed: float = parameter("largest speed of the ball", "m/s", default=math.inf, most=math.inf)
     grip: float = parameter("friction coefficient of the wheels on the ball", default=1.0, most=10.0)
-    #: a wheel that the motion unloads, even one without torque, slips by the controller's own torques
+    #: a wheel that the motion unloads slips by the controller's own torques
     reserve: float = parameter(
         "part of a wheel's load at rest that holds no force of the motion", default=0.4, least=0.0, most=0.9
     )
@@ -119,7 +120,6 @@ class Motion:
     #: by which a per cent more of each limit would shorten it [s]
     savings: dict[str, float]
     factor: float  #: of the limits that were made as large as they must be; 1 if none was
-    iterations: int
 
     def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return states (k, 10), with continuous accelerations, and net torques (k, n) at times (k,)."""
@@ -208,9 +208,7 @@ class Planner:
             "lean": [((q[2] ** 2 + q[3] ** 2) / limits.lean**2, 1.0)],
             "speed": [(pace / min(limits.speed, _ANY_SPEED) ** 2, 1.0)],
             "wheel grip": [
-                (sign * f + reserve, N / load)
-                for f, N in zip(grips, presses, strict=True)
-                for sign in (1, -1)
+                (s * f + reserve, N / load) for f, N in zip(grips, presses, strict=True) for s in (1, -1)
             ],
             "floor grip": [(slide, normal**2)],
             "pivoting": [(sign * turn, normal) for sign in (1, -1)],
@@ -240,9 +238,8 @@ class Planner:
         widths = _SLOW * np.geomspace(1.0, 32.0, _WIDTHS)
         steps = np.tanh(speeds[:, None] / widths)
         basis = np.column_stack([speeds, steps, steps**2])
-        weights = np.linalg.lstsq(basis, table[:, wheel] * np.tanh(np.abs(speeds) / _SLOW), rcond=None)[
-            0
-        ].tolist()
+        smooth = table[:, wheel] * np.tanh(np.abs(speeds) / _SLOW)
+        weights = np.linalg.lstsq(basis, smooth, rcond=None)[0].tolist()
         stairs = [self._casadi.tanh(speed / width) for width in widths]
         terms = [speed, *stairs, *(one**2 for one in stairs)]
         return sum(weight * term for weight, term in zip(weights, terms, strict=True))
@@ -331,7 +328,6 @@ class Planner:
             torques=net.T,
             savings=dict(zip(FAMILIES, (-0.01 * saved).tolist(), strict=True)),
             factor=float(solved.value(factor)),
-            iterations=int(opti.stats()["iter_count"]),
         )
 
 

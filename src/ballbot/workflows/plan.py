@@ -27,9 +27,9 @@ from ballbot.rounding import percent
 from ballbot.summary import Summary, summarized
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.collocation import FAMILIES, Leg, Motion, MoveLimits, Planner, course_through
+from ballbot.workflows.collocation import FAMILIES, Course, Leg, Motion, MoveLimits, Planner, course_through
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
-from ballbot.workflows.metrics import leans, position_error
+from ballbot.workflows.metrics import position_error
 
 #: at the speed from which it is to stop [s]
 _CRUISE = 0.5
@@ -51,9 +51,8 @@ class Plan:
     what: str  #: "the move to [2 0 0]"
     t: NDArray[np.float64] = field(metadata=left_out)  #: (k,) [s]
     states: NDArray[np.float64] = field(metadata=left_out)  #: (k, 10)
-    torques: NDArray[np.float64] = field(
-        metadata=left_out
-    )  #: (k, n) of the motors, with their friction [N m]
+    #: (k, n) of the motors, with their friction [N m]
+    torques: NDArray[np.float64] = field(metadata=left_out)
     used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
     duration: float  #: of what is to be fast: the move, or the stop [s]
     distance: float  #: over the floor in this time [m]
@@ -61,25 +60,11 @@ class Plan:
     savings: dict[str, float]  #: by which a per cent more of each limit would shorten it [s]
     top_speed: float  #: largest steady speed in the direction of the move [m/s]
     top_speed_bound: str  #: the limit that bounds that
-    iterations: int  #: of the solver
 
     @property
     def bound(self) -> str:
         """The limit that bounds the time most."""
         return max(FAMILIES, key=lambda name: self.savings[name])
-
-    def limit_values(self) -> tuple[float, ...]:
-        """Return the limits [N m, rad/s, rad, m/s, 1, 1, m], without the margin, in the order of `FAMILIES`."""
-        own = self.limits
-        return (
-            own.torque,
-            self.robot.drive.top_speed,
-            own.lean,
-            own.speed,
-            own.grip,
-            own.floor_grip,
-            own.pivot,
-        )
 
     @property
     def reference(self) -> Reference:
@@ -186,31 +171,29 @@ def default_limits(robot: RobotLike) -> MoveLimits:
     return MoveLimits(torque=grip_torque_limit(as_robot(robot)))
 
 
-def _leg(planner: Planner, end: NDArray[np.float64], time: float) -> Leg:
-    return Leg(start=np.zeros(10), end=end, torques=np.zeros((2, planner.robot.wheel_count)), time=time)
+def _leg_to(planner: Planner, pose: NDArray[np.float64], time: float, course: Course | None = None) -> Leg:
+    """Return a leg from rest at the origin to rest at a pose (3,), with a guess of its time [s]."""
+    end = np.zeros(10)
+    end[[0, 1, 4]] = pose
+    torques = np.zeros((2, planner.robot.wheel_count))
+    return Leg(start=np.zeros(10), end=end, torques=torques, course=course, time=time)
 
 
 def _move_leg(planner: Planner, pose: NDArray[np.float64]) -> Leg:
-    """Return the leg from rest to a pose at rest."""
     if pose.shape != (3,) or not np.isfinite(pose).all() or not np.abs(pose).max() > 0.0:
         raise InputError("The pose to move to is three numbers, x and y in m and psi in rad, not all zero.")
-    end = np.zeros(10)
-    end[[0, 1, 4]] = pose
     time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
-    return _leg(planner, end, float(time))
+    return _leg_to(planner, pose, float(time))
 
 
 def _path_leg(planner: Planner, along: str | Path | NDArray[np.float64], corridor: float) -> Leg:
     """Return the leg along places, moved so that the first is the origin."""
-    places = (
-        real_array(along, ("k", 3), "The path") if isinstance(along, np.ndarray) else read_poses(along)[1]
-    )
-    if len(places) < 2 or places.shape[1] != 3:
+    given = along if isinstance(along, np.ndarray) else read_poses(along)[1]
+    places = real_array(given, ("k", 3), "The path")
+    if len(places) < 2:
         raise InputError("A path is at least two places x, y and psi.")
     course = course_through(places - places[0], positive_number(corridor, "The corridor"))
-    end = np.zeros(10)
-    end[[0, 1, 4]] = places[-1] - places[0]
-    return replace(_leg(planner, end, 1.0 + course.length / _USUAL_SPEED), course=course)
+    return _leg_to(planner, places[-1] - places[0], 1.0 + course.length / _USUAL_SPEED, course)
 
 
 def _stop_legs(planner: Planner, speed: float, ahead: NDArray[np.float64]) -> list[Leg]:
@@ -278,7 +261,6 @@ def _sampled(planner: Planner, motions: Sequence[Motion], what: str, ahead: NDAr
         savings=last.savings,
         top_speed=top,
         top_speed_bound=bound,
-        iterations=sum(motion.iterations for motion in motions),
     )
 
 
@@ -290,7 +272,6 @@ class Followed:
     fell: int
     peak_error: float  #: largest distance from the reference, of the runs that did not fall [m]
     end_error: float  #: the same once the robot has stood for two seconds [m]
-    peak_lean: float  #: [rad]
 
 
 def follow(
@@ -324,13 +305,10 @@ def follow(
         fell=int(np.isnan(found[:, 0]).sum()),
         peak_error=float(np.nanmax(found[:, 0], initial=0.0)),
         end_error=float(np.nanmax(found[:, 1], initial=0.0)),
-        peak_lean=float(np.nanmax(found[:, 2], initial=0.0)),
     )
 
 
-def _errors(_: GridRun, log: Log) -> tuple[float, float, float]:
-    """Return the largest distance from the reference, the last one, and the largest lean; NaN after a fall."""
-    if log.ended is not None:
-        return np.nan, np.nan, np.nan
-    distance = position_error(log)
-    return float(distance.max()), float(distance[-1]), float(leans(log).max())
+def _errors(_: GridRun, log: Log) -> tuple[float, float]:
+    """Return the largest distance from the reference and the last one; NaN after a fall."""
+    distance = position_error(log) if log.ended is None else np.array([np.nan])
+    return float(distance.max()), float(distance[-1])
