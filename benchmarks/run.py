@@ -28,7 +28,7 @@ from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.batch import simulate_batch
-from benchmarks import closed_loop, identification, jax_peer, peers
+from benchmarks import closed_loop, environments, identification, jax_peer, peers
 from benchmarks.accuracy import accelerations
 from benchmarks.numpy_form import rate_of_change
 from benchmarks.operations import operations_of_a_step, peak_rate
@@ -199,6 +199,7 @@ def main() -> None:
         ("first call in a fresh process, nothing on disk", f"{cold:.1f} s", "15"),
         ("largest relative error against the NumPy form", f"{largest_error(model):.1e}", "1e-12"),
         *closed_loop.rows(),
+        *environments.rows(),
         *identification.rows(),
     ]
     others = [
@@ -239,7 +240,7 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
             lines.append(
                 f"| {name} | {1e6 * seconds:.3g} us | {seconds * single:,.0f} | {seconds * batched:,.0f} |"
             )
-    lines += ["", *limits(counts, arithmetic, peak, batched), ""]
+    lines += ["", *environments.published(), "", *limits(counts, arithmetic, peak, batched), ""]
     return "\n".join(lines)
 
 

@@ -19,12 +19,13 @@ import numpy as np
 
 from ballbot.control.records import Schema
 from ballbot.errors import InputError
-from ballbot.firmware.build import NUMERICS, source_files
+from ballbot.firmware.build import NUMERICS, source_files, weights_folder
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
 from campaigns.firmware_numbers import controllers
 from campaigns.section import Section
+from tests.support.compiled_firmware import weights_of
 
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "build" / "firmware_fuzz"
@@ -92,10 +93,11 @@ def build(folder: Path) -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "firmware_fuzz_records.h").write_text(records_header())
+    weights_folder(folder, weights_of(controllers()["policy alone, 3 wheels"]()))
     target = folder / "fuzzer"
     command = [
         *("clang", "-g", "-O1", *NUMERICS, SANITIZERS, "-fno-sanitize-recover=all"),
-        *(f"-I{SOURCES}", f"-I{PROJECT}", f"-I{folder}"),
+        *(f"-I{folder}", f"-I{SOURCES}", f"-I{PROJECT}"),
         *map(str, [*source_files(), PROJECT / "robot.c", HERE / "firmware_fuzz.c"]),
         *("-o", str(target), "-lm"),
     ]

@@ -28,8 +28,8 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import converted
 from ballbot.twin import Scenario
 from campaigns.section import Section
-from tests.support.compiled_firmware import Library, library
-from tests.support.control_examples import everything, four_wheeled
+from tests.support.compiled_firmware import Library, library_of
+from tests.support.control_examples import everything, four_wheeled, with_policy
 
 #: largest difference of a torque, over the torque limit
 TOLERANCE = 1e-5
@@ -129,7 +129,7 @@ class Comparison:
 def compare(controller: Controller, *, lanes: int, count: int, seed: int) -> Comparison:
     """Return how the C law's torques differ from those of Python over so many updates of so many lanes."""
     worst, beyond = 0.0, 0
-    for update, torques in updates(controller, library(), lanes=lanes, count=count, seed=seed):
+    for update, torques in updates(controller, library_of(controller), lanes=lanes, count=count, seed=seed):
         exact = python_torques(controller, update)
         differences = np.abs(torques - exact).max(axis=1) / controller.torque_limit
         within = differences <= TOLERANCE
@@ -158,10 +158,19 @@ def controllers() -> dict[str, Callable[[], Controller]]:
         by_name[f"every part, directed friction, {wheels}"] = partial(
             everything, robot.replace(friction=directed)
         )
-    for name in KINDS:
+        by_name[f"policy alone, {wheels}"] = partial(_learned, partial(precise_controller, robot))
+        by_name[f"policy beside every part, {wheels}"] = partial(
+            _learned, partial(everything, robot), feedback=0.6
+        )
+    for name in [name for name in KINDS if name != "policy"]:
         by_name[f"without {name}"] = partial(_without, alten, name)
         by_name[f"{name} alone"] = partial(_alone, alten, name)
     return by_name
+
+
+def _learned(design: Callable[[], Controller], *, feedback: float = 0.0) -> Controller:
+    """Return a controller with a policy of random weights."""
+    return with_policy(design(), feedback=feedback)
 
 
 def _without(robot: Robot, name: str) -> Controller:

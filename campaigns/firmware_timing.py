@@ -30,11 +30,13 @@ from ballbot.twin import Scenario
 from campaigns.firmware_numbers import controllers, updates
 from campaigns.section import Section
 from tests.support.compiled_estimators import Compiled
-from tests.support.compiled_firmware import Firmware, library
+from tests.support.compiled_firmware import Firmware, library_of, weights_of
+from tests.support.control_examples import with_policy
 
 _SAMPLES = 400  # of each estimator
 _UPDATES = 40  # of each of ten lanes of a controller
 _PERIOD = 1e-3  # [s]
+_BYTES = 4  # of a weight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +45,7 @@ class Timing:
 
     name: str
     runs: tuple[EmulatedCall, ...]
-    flash: int  #: of the function and all that it calls [bytes]
+    flash: int  #: of the function, all that it calls and a policy's weights [bytes]
     ram: int  #: of its record and its memory [bytes]
     stack: int  #: at most [bytes]
 
@@ -65,9 +67,14 @@ class Timing:
 
 
 @cache
-def image() -> Image:
-    """Return the firmware's library, compiled for the processor."""
-    return compile_image(source_files())
+def image(weights: str = "") -> Image:
+    """Return the firmware's library, compiled for the processor with a header of a policy's weights."""
+    return compile_image(source_files(), weights=weights)
+
+
+def image_of(controller: Controller) -> Image:
+    """Return the library with the weights of a controller's policy."""
+    return image(weights_of(controller))
 
 
 def reachable(image: Image, name: str) -> set[str]:
@@ -80,13 +87,17 @@ def reachable(image: Image, name: str) -> set[str]:
     return names
 
 
-def timing(name: str, function: str, runs: list[EmulatedCall], ram: int) -> Timing:
-    """Return the timing of calls of a function."""
-    whole = image()
+def timing(
+    name: str, function: str, runs: list[EmulatedCall], ram: int, controller: Controller | None = None
+) -> Timing:
+    """Return the timing of calls of a function, in the library of a controller."""
+    whole = image_of(controller) if controller else image()
+    policy = controller.parts.policy if controller else None
     return Timing(
         name=name,
         runs=tuple(runs),
-        flash=sum(len(whole.functions[callee]) for callee in reachable(whole, function)),
+        flash=sum(len(whole.functions[callee]) for callee in reachable(whole, function))
+        + (_BYTES * policy.weights.size if policy else 0),
         ram=ram,
         stack=whole.stack_bound(function),
     )
@@ -118,13 +129,13 @@ def law_runs(
 
     A new board is taken if none is given.
     """
-    board = board or Board(image())
+    board = board or Board(image_of(controller))
     law = board.place(converted(controller.record, LAW))
     memory = board.place(np.zeros(1, MEMORY.dtype("single")))
     state, reference = (board.place(np.zeros(10, np.float32)) for _ in range(2))
     wheels = len(controller.gain)
     answer = board.place(np.zeros(wheels, np.float32))
-    for update, torques in updates(controller, library(), lanes=lanes, count=count, seed=1):
+    for update, torques in updates(controller, library_of(controller), lanes=lanes, count=count, seed=1):
         for lane, expected in enumerate(torques):
             board.write(memory, update.memory[lane : lane + 1])
             board.write(state, update.state[lane])
@@ -136,10 +147,10 @@ def law_runs(
 def firmware_runs(controller: Controller, *, samples: int) -> Iterator[tuple[Update, bool]]:
     """Return each update of a rehearsal, and whether torques and state are those of this computer bit for bit."""
     exported = export_controller(controller)
-    host = Firmware(exported.parameters)
+    host = Firmware(exported.parameters, weights=weights_of(controller))
     host.skip_self_test()
     host.arm()
-    for update in rehearse(controller, exported, Board(image()), samples=samples):
+    for update in rehearse(controller, exported, Board(image_of(controller)), samples=samples):
         expected = host.update(update.reading, update.time, update.reference.astype(np.float64))
         same = (
             update.torques.tobytes() == expected.tobytes() and update.state.tobytes() == host.state.tobytes()
@@ -171,10 +182,12 @@ def timings(*, samples: int, count: int) -> list[Timing]:
     for label, design in controllers().items():
         if label.startswith("without") or label.endswith("alone"):  # those of the test of each part
             continue
-        rows = list(law_runs(design(), lanes=10, count=count))
+        controller = design()
+        rows = list(law_runs(controller, lanes=10, count=count))
         _check(label, rows)
         ram = LAW.dtype("single").itemsize + MEMORY.dtype("single").itemsize
-        table.append(timing(f"law: {label}", "ballbot_control_law", [run for run, _ in rows], ram))
+        runs = [run for run, _ in rows]
+        table.append(timing(f"law: {label}", "ballbot_control_law", runs, ram, controller))
 
     ram = PARAMETERS.dtype("single").itemsize + STATE.dtype("single").itemsize
     for label, controller in presets().items():
@@ -183,12 +196,13 @@ def timings(*, samples: int, count: int) -> list[Timing]:
         takes_fixes = controller.estimator == "kalman"
         for suffix, with_fix in (("", False), (", with fixes", True))[: 1 + takes_fixes]:
             runs = [update.run for update, _ in updates_of if update.has_fix == with_fix]
-            table.append(timing(f"whole update: {label}{suffix}", "ballbot_update", runs, ram))
+            name = f"whole update: {label}{suffix}"
+            table.append(timing(name, "ballbot_update", runs, ram, controller))
     return table
 
 
 def presets() -> dict[str, Controller]:
-    """Return the preset controllers of the thesis's robot with each estimator that they are made for, by name."""
+    """Return the thesis's robot's preset controllers, with each estimator that they are made for, and a policy."""
     robot = Robot.load("alten").replace(friction=Scenario.nominal(Robot.load("alten")).friction)
     compensations: tuple[Compensation, ...] = ("none", "full", "partial")
     estimators: tuple[EstimatorName, ...] = ("onboard", "kalman")
@@ -199,7 +213,8 @@ def presets() -> dict[str, Controller]:
         for compensation in compensations
         for estimator in estimators
     }
-    return by_name | {"precise, kalman": precise_controller(robot)}
+    precise = precise_controller(robot)
+    return by_name | {"precise, kalman": precise, "policy of two layers of 64, kalman": with_policy(precise)}
 
 
 def _check(label: str, rows: Sequence[tuple[object, bool]]) -> None:
@@ -220,7 +235,8 @@ def campaign() -> Section:
         f"instructions of an update, typical (median) and largest, and cycles at most, {CYCLES:g} for each instruction "
         f"(`ballbot.firmware.emulator.CYCLES`). Share of {1e3 * _PERIOD:g} ms and highest rate are for the largest at "
         f"{CLOCK / 1e6:g} MHz. Flash is of the function and all that it calls, RAM of its record and its memory, stack "
-        "of the deepest chain of calls by the compiler. Every number of these runs has the bits of this computer.",
+        "of the deepest chain of calls by the compiler. A policy's weights count as flash. Every number of these runs "
+        "has the bits of this computer.",
         columns=[
             "update", "instructions", "largest", "cycles", "share", "highest rate, Hz",
             "flash, B", "RAM, B", "stack, B",

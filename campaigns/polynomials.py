@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from mpmath import atan, atanh, chebyfit, cos, exp, log, mp, mpf, nstr, pi, sin, sqrt, tan
+from mpmath import atan, atanh, chebyfit, cos, exp, log, mp, mpf, nstr, pi, sin, sqrt, tan, tanh
 
 _TINY = mpf("1e-12")  # below it a quotient's limit is taken
 
@@ -55,6 +55,7 @@ def _single_fits() -> dict[str, tuple[list[float], str]]:
         "COSINE": _fit(_cosine_beyond_square, mpf(0), quarter, 3),
         "EXPONENTIAL": _fit(_exponential, -half, half, 5),
         "LOGARITHM": _fit(_logarithm_beyond_line, mpf(0), largest_f**2 * mpf("1.01"), 3),
+        "TANGENT": _fit(_hyperbolic_tangent, mpf(0), (mpf("0.55") * mpf("1.001")) ** 2, 5),
         "ARCTANGENT": _fit(_arctangent, mpf(0), eighth_turn**2, 5),
     }
 
@@ -97,6 +98,11 @@ def _logarithm_beyond_line(square: mpf) -> mpf:
 def _arctangent(square: mpf) -> mpf:
     a = sqrt(abs(square))
     return (atan(a) / a - 1) / square if square > _TINY else -mpf(1) / 3 + square / 5
+
+
+def _hyperbolic_tangent(square: mpf) -> mpf:
+    a = sqrt(abs(square))
+    return (tanh(a) / a - 1) / square if square > _TINY else -mpf(1) / 3 + 2 * square / 15
 
 
 if __name__ == "__main__":

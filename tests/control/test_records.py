@@ -8,7 +8,7 @@ import pytest
 from ballbot import InputError
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
-from tests.support.control_examples import FRICTION, alten, everything
+from tests.support.control_examples import FRICTION, alten, everything, with_policy
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,7 +70,7 @@ def test_single_precision_refuses_what_is_out_of_range_or_lost():
 
 def test_record_begins_with_a_flag_and_is_zero_without_the_part():
     """A step reads `on` of its record: 1 if the controller has the part; otherwise the whole record is zeros."""
-    whole = everything(alten(FRICTION))
+    whole = with_policy(everything(alten(FRICTION)))
     bare = whole.with_parts(Parts()).record
     for name, kind in KINDS.items():
         assert next(iter(schema_of(kind.record).fields)) == "on"

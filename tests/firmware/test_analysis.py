@@ -13,36 +13,44 @@ from ballbot import InputError
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.records import Number
 from ballbot.control.safety import SafetyLimits
-from ballbot.firmware.build import compile_sources, compilers, source_files
+from ballbot.firmware.build import compile_sources, compilers, source_files, weights_folder
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import PARAMETERS, READING, parameter_record
 from ballbot.link.emulated import HARDWARE
-from tests.support.compiled_firmware import Firmware
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.compiled_firmware import Firmware, weights_of
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 
 pytestmark = pytest.mark.board
 
 HERE = Path(__file__).parent
+LEARNED = with_policy(everything(four_wheeled(friction=True)), feedback=0.6)
 PAGE = (PROJECT / "README.md").read_text(encoding="utf-8")
 
 
-def analysed(*options: str, more: Sequence[Path] = ()) -> str:
-    """Return what cppcheck prints about the library, and about more sources."""
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory) -> list[Path]:
+    """Return the folder of the weights of a policy, to be included first."""
+    return weights_folder(tmp_path_factory.mktemp("weights"), weights_of(LEARNED))
+
+
+def analysed(*options: str, weights: Sequence[Path], more: Sequence[Path] = ()) -> str:
+    """Return what cppcheck prints about the library, with a policy's weights, and about more sources."""
     if not shutil.which("cppcheck"):
         pytest.skip("cppcheck is missing")
-    folders = [f"-I{folder}" for folder in (SOURCES, PROJECT, HARDWARE)]
+    folders = [f"-I{folder}" for folder in (*weights, SOURCES, PROJECT, HARDWARE)]
     command = ["cppcheck", "--std=c99", "--quiet", *folders, *options, *map(str, (SOURCES, *more))]
     return subprocess.run(command, capture_output=True, text=True, check=True).stderr
 
 
-def test_cppcheck_finds_nothing():
-    found = analysed("--enable=warning,performance,portability", more=[PROJECT / "robot.c", HARDWARE])
+def test_cppcheck_finds_nothing(weights):
+    more = [PROJECT / "robot.c", HARDWARE]
+    found = analysed("--enable=warning,performance,portability", weights=weights, more=more)
     assert re.findall(r"^\S+:\d+:\d+: (?:error|warning|performance|portability).*", found, flags=re.M) == []
 
 
-def test_rules_of_misra_that_are_not_kept_are_those_of_the_document():
-    found = set(re.findall(r"misra-c2012-([\d.]+)", analysed("--addon=misra")))
+def test_rules_of_misra_that_are_not_kept_are_those_of_the_document(weights):
+    found = set(re.findall(r"misra-c2012-([\d.]+)", analysed("--addon=misra", weights=weights)))
     if not found:
         pytest.skip("cppcheck has no MISRA addon")
     listed = set(re.findall(r"^\| (\d+\.\d+) \|", PAGE, flags=re.M))
@@ -62,10 +70,11 @@ def random_words(random: np.random.Generator, schema, count: int) -> np.ndarray:
 
 
 @pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
-def test_sanitizers_find_nothing_in_the_whole_firmware_and_change_no_bit(tmp_path):
+def test_sanitizers_find_nothing_in_the_whole_firmware_and_change_no_bit(tmp_path, weights):
     """Any readings, references and times, armed at times: no undefined behaviour, and no torque beyond the limit."""
     run = tmp_path / "run"
-    flags = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    flags += [f"-I{folder}" for folder in weights]
     try:
         compile_sources(run, [*source_files(), HERE / "run.c"], flags=flags)
     except InputError as refusal:
@@ -77,9 +86,10 @@ def test_sanitizers_find_nothing_in_the_whole_firmware_and_change_no_bit(tmp_pat
         nominal_controller(robot),
         precise_controller(robot),
         everything(four_wheeled(friction=True)),
+        LEARNED,
     ):
         parameters, n = parameter_record(controller, limits), len(controller.gain)
-        made = Firmware(parameters)
+        made = Firmware(parameters, weights=weights_of(LEARNED))
         made.skip_self_test()
         readings = random_words(random, READING, 300)
         readings["encoders_valid"] = random.integers(0, 2, 300)

@@ -15,7 +15,7 @@ from ballbot.firmware import processor_load
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import export_controller, exported_names
 from ballbot.firmware.processor_load import what_to_install
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 from tests.support.report_pages import shown_text
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -117,6 +117,11 @@ def test_number_beyond_single_precision_is_refused():
         export_controller(Controller(ROBOT, nominal_controller(ROBOT).gain, torque_limit=1e40))
 
 
+def test_policy_too_large_for_firmware_is_refused():
+    with pytest.raises(InputError, match="has 65 units in a hidden layer; firmware can have up to 64"):
+        export_controller(with_policy(nominal_controller(ROBOT), units=65))
+
+
 @needs_compiler
 @pytest.mark.parametrize(
     "compiler", ["gcc", *(pytest.param(name, marks=pytest.mark.board) for name in ("clang", "zig"))]
@@ -127,6 +132,7 @@ def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
     controllers = {
         "nominal": nominal_controller(ROBOT),
         "everything": everything(four_wheeled(friction=True)),
+        "learned": with_policy(nominal_controller(ROBOT)),
     }
     for name, controller in controllers.items():
         for path, text in export_controller(controller).files.items():
@@ -134,7 +140,7 @@ def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
             (tmp_path / name / path).write_text(text)
         folder = tmp_path / name
         flags = ("-c", f"-I{folder / 'ballbot'}", f"-I{folder}")
-        for source in ("robot.c", "examples/bare_metal.c", "examples/rtos_task.c"):
+        for source in ("robot.c", "ballbot/parts/policy.c", "examples/bare_metal.c", "examples/rtos_task.c"):
             target = (folder / source).with_suffix(".o")
             compile_sources(target, [folder / source], flags=flags, compiler=compiler)
             assert target.stat().st_size

@@ -19,8 +19,8 @@ from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.records import SafetyRecord, SafetyState, SelfTestOutcome, parameter_record
-from tests.support.compiled_firmware import Firmware, library
-from tests.support.control_examples import FRICTION, alten
+from tests.support.compiled_firmware import Firmware, library, weights_of
+from tests.support.control_examples import FRICTION, alten, with_policy
 from tests.support.firmware_beside import torques_beside
 from tests.support.firmware_safety import Safety, self_test_torques
 
@@ -80,6 +80,31 @@ def test_parameters_that_bound_nothing_are_refused(name, bad):
     else:
         with pytest.raises(InputError, match="does not know these parameters"):
             Firmware(record)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        ("checksum", 1),
+        ("hidden", 63),
+        ("wheels", 4),
+        ("period", 0),
+        ("torque_limit", 0.0),
+        ("torque_limit", math.nan),
+    ],
+)
+def test_policy_of_other_weights_is_refused(name, wrong):
+    """As a host may send it; without a policy, the linear law runs in a library that has weights."""
+    plain = nominal_controller(ROBOT)
+    learned = with_policy(plain)
+    weights, record = weights_of(learned), parameter_record(learned, LIMITS)
+    for known in (record, parameter_record(plain, LIMITS)):
+        Firmware(known, weights=weights)
+    with pytest.raises(InputError, match="does not know these parameters"):
+        Firmware(record)  # has no weights
+    record["law"]["policy"][name] = wrong
+    with pytest.raises(InputError, match="does not know these parameters"):
+        Firmware(record, weights=weights)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """The control law in C: the numbers of Python's law, without undefined behaviour."""
 
 import ctypes
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -9,13 +10,13 @@ import pytest
 
 from ballbot.control.law import ALLOWED, LAW, MEMORY, control_law
 from ballbot.control.records import converted
-from ballbot.firmware.build import compile_sources, compilers
+from ballbot.firmware.build import compile_sources, compilers, weights_folder
 from ballbot.firmware.header import SOURCES
 from campaigns import firmware_numbers
 from campaigns.firmware_numbers import TOLERANCE, compare, updates
 from tests.support.compiled_estimators import DOUBLE
-from tests.support.compiled_firmware import Library, library
-from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.compiled_firmware import Library, library, library_of, weights_of
+from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 from tests.support.friction_law_examples import robot_by_law
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -33,26 +34,33 @@ def test_single_updates_have_the_torques_of_the_float64_law(name):
 
 
 @cache
-def double_library(folder: Path) -> Library:
-    """Return the law in double precision."""
-    target = folder / "double.so"
-    flags = ("-O2", "-fPIC", "-shared", "-include", str(DOUBLE), "-Wno-double-promotion", "-lm")
-    compile_sources(target, LAW_SOURCES, flags=flags)
-    return Library(ctypes.CDLL(str(target)))
+def double_library(weights: str) -> Library:
+    """Return the law in double precision, with a policy's weights."""
+    with tempfile.TemporaryDirectory(prefix="ballbot-double-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        target = folder / "double.so"
+        flags = ["-O2", "-fPIC", "-shared", "-include", str(DOUBLE), "-Wno-double-promotion", "-lm"]
+        flags += [f"-I{folder}" for folder in weights_folder(folder, weights)]
+        compile_sources(target, LAW_SOURCES, flags=flags)
+        return Library(ctypes.CDLL(str(target)))
 
 
-@pytest.mark.parametrize("name", ["everything", "four wheels", "registered friction law"])
-def test_law_in_double_precision_is_python_s_law(name, tmp_path_factory):
+@pytest.mark.parametrize(
+    "name", ["everything", "four wheels", "registered friction law", "policy", "policy alone"]
+)
+def test_law_in_double_precision_is_python_s_law(name):
     """Torques and memories of many updates in a row agree to rounding: nothing but precision sets the two apart."""
     controller = {
         "everything": lambda: everything(alten(FRICTION)),
         "four wheels": lambda: everything(four_wheeled(friction=True)),
         "registered friction law": lambda: everything(robot_by_law()),
+        "policy": lambda: with_policy(everything(four_wheeled(friction=True)), feedback=0.6, units=24),
+        "policy alone": CONTROLLERS["policy alone, 3 wheels"],
     }[name]()
-    compiled = double_library(tmp_path_factory.getbasetemp())
+    compiled = double_library(weights_of(controller))
     memory, of_python = (np.zeros(1, MEMORY.dtype()) for _ in range(2))
     torques, exact = np.zeros((1, len(controller.gain))), np.zeros(len(controller.gain))
-    for update, _ in updates(controller, library(), lanes=1, count=250, seed=4):
+    for update, _ in updates(controller, library_of(controller), lanes=1, count=250, seed=4):
         if not update.memory.tobytes().strip(b"\0"):  # another run
             memory[:] = of_python[:] = np.zeros(1, MEMORY.dtype())
         state, reference = update.state.astype(np.float64), update.reference.astype(np.float64)

@@ -16,20 +16,21 @@ from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse
 from ballbot.link.emulated import HARDWARE
-from campaigns.firmware_timing import firmware_runs, image, law_runs, presets
-from tests.support.control_examples import FRICTION, alten, everything
+from campaigns.firmware_timing import firmware_runs, image, image_of, law_runs, presets
+from tests.support.control_examples import FRICTION, alten, everything, with_policy
 
 
 @cache
 def controllers() -> dict[str, Controller]:
-    """Return the presets, and a controller with every part."""
-    return presets() | {"everything": everything(alten(FRICTION)).with_estimator("kalman")}
+    """Return the presets, and a controller with every part, without and with a policy."""
+    whole = everything(alten(FRICTION)).with_estimator("kalman")
+    return presets() | {"everything": whole, "policy": with_policy(whole, feedback=0.6)}
 
 
-@pytest.mark.parametrize("name", ["nominal partial, onboard", "everything"])
+@pytest.mark.parametrize("name", ["nominal partial, onboard", "everything", "policy"])
 def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
     controller = controllers()[name]
-    rehearsed, random = Board(image()), Board(image())
+    rehearsed, random = Board(image_of(controller)), Board(image_of(controller))
     updates = list(rehearse(controller, export_controller(controller), rehearsed))
     assert all(update.torques.any() for update in updates)
     assert updates[-1].state["safety"]["stop"][0] == 0
@@ -37,7 +38,7 @@ def test_rehearsal_goes_through_every_branch_that_random_states_find(name):
     assert random.executed - rehearsed.executed == set()
 
 
-@pytest.mark.parametrize("name", ["nominal partial, onboard", "everything"])
+@pytest.mark.parametrize("name", ["nominal partial, onboard", "everything", "policy"])
 def test_rehearsal_has_the_bits_of_this_computer(name):
     assert all(same for _, same in firmware_runs(controllers()[name], samples=60))
 

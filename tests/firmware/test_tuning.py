@@ -54,8 +54,8 @@ def random_setting(random: np.random.Generator) -> Setting:
     return Setting(weights=weights, compensation=compensation, torque_limit=torque, lean_limit=lean)
 
 
-def test_law_in_double_precision_moves_as_that_of_python(tmp_path_factory):
-    controller, compiled = mixing(), double_library(tmp_path_factory.getbasetemp())
+def test_law_in_double_precision_moves_as_that_of_python():
+    controller, compiled = mixing(), double_library("")
     random = np.random.default_rng(2)
     memory, torques, state = np.zeros(1, MEMORY.dtype()), np.zeros((1, 3)), np.zeros(10)
     for k in range(900):

@@ -18,7 +18,8 @@ from ballbot.link.transport import LinkError
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.scenario_file import load_scenario
-from tests.support.control_examples import FRICTION, alten
+from tests.support.compiled_firmware import weights_of
+from tests.support.control_examples import FRICTION, alten, linear_policy
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -31,10 +32,12 @@ def parameters() -> np.ndarray:
     return parameter_record(precise_controller(ROBOT), SafetyLimits.on_robot(ROBOT, sample_time=H))
 
 
-def emulated(*, capabilities: int = 0, starts: int = 0, robot: Robot = ROBOT, seed: int = 0) -> EmulatedRobot:
+def emulated(
+    *, capabilities: int = 0, starts: int = 0, robot: Robot = ROBOT, seed: int = 0, weights: str = ""
+) -> EmulatedRobot:
     """Return an emulated robot with the sensors that its file has."""
     plant = SensedPlant(Model(robot), Imperfections(sensors=robot.sensors))
-    firmware = CompiledRobot(parameters(), capabilities=capabilities, starts=starts)
+    firmware = CompiledRobot(parameters(), capabilities=capabilities, starts=starts, weights=weights)
     return EmulatedRobot(plant, firmware, sample_time=H, seed=seed)
 
 
@@ -150,6 +153,19 @@ def test_parameters_are_read_and_written_while_disarmed_only():
     session.write_parameters(changed)
     assert session.read_parameters().tobytes() == changed.tobytes()
     assert session.arm(lambda: True) is AnswerResult.SELF_TEST  # once more, with the new numbers
+
+
+def test_policy_alone_balances_a_robot_whose_firmware_has_its_weights_and_no_other():
+    learned = linear_policy(nominal_controller(ROBOT))
+    record = parameter_record(learned, SafetyLimits.on_robot(ROBOT, sample_time=H))
+    with pytest.raises(LinkError, match="a learned policy's need a firmware with its weights"):
+        connected(emulated()).write_parameters(record)
+    robot = emulated(weights=weights_of(learned))
+    connected(robot).write_parameters(record)
+    found = states(balancing(robot), 2.0)[-300:]  # without those of the self-test
+    assert all(one.armed for one in found)
+    assert all(np.any(one.torques) for one in found[-10:])
+    assert max(np.abs(one.estimate[2:4]).max() for one in found) < 0.05
 
 
 @pytest.mark.parametrize("place", list(ControllerPlace))

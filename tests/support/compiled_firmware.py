@@ -14,11 +14,13 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.control.controller import Controller
 from ballbot.control.law import ALLOWED
 from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import shared_library, source_files
+from ballbot.firmware.header import weights_header
 from ballbot.firmware.records import STATE, SelfTestOutcome
 
 
@@ -76,13 +78,25 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
 
 
 @cache
-def library() -> Library:
+def library(weights: str = "") -> Library:
     """Return the library, compiled by the first of this computer's compilers unless that is kept."""
-    return Library(shared_library("library", source_files()))
+    return Library(shared_library("library", source_files(), weights=weights))
+
+
+def library_of(controller: Controller) -> Library:
+    """Return the library with the weights of a controller's policy."""
+    return library(weights_of(controller))
+
+
+def weights_of(controller: Controller) -> str:
+    """Return the header of the weights of a controller's policy; "" without one."""
+    return weights_header(controller.parts.policy) if controller.parts.policy else ""
 
 
 class Firmware:
     """The firmware of one robot, running on this computer, by its parameters (1,) of `PARAMETERS`; it starts disarmed.
+
+    `weights` is the header of a policy's weights, by default of none.
 
     Raises
     ------
@@ -90,10 +104,10 @@ class Firmware:
         If the parameters are not those of the library.
     """
 
-    def __init__(self, parameters: NDArray[np.void]) -> None:
+    def __init__(self, parameters: NDArray[np.void], *, weights: str = "") -> None:
         self.parameters = parameters
         self.state = np.zeros(1, STATE.dtype("single"))
-        self._functions = _typed(library().functions)
+        self._functions = _typed(library(weights).functions)
         self._torques = np.zeros(MAX_WHEELS, dtype=np.float32)
         self._wheels = int(parameters["wheel_count"][0])
         if not self._functions.ballbot_init(self.state.ctypes.data, parameters.ctypes.data):

@@ -12,6 +12,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
+from ballbot.control.parts.policy import SCALES, Policy, observation_size
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import precise_controller
@@ -84,6 +85,55 @@ def everything(robot: Robot) -> Controller:
     return precise.with_parts(
         replace(parts, integral=replace(parts.integral, gain=precise.parts.integral.gain))
     )
+
+
+def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 64) -> Controller:
+    """Return a controller with a policy of random weights, as large as those of a trained one."""
+    random, wheels = np.random.default_rng(7), len(controller.gain)
+    shapes = {
+        "first": (units, observation_size(wheels)),
+        "second": (units, units),
+        "last": (wheels, units),
+    }
+    layers = {
+        name: np.hstack([random.normal(0.0, 1.2 / np.sqrt(n), (m, n)), random.normal(0.0, 0.1, (m, 1))])
+        for name, (m, n) in shapes.items()
+    }
+    policy = Policy(
+        feedback=feedback,
+        torque_scale=0.4 * controller.torque_limit,
+        torque_limit=0.5 * controller.torque_limit,
+        period=2.0 * controller.sample_time,
+        largest_lean=0.2,
+        largest_speed=1.0,
+        **layers,
+    )
+    return controller.with_parts(replace(controller.parts, policy=policy))
+
+
+def linear_policy(controller: Controller) -> Controller:
+    """Return a controller whose policy does as its feedback; its units are driven too little to bend."""
+    small, scales, (wheels, _) = 0.05, np.array(SCALES), controller.gain.shape
+    first, second, last = (
+        np.zeros((10, observation_size(wheels) + 1)),
+        np.zeros((10, 11)),
+        np.zeros((wheels, 11)),
+    )
+    first[:, :10] = small * np.eye(10)
+    second[:, :10] = np.eye(10)
+    last[:, :10] = controller.gain * scales / (small * controller.torque_limit)
+    policy = Policy(
+        feedback=0.0,
+        torque_scale=controller.torque_limit,
+        torque_limit=controller.torque_limit,
+        period=controller.sample_time,
+        largest_lean=0.3,
+        largest_speed=1.0,
+        first=first,
+        second=second,
+        last=last,
+    )
+    return controller.with_parts(replace(controller.parts, policy=policy))
 
 
 class MisjudgedLean:

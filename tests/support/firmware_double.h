@@ -36,6 +36,11 @@ static inline void ballbot_sine_cosine(float angle, float *sine, float *cosine)
     *cosine = cos(angle);
 }
 
+static inline float ballbot_hyperbolic_tangent(float x)
+{
+    return tanh(x);
+}
+
 static inline float ballbot_arctangent(float y, float x)
 {
     return atan2(y, x);

@@ -28,5 +28,6 @@ void sine_cosine(size_t count, const float *angle, float *sine, float *cosine)
 
 OF_ONE(exponential)
 OF_ONE(square_root)
+OF_ONE(hyperbolic_tangent)
 OF_TWO(power)
 OF_TWO(arctangent)

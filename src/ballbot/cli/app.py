@@ -69,6 +69,7 @@ COMMANDS = (
     Command("design", "Control", "Design a controller for a robot."),
     Command("export", "Control", "Write a controller as C firmware for its robot."),
     Command("plan", "Control", "Plan the fastest move within a robot's limits."),
+    Command("learn", "Control", "Learn a controller on simulated robots, in seconds."),
     Command("run", "Control", "Run a live robot: wiring, sweep, balance, comparison."),
     Command("limits", "Control", "Find the largest tilts and impulses that a robot recovers from."),
     Command("compare", "Experiments", "Compare controllers on the same courses and seeds."),

@@ -92,7 +92,13 @@ class LinkOptions:
         return Robot.load(self.name) if self.robot or self.emulated else None
 
     def connect(
-        self, port: str | None, *, hold: Hold = "on_ball", real_time: bool = False, imu_checked: bool = True
+        self,
+        port: str | None,
+        *,
+        hold: Hold = "on_ball",
+        real_time: bool = False,
+        imu_checked: bool = True,
+        weights: str = "",
     ) -> AbstractContextManager[Connection]:
         """Connect to a robot while a block runs; the keyword options are for an emulated robot.
 
@@ -114,6 +120,7 @@ class LinkOptions:
             hold=hold,
             real_time=real_time or bool(stream),
             imu_checked=imu_checked,
+            weights=weights,
         )
         filmed_by = self.seed if hold == "upside_down" else None
         return connect_emulated(described, emulated, filmed_by=filmed_by, stream=stream)
@@ -174,7 +181,7 @@ def balance(
             "--tune terminal and --reference keyboard both read the terminal; give a file to one."
         )
     lines = None if tune is None else command_lines(tune)
-    parameters, gains, then = None, None, f"identify {link.name} LOG --out identified"
+    exported, gains, then = None, None, f"identify {link.name} LOG --out identified"
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
@@ -182,16 +189,20 @@ def balance(
         others = read_others(mixed, link.described)
         read = read_controller(controller, link.described)
         exported = export_controller(read, others, described=link.described, lean=lean)
-        parameters, gains = exported.parameters, exported.gains
+        gains = exported.gains
         if (study := controller.with_name("results.json")).exists():
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
-        link.connect(port, real_time=reference == KEYBOARD or tune == TERMINAL) as connection,
+        link.connect(
+            port,
+            real_time=reference == KEYBOARD or tune == TERMINAL,
+            weights=exported.weights if exported else "",
+        ) as connection,
     ):
         robot = connection.robot
-        if parameters is not None:
-            robot.use_parameters(parameters)
+        if exported:
+            robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         own = robot.parameters["law"]["tuning"][0]
         tuner = Tuner(lines, own, gains=gains, say=notice) if lines else None
@@ -347,6 +358,8 @@ def compare(
     files = [prediction.with_name(name) for name in ("previous_controller.toml", "controller.toml")]
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
+    exported = [export_controller(controller, lean=lean) for controller in controllers]
+    weights = next((one.weights for one in exported if one.weight_bytes), "")
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
@@ -354,11 +367,11 @@ def compare(
         out, command="run compare", writes=[f"{name}.csv" for name in names], beside=files, seed=link.seed
     ) as result:
         logs = []
-        with link.connect(port) as connection:
+        with link.connect(port, weights=weights) as connection:
             about = to_results(result.origin) | connection.provenance | {"robot": described.name}
             for k, name in enumerate(names):
                 result.console.print(f"Run {k + 1} of {len(names)}: {files[k % 2]}", soft_wrap=True)
-                connection.robot.use_parameters(export_controller(controllers[k % 2], lean=lean).parameters)
+                connection.robot.use_parameters(exported[k % 2].parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
                 live_run = connection.run(

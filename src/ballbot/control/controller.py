@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import checked_sample_time, positive_number, real_array
-from ballbot.control.law import ALLOWED, MEMORY, control_law, law_record
+from ballbot.control.law import ALLOWED, LAW_SIZE, LAW_TYPE, MEMORY_SIZE, MEMORY_TYPE, control_law, law_record
 from ballbot.control.lqr import gain_rows, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.part import LawSettings
@@ -142,7 +142,6 @@ class Controller:
         self.designed_for: Mapping[str, Value] | None = None
         #: whose gains it can mix with its own while it runs; `ballbot.control.gain_set.tunable` gives them
         self.others: tuple[Controller, ...] = ()
-        #: the controller's numbers, (1,) of `ballbot.control.law.LAW`
         settings = LawSettings(
             robot=robot,
             gain=self.gain,
@@ -151,11 +150,21 @@ class Controller:
             speed_band=self.speed_band,
             delay=parts.prediction.delay if parts.prediction else 0.0,
         )
-        self.record = law_record(settings, torque_limit=self.torque_limit, parts=parts)
-        #: its memory, (1,) of `ballbot.control.law.MEMORY`
-        self.memory = MEMORY.zeros()
-        self.packed = self.record.view(np.float64)
-        self._memory = self.memory.view(np.float64)
+        record = law_record(settings, torque_limit=self.torque_limit, parts=parts)
+        weights = parts.policy.weights if parts.policy else ()
+        #: the controller's numbers as the law reads them: the record, and a policy's weights behind it
+        self.packed = np.concatenate([record.view(np.float64), weights])
+        self._memory = np.zeros(MEMORY_SIZE)
+
+    @property
+    def record(self) -> NDArray[np.void]:
+        """The controller's numbers, (1,) of `ballbot.control.law.LAW`."""
+        return self.packed[:LAW_SIZE].view(LAW_TYPE)
+
+    @property
+    def memory(self) -> NDArray[np.void]:
+        """Its memory, (1,) of `ballbot.control.law.MEMORY`."""
+        return self._memory.view(MEMORY_TYPE)
 
     def summary(self) -> Summary:
         """Return the controller's settings and its gain."""

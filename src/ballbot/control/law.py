@@ -38,6 +38,7 @@ from ballbot.control.parts.part import (
     heading_frame,
     row_times,
 )
+from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
@@ -95,8 +96,8 @@ MEMORY = Schema(
 )
 LAW_TYPE, MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
 
-#: length of the memory as an array of float64
-MEMORY_SIZE = MEMORY_TYPE.itemsize // 8
+#: lengths of the numbers before a policy's weights, and of the memory, as arrays of float64
+LAW_SIZE, MEMORY_SIZE = LAW_TYPE.itemsize // 8, MEMORY_TYPE.itemsize // 8
 
 
 def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> NDArray[np.void]:
@@ -161,13 +162,15 @@ def _heading_error(a, state, moved, wanted):
 
 
 @inlined
-def _filter_and_limit(law, memory, torques):
-    """Filter, limit and remember the torques; return whether one exceeded the limit."""
+def _filter_and_limit(law, memory, torques, learned):
+    """Filter, limit and remember the torques, `learned` ones among them; return whether one exceeded the limit."""
     history, limit = memory.history, torque_limit_of(law, memory)
     limited = False
     for i in range(len(torques)):
         history.disturbance_compensation[0, i] = 0.0  # the observer adds to it
         torques[i] = notched(law, memory, add_estimate(law, memory, torques[i], i), i)
+        if learned:
+            torques[i] = with_policy(law, memory, torques[i], i)
         limited = limited or abs(torques[i]) > limit
         torques[i] = clipped(torques[i], limit)
         history.acting[0, i] = torques[i]
@@ -186,8 +189,8 @@ def _is_state(measured):
 
 
 @inlined
-def _decide(law, memory, measured, reference, torques):
-    """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`."""
+def _decide(law, memory, weights, measured, reference, torques):
+    """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`. A policy has weights."""
     n = len(torques)
     tune(law, memory)
     seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
@@ -196,6 +199,7 @@ def _decide(law, memory, measured, reference, torques):
     # zero at the start of a run, when a part takes the measured pose as its start
     moved = _turned_by(memory.measured_heading, measured[4])
     asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
+    act(law, memory, weights, seen, asked, moved)
     wanted = _followed(law, memory, Measured(a, state), reference, asked)
     error = lean_error(law, _heading_error(a, state, moved, wanted), a, wanted)
     e, error_limited = limit_error(law, memory, error)
@@ -206,7 +210,7 @@ def _decide(law, memory, measured, reference, torques):
         torques[i] = add_integral(law, memory, torque, now, i)
     if law.compensation.full + law.compensation.partial > 0.0:
         compensate(law, memory, now, torques)
-    torque_limited = _filter_and_limit(law, memory, torques)
+    torque_limited = _filter_and_limit(law, memory, torques, within_policy(law, seen))
     learn_integral(law, memory, now, torque_limited or error_limited)
 
 
@@ -219,7 +223,11 @@ def law_code() -> int:
         state, held = carray(measured, 10), carray(torques, n)
         if _is_state(state):
             law, memory = carray(laws, 1, LAW_TYPE)[0], carray(memories, 1, MEMORY_TYPE)[0]
-            _decide(law, memory, state, carray(reference, 10), held)
+            own = law.policy
+            inputs = (ERRORS + HISTORY * own.wheels + 1) * own.hidden
+            size = inputs + (own.hidden + 1) * (own.hidden + own.wheels)
+            weights = carray(laws, LAW_SIZE + size, np.float64)[LAW_SIZE:]
+            _decide(law, memory, weights, state, carray(reference, 10), held)
         else:
             for i in range(n):
                 held[i] = 0.0

@@ -27,7 +27,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from ballbot.errors import InputError
-from ballbot.firmware.header import SOURCES
+from ballbot.files import write_text
+from ballbot.firmware.header import SOURCES, WEIGHTS_HEADER
 
 #: warnings of the compiler, all of them errors; the library compiles without one
 WARNINGS = (
@@ -146,6 +147,7 @@ def shared_library(
     sources: Sequence[Path],
     *,
     include: Sequence[Path] = (),  # folders of headers besides the library's own
+    weights: str = "",  # text of the header of a policy's weights; without one, the library's own, which has none
 ) -> ctypes.CDLL:
     """Return C sources as a loaded library, compiled by the first of `compilers` unless that is kept.
 
@@ -154,11 +156,21 @@ def shared_library(
     compiler, command = _compiler()
     headers = [path for folder in (SOURCES, *include) for path in sorted(folder.rglob("*.h"))]
     options = (*NUMERICS, *WARNINGS, *_SHARED)
-    parts = [tool_identity(compiler, command), *options, *map(Path.read_bytes, (*sources, *headers))]
-    flags = (*_SHARED, *(f"-I{path}" for path in include))
-    return ctypes.CDLL(
-        str(kept_build(f"{name}.so", parts, lambda path: compile_sources(path, sources, flags=flags)))
-    )
+    parts = [tool_identity(compiler, command), *options, *map(Path.read_bytes, (*sources, *headers)), weights]
+
+    def build(path: Path) -> None:
+        folders = (*weights_folder(path.parent, weights), *include)
+        compile_sources(path, sources, flags=(*_SHARED, *(f"-I{folder}" for folder in folders)))
+
+    return ctypes.CDLL(str(kept_build(f"{name}.so", parts, build)))
+
+
+def weights_folder(folder: Path, weights: str) -> list[Path]:
+    """Write the text of a header of weights into a folder; return the folders to include before the library's own."""
+    if not weights:
+        return []
+    write_text(folder / WEIGHTS_HEADER, weights)
+    return [folder]
 
 
 def tool_identity(name: str, command: Sequence[str]) -> str:

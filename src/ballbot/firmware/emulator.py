@@ -24,7 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.firmware.build import NUMERICS, RUNTIME, ZIG, compile_objects, has_zig, run_tool
+from ballbot.firmware.build import (
+    NUMERICS,
+    RUNTIME,
+    ZIG,
+    compile_objects,
+    has_zig,
+    run_tool,
+    weights_folder,
+)
 from ballbot.firmware.header import SOURCES
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
@@ -120,6 +128,7 @@ def compile_image(
     *,
     include: Sequence[Path] = (SOURCES,),  # folders of headers
     flags: Sequence[str] = (),  # more options of the compiler
+    weights: str = "",  # as for `ballbot.firmware.build.shared_library`
 ) -> Image:
     """Compile and link sources for a Cortex-M4F.
 
@@ -127,9 +136,10 @@ def compile_image(
     """
     if not has_zig():
         raise InputError("Compiling for the emulated processor needs ziglang; `pip install ziglang`.")
-    command = (*ZIG, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *(f"-I{path}" for path in include))
     with tempfile.TemporaryDirectory(prefix="ballbot-arm-") as name:
         folder = Path(name)
+        folders = (*weights_folder(folder, weights), *include)
+        command = (*ZIG, "cc", *PROCESSOR, *NUMERICS, *_BUILD, *flags, *(f"-I{path}" for path in folders))
         objects = compile_objects(folder, [*sources, RUNTIME], command=command, flags=())
         script, target = folder / "memory.ld", folder / "image.elf"
         script.write_text(_LINKER_SCRIPT)

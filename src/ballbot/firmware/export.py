@@ -1,6 +1,6 @@
 """What `ballbot export` writes: the library, a controller's numbers, build files and examples.
 
-    ballbot/                the library: the C sources of `ballbot.firmware`, as they are
+    ballbot/                the library: the C sources of `ballbot.firmware`, as they are, and the weights of a policy
     ballbot_parameters.h    the controller's numbers in single precision
     ballbot_hardware.h      seven functions that the application writes for its board
     robot.c, robot.h        sensors, library and motors put together
@@ -26,7 +26,13 @@ from ballbot.control.linear import refuse_without_margin
 from ballbot.control.safety import SafetyLimits
 from ballbot.errors import InputError
 from ballbot.files import read_text, read_toml
-from ballbot.firmware.header import PARAMETERS_HEADER, SOURCES, parameters_header
+from ballbot.firmware.header import (
+    PARAMETERS_HEADER,
+    SOURCES,
+    WEIGHTS_HEADER,
+    parameters_header,
+    weights_header,
+)
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, STATE, parameter_record
 from ballbot.robot import Robot
 
@@ -36,6 +42,8 @@ PROJECT = Path(__file__).parent / "project"
 LIBRARY = "ballbot"
 #: a frequency of the shaping [rad/s] up to which its fourth power and all products stay far within single precision
 _LARGEST_FREQUENCY = 1e4
+#: of a weight
+_BYTES = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,13 +51,19 @@ class Export:
     """A controller as firmware."""
 
     parameters: NDArray[np.void]  #: (1,) of `PARAMETERS` in single precision
+    weight_bytes: int  #: flash that the weights of its policy take; 0 without one
     files: Mapping[str, str]  #: text by path, in order
     limits: SafetyLimits
     gains: GainSet | None  #: if the controller has several
 
     @property
+    def weights(self) -> str:
+        """The library's header with the weights of the controller's policy."""
+        return self.files[f"{LIBRARY}/{WEIGHTS_HEADER}"]
+
+    @property
     def parameter_bytes(self) -> int:
-        """Flash that the controller's numbers take."""
+        """Flash that the controller's numbers take, without a policy's weights."""
         return self.parameters.itemsize
 
     @property
@@ -73,8 +87,8 @@ def export_controller(
     """Return a controller and its robot as firmware.
 
     InputError if the loop with the robot has no stability margin, the others differ in more than their gains, the gains
-    share no Lyapunov function, single precision cannot hold the controller, or the lean is not above zero and at most
-    1.2 rad.
+    share no Lyapunov function, single precision cannot hold the controller, its policy is too large, or the lean is not
+    above zero and at most 1.2 rad.
     """
     refuse_without_margin(controller)
     controller = tunable(controller, others, robot=described)
@@ -98,8 +112,23 @@ def export_controller(
             f"\nFriction: {friction.own_law.formula}, as a table of {SPEEDS} speeds with an error of at most "
             f"{100.0 * friction_table(controller.robot).error:.2g} %."
         )
-    files = _fixed_files() | {PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment)}
-    return Export(parameters=record, files=dict(sorted(files.items())), limits=limits, gains=gains)
+    policy = controller.parts.policy
+    if policy:
+        comment += (
+            f"\nPolicy: {policy.weights.size} weights in {LIBRARY}/{WEIGHTS_HEADER}; a library with "
+            "other weights refuses these numbers."
+        )
+    files = _fixed_files() | {
+        f"{LIBRARY}/{WEIGHTS_HEADER}": weights_header(policy),
+        PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment),
+    }
+    return Export(
+        parameters=record,
+        weight_bytes=_BYTES * policy.weights.size if policy else 0,
+        files=dict(sorted(files.items())),
+        limits=limits,
+        gains=gains,
+    )
 
 
 def _fixed_files() -> dict[str, str]:

@@ -4,6 +4,7 @@
                             controller, so it is kept beside the C sources that are written for it, as is
                             c/estimation/kalman_model.h (`ballbot.firmware.kalman_code`)
     ballbot_parameters.h    the numbers of a controller in single precision, written by `ballbot export`
+    ballbot_policy_weights.h    the weights of its policy, a table in flash; beside the C sources is one without weights
 
 A member is 4 bytes wide, `float` or `int32_t`. A struct therefore has no padding, and the bytes of a NumPy record of
 `Schema.dtype("single")` are those of the struct. The header states each struct's size in a declaration that
@@ -27,8 +28,10 @@ from numpy.typing import NDArray
 
 from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
+from ballbot.control.parts.policy import Policy, checksum
 from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.control.tuning import MAX_GAINS
+from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
@@ -37,6 +40,9 @@ from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
 SOURCES = Path(__file__).parent / "c"
 TYPES_HEADER = "ballbot_types.h"
 PARAMETERS_HEADER = "ballbot_parameters.h"
+WEIGHTS_HEADER = "ballbot_policy_weights.h"
+#: units of a policy's hidden layers for which firmware has stack
+MAX_HIDDEN = 64
 #: of a member
 _BYTES = 4
 #: lengths that have a name in C
@@ -112,6 +118,45 @@ static const struct {struct_name(schema)} ballbot_parameters = {{
 {"".join(_members(record[0], schema, indent=1))}}};
 
 #endif
+"""
+
+
+def weights_header(policy: Policy | None) -> str:
+    """Return the text of ballbot_policy_weights.h.
+
+    InputError if the policy has more hidden units than firmware has room for.
+    """
+    layers = [policy.first, policy.second, policy.last] if policy else []
+    hidden, wheels = (len(policy.first), len(policy.last)) if policy else (0, 0)
+    if hidden > MAX_HIDDEN:
+        raise InputError(
+            f"The policy has {hidden} units in a hidden layer; firmware can have up to {MAX_HIDDEN}."
+        )
+    rows = [
+        ", ".join(f"{weight!s}f" for weight in row.astype(np.float32)) for layer in layers for row in layer
+    ]
+    table = "".join(f"    {row},\n" for row in rows)
+    if policy:
+        table = f"static const float ballbot_policy_weights[BALLBOT_POLICY_SIZE] = {{\n{table}}};\n\n"
+    return f"""\
+/* The weights of a learned policy, in single precision; without a policy there are none.
+ *
+ * Written by `ballbot export`; do not edit. A line is a unit of the first hidden layer, the second, or the output of a
+ * wheel: its weights, then its bias.
+ */
+#ifndef BALLBOT_POLICY_WEIGHTS_H
+#define BALLBOT_POLICY_WEIGHTS_H
+
+/* Units of each hidden layer. */
+#define BALLBOT_POLICY_HIDDEN {hidden}
+/* Wheels of the robot. */
+#define BALLBOT_POLICY_WHEELS {wheels}
+/* Weights and biases. */
+#define BALLBOT_POLICY_SIZE {policy.weights.size if policy else 0}
+/* What parameters must hold that belong to these weights. */
+#define BALLBOT_POLICY_CHECKSUM {checksum(policy.weights) if policy else 0}
+
+{table}#endif
 """
 
 
@@ -194,4 +239,5 @@ def _literal(value: object, field: Number) -> str:
 
 if __name__ == "__main__":
     write_text(SOURCES / TYPES_HEADER, types_header())
+    write_text(SOURCES / WEIGHTS_HEADER, weights_header(None))
     write_text(SOURCES / KALMAN_HEADER, kalman_header())

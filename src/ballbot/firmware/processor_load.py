@@ -62,7 +62,9 @@ class ProcessorLoad:
     fix_instructions: (
         int | None
     )  #: largest over the samples with a fix of the pose; None if the estimator takes none
-    flash: int  #: the whole library, robot.c and the numbers of the controller [bytes]
+    flash: (
+        int  #: the whole library with a policy's weights, robot.c and the numbers of the controller [bytes]
+    )
     ram: int  #: a `struct robot`: state, link, and the parameters that a host may write [bytes]
     stack: (
         int  #: of `robot_step`, along the deepest chain of calls, without the board's own functions [bytes]
@@ -121,7 +123,7 @@ def measure_load(
     InputError if `ziglang` or `unicorn` is not installed.
     """
     sources = [*source_files(), PROJECT / "robot.c", _NO_HARDWARE]
-    image = compile_image(sources, include=(SOURCES, PROJECT))
+    image = compile_image(sources, include=(SOURCES, PROJECT), weights=exported.weights)
     plain, fixed = [], []
     for update in rehearse(controller, exported, Board(image)):
         (fixed if update.has_fix else plain).append(update.run)

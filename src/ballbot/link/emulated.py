@@ -155,6 +155,7 @@ def emulated_robot(
     seed: int = 0,
     real_time: bool = False,  # as for `EmulatedRobot`
     imu_checked: bool = True,  # whether the axes of the IMU count as checked
+    weights: str = "",  # the header of a policy that the host will send (`ballbot.firmware.export.Export.weights`)
 ) -> EmulatedRobot:
     """Return an emulated robot with the nominal controller.
 
@@ -174,7 +175,7 @@ def emulated_robot(
     )
     return EmulatedRobot(
         body,
-        CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked),
+        CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked, weights=weights),
         sample_time=controller.sample_time,
         seed=seed,
         hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),
@@ -197,8 +198,9 @@ class CompiledRobot:
         # whether the axes of the IMU count as checked; if not, the first self-test checks them
         imu_checked: bool = True,
         starts: int = 0,  # number of this start, as `robot_start` in C takes it
+        weights: str = "",  # the header of a policy's weights; none by default
     ) -> None:
-        self._functions = _program()
+        self._functions = _program(weights)
         self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)
         self._parameters = np.ascontiguousarray(parameters, PARAMETERS.dtype("single"))
         if not self._functions.emulated_robot_start(
@@ -242,10 +244,10 @@ class CompiledRobot:
 
 
 @cache
-def _program() -> ctypes.CDLL:
-    """Return the compiled program, once for this process."""
+def _program(weights: str) -> ctypes.CDLL:
+    """Return the compiled program with a header of weights, once for this process."""
     sources = [*source_files(), PROJECT / "robot.c", *sorted(HARDWARE.glob("*.c"))]
-    functions = shared_library("emulated", sources, include=(PROJECT, HARDWARE))
+    functions = shared_library("emulated", sources, include=(PROJECT, HARDWARE), weights=weights)
     pointer, size, number = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_uint32
     for name, result, arguments in (
         ("size", size, ()),

@@ -85,7 +85,8 @@ _REASONS = {
     AnswerResult.BUTTON: "its own button was not pressed",
     AnswerResult.RANGE: "the place is beyond its parameters",
     AnswerResult.CHECKSUM: "the parameters that it received are not those that were sent",
-    AnswerResult.PARAMETERS: "the parameters are not allowed",
+    AnswerResult.PARAMETERS: "the parameters are not allowed; a learned policy's need a firmware with its weights, "
+    "which `ballbot export` writes",
     AnswerResult.VALUES: "a value is not finite or out of range",
     AnswerResult.DISARMED: "its own controller does not balance it",
     AnswerResult.GAINS: "the weights are no mixture of its gains",

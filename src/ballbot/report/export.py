@@ -34,6 +34,11 @@ def export_report(
     rows = [
         ("period", f"{1e3 * controller.sample_time:g} ms"),
         ("parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"),
+        *(
+            [("weights of the policy (flash)", f"{exported.weight_bytes} bytes")]
+            if exported.weight_bytes
+            else []
+        ),
         ("state (RAM)", f"{exported.state_bytes} bytes"),
         ("torque limit", torque_limit_words(controller)),
         ("stops beyond a lean of", f"{limits.lean:g} rad"),
@@ -68,6 +73,7 @@ def export_report(
             "safety": limits,
             "schema": FIRMWARE.digest,
             "parameter_bytes": exported.parameter_bytes,
+            "weight_bytes": exported.weight_bytes,
             "state_bytes": exported.state_bytes,
             "gains": exported.gains
             and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.interface import Feedback, estimator_of
-from ballbot.control.law import LAW_TYPE, law_code
+from ballbot.control.law import law_code
 from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.control.source import ControllerLike, as_controller
@@ -202,7 +202,7 @@ def _side_by_side(
         filter_code=sample_code() if len(filters) else 0,
         parameters=_on_floors(models, by_lane),
         lift_offs=_rows(lift_off, robots),
-        laws=np.stack([controller.packed for controller in controllers]).view(LAW_TYPE)[:, 0],
+        laws=_law_rows(controllers),
         loops=_loops(by_lane, robots, controllers, sample_time),
         filters=filters,
         contacts=_rows(pack_contacts, robots),
@@ -421,6 +421,14 @@ def _on_floors(models: Sequence[Model], by_lane: Sequence[Imperfections]) -> NDA
     keys = [(id(model), lane.slope, lane.imbalance) for model, lane in of]
     rows = _once(keys, lambda k: packed_on_floor(*of[k]))
     return np.array(rows if len(set(keys)) > 1 else rows[:1])
+
+
+def _law_rows(controllers: Sequence[Controller]) -> NDArray[np.float64]:
+    """Return the controllers' numbers, as long as those of the one with the most weights."""
+    rows = np.zeros((len(controllers), max(len(controller.packed) for controller in controllers)))
+    for row, controller in zip(rows, controllers, strict=True):
+        row[: len(controller.packed)] = controller.packed
+    return rows
 
 
 def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_TYPE, decide_torques
+from ballbot.control.law import MEMORY_SIZE, decide_torques
 from ballbot.estimation.kalman_model import (
     BIAS,
     COVARIANCE,
@@ -53,27 +53,32 @@ from ballbot.mechanics.engine.lanes import (
     PLAY,
     ROBOT,
     ROTOR,
+    ROWS,
     STATE,
     STEP,
     TORQUE,
+    entry,
     load,
     new_work,
+    put,
     put_robot,
     robot_in,
     stored,
 )
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
-from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, in_state_order, pose
-from ballbot.mechanics.engine.tracing import borrowed, traced
+from ballbot.mechanics.engine.smooth import SINES, SPEEDS, ball_velocity, body_velocity, in_state_order, pose
+from ballbot.mechanics.engine.tracing import borrowed, lanes, traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
 from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
-from ballbot.simulation.model_plant import friction_needed, sinking, wheel_forces
+from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
+#: row of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end
+_SINKING = SINES
 #: rows of a Kalman filter's work array with what these sensors show
 _WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
@@ -87,7 +92,7 @@ class Inputs(NamedTuple):
     filter_code: int  #: 0 without Kalman filters
     parameters: NDArray[np.float64]  #: rows of `pack`
     lift_offs: NDArray[np.float64]
-    laws: NDArray[np.void]  #: records of `ballbot.control.law.LAW`
+    laws: NDArray[np.float64]  #: rows of `Controller.packed`, as long as the longest
     loops: NDArray[np.void]  #: records of `ballbot.simulation.imperfections.LOOP`
     filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
@@ -145,7 +150,7 @@ class Outcome(NamedTuple):
 class Block(NamedTuple):
     """The loop's memory of each robot of a block, from sample to sample."""
 
-    memories: NDArray[np.void]  #: of the laws, records of `ballbot.control.law.MEMORY`
+    memories: NDArray[np.float64]  #: of the laws, rows that are records of `ballbot.control.law.MEMORY`
     by_steps: bool  #: whether the torques of any robot change within a sample
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     wanted: NDArray[np.float64]  #: (robots, n) torques that the drivers want of the motors
@@ -235,8 +240,9 @@ def _angles_of(g, heading):
 
 
 @inlined
-def _read_ahrs(record, block, robot, sample, noise, faults, truth, gyro, angles):
-    """Fill gyro (3,) and angles (3,) with what the AHRS shows."""
+def _read_ahrs(record, block, robot, sample, drawn, noise, faults, angles):
+    """Fill the block's gyro and angles (3,) with what the AHRS shows."""
+    truth, gyro = block.truths[robot], block.gyros[robot]
     a = attitude((truth[2], truth[3], truth[4]))
     rate = body_rates(a, (truth[7], truth[8], truth[9]))
     for i in range(3):
@@ -259,7 +265,7 @@ def _read_ahrs(record, block, robot, sample, noise, faults, truth, gyro, angles)
         turned = _angles_of(g, heading + drift)
         angles[0], angles[1], angles[2] = turned[0], turned[1], turned[2]
     if len(faults) > 0:
-        fresh = faults[5 * (sample + 1) : 5 * (sample + 2)]
+        fresh = faults[5 * (drawn + 1) : 5 * (drawn + 2)]
         errors[5] += record.sample_time * errors[2]
         for i in range(3):
             errors[i] += record.bias_step * fresh[i]
@@ -435,27 +441,26 @@ def _along(v, p):
 
 
 @inlined
-def _take_pushes(selected, work, width, inputs, block, sampling, first, sample):
-    """Let pushes, and the slope of the floor's bumps as a push at the ball's centre, act for a sample."""
-    for lane in range(width):
-        robot = robot_in(work, lane)
-        pushes = inputs.pushes[_row_of(inputs.pushes, first + robot)]
-        bumps = inputs.bumps[_row_of(inputs.bumps, first + robot)]
-        for k in range(len(pushes) + min(len(bumps), 1)):
-            push = block.force
-            if k == len(pushes):
-                x, y = block.truths[robot, 0], block.truths[robot, 1]
-                push[2], push[3] = 0.0, 0.0
-                for i in range(len(bumps)):
-                    size = bumps[i, 3] * math.cos(bumps[i, 0] * x + bumps[i, 1] * y + bumps[i, 2])
-                    push[2] -= size * bumps[i, 0]
-                    push[3] -= size * bumps[i, 1]
-            else:
-                push = pushes[k]
-                if not pushes[k, 0] <= sample < pushes[k, 1]:
-                    continue
-            record = _loop_of(inputs, first + robot)
-            _push(selected, work, lane, record, push, sampling.sample_time)
+def _take_pushes(selected, work, lane, inputs, block, sampling, first, sample):
+    """Let pushes, and the slope of the floor's bumps as a push at the ball's centre, act on a lane for a sample."""
+    robot = robot_in(work, lane)
+    pushes = inputs.pushes[_row_of(inputs.pushes, first + robot)]
+    bumps = inputs.bumps[_row_of(inputs.bumps, first + robot)]
+    for k in range(len(pushes) + min(len(bumps), 1)):
+        push = block.force
+        if k == len(pushes):
+            x, y = block.truths[robot, 0], block.truths[robot, 1]
+            push[2], push[3] = 0.0, 0.0
+            for i in range(len(bumps)):
+                size = bumps[i, 3] * math.cos(bumps[i, 0] * x + bumps[i, 1] * y + bumps[i, 2])
+                push[2] -= size * bumps[i, 0]
+                push[3] -= size * bumps[i, 1]
+        else:
+            push = pushes[k]
+            if not pushes[k, 0] <= sample < pushes[k, 1]:
+                continue
+        record = _loop_of(inputs, first + robot)
+        _push(selected, work, lane, record, push, sampling.sample_time)
 
 
 @inlined
@@ -568,32 +573,31 @@ def _change(selected, work, width, inputs, block, first):
 
 
 @inlined
-def _start(selected, width, inputs, draws, sampling, first, block):
-    """Put the robots into the lanes, at rest in their plays."""
-    n, work, state = block.acting.shape[1], block.work, block.start
-    for lane in range(width):
-        robot = first + lane
-        record = _loop_of(inputs, robot)
-        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
-        fill(state, inputs.initial[_row_of(inputs.initial, robot)])
-        for i in range(2):
-            block.onboard[lane, i] = state[i]
-        fill(block.truths[lane], state)
-        _floored(state, record, -1.0)
-        start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
-        _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-        work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = record.rotor_inertia, record.play
-        for i in range(n):
-            block.turns[lane, i] = draws.turns[lane, i]
-            block.speeds[lane, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
-            if record.play > 0.0:
-                block.starts[lane, i] = record.play * draws.positions[lane, i]
-                work[(AHEAD + i) * LANES + lane] = block.starts[lane, i]
+def _start(selected, lane, inputs, draws, sampling, first, block):
+    """Put a robot into its lane, at rest in its plays."""
+    n, work, state, robot = block.acting.shape[1], block.work, block.start, robot_in(block.work, lane)
+    record = _loop_of(inputs, first + robot)
+    put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + robot)])
+    fill(state, inputs.initial[_row_of(inputs.initial, first + robot)])
+    for i in range(2):
+        block.onboard[robot, i] = state[i]
+    fill(block.truths[robot], state)
+    _floored(state, record, -1.0)
+    start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
+    work[ROBOT * LANES + lane] = float(robot)
+    _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
+    work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = record.rotor_inertia, record.play
+    for i in range(n):
+        block.turns[robot, i] = draws.turns[robot, i]
+        block.speeds[robot, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
+        if record.play > 0.0:
+            block.starts[robot, i] = record.play * draws.positions[robot, i]
+            work[(AHEAD + i) * LANES + lane] = block.starts[robot, i]
 
 
 @inlined
-def _measure(selected, work, lane, inputs, draws, block, first, sample):
-    """Read a lane's sensors, and fill its state unless the Kalman filter does."""
+def _measure(selected, work, lane, inputs, draws, block, first, sample, drawn):
+    """Read a lane's sensors, and fill its state unless the Kalman filter does; `drawn` is the sample in `draws`."""
     robot = robot_in(work, lane)
     record, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
     fill(state, block.truths[robot])
@@ -610,8 +614,8 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
         for i in range(3):
             gyro[i] = rate[i]
         return
-    angles, noise = block.attitude, draws.noise[robot, (n + 6) * sample : (n + 6) * sample + 6]
-    _read_ahrs(record, block, robot, sample, noise, draws.faults[robot], state, gyro, angles)
+    angles, noise = block.attitude, draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
+    _read_ahrs(record, block, robot, sample, drawn, noise, draws.faults[robot], angles)
     _read_encoders(record, block, robot, sample, encoders, speeds)
     if record.estimator == 1:
         _onboard(record, block, robot, sample, speeds, gyro, angles, state)
@@ -628,9 +632,9 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample):
 
 
 @inlined
-def _command(inputs, block, robot, first, sample, reference):
-    """Decide a robot's torques."""
-    record, state, held = _loop_of(inputs, first + robot), block.states[robot], block.commanded[robot]
+def _see(inputs, block, robot, first, sample):
+    """Fill the state of a robot with a Kalman filter; a missing sample is no number."""
+    record, state = _loop_of(inputs, first + robot), block.states[robot]
     if record.estimator == 2:
         row = inputs.filters[_row_of(inputs.filters, first + robot)]
         if sample > 0:
@@ -639,10 +643,17 @@ def _command(inputs, block, robot, first, sample, reference):
         _filtered(block.filters, robot, block.gyros[robot], state)
     if record.missing_from <= sample < record.missing_until:
         state[0] = np.nan
+
+
+@inlined
+def _command(inputs, block, robot, first, reference):
+    """Decide a robot's torques by its law."""
+    state, held = block.states[robot], block.commanded[robot]
     fill(block.last[robot], held)
     row = _row_of(inputs.laws, first + robot)
-    law, memory = inputs.laws[row : row + 1], block.memories[robot : robot + 1]
-    decide_torques(inputs.law_code, law, memory, state, reference, held, len(held))
+    decide_torques(
+        inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held)
+    )
 
 
 @inlined
@@ -666,18 +677,40 @@ def _drive(work, lane, inputs, block, first, sample, noise, changes):
             block.given[robot, i] = torque
 
 
+def _ends(selected, work, width, plays):
+    """Leave how fast each lane sinks, and its wheels' speeds, in rows that are free between steps: vector code."""
+    for lane in lanes(0, width):
+        P, u = load(selected, work, lane), load_torques(selected, work, lane)
+        if plays:
+            P, u = wheel_side(P, entry(work, ROTOR, lane)), passed_torques(selected, work, lane)
+        falling, speeds = sinking_with_speeds(selected, P, load_state(selected, work, lane), u)
+        put(work, _SINKING, lane, falling)
+        stored(work, SPEEDS, lane, speeds)
+
+
+@traced
+def _ends_with_play(selected, work, width):
+    _ends(selected, work, width, True)
+
+
+@traced
+def _ends_without_play(selected, work, width):
+    _ends(selected, work, width, False)
+
+
 @inlined
 def _turn_motors(selected, work, width, inputs, block, first, steps):
-    """Leave the speeds of rigid motors, and turn their encoders by the mean over the sample."""
+    """Look at the lanes at a sample's end; leave the speeds of rigid motors, and turn their encoders by the mean."""
+    if _loop_of(inputs, first).play > 0.0:  # all robots of a block, or none
+        _ends_with_play(selected, work, width)
+        return
+    _ends_without_play(selected, work, width)
     for lane in range(width):
-        robot = robot_in(work, lane)
-        record = _loop_of(inputs, first + robot)
-        if record.play == 0.0:
-            _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-            duration = steps * work[STEP * LANES + lane]
-            for i in range(len(speeds)):
-                block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speeds[i])
-                block.speeds[robot, i] = speeds[i]
+        robot, duration = robot_in(work, lane), steps * work[STEP * LANES + lane]
+        for i in range(block.speeds.shape[1]):
+            speed = work[(SPEEDS + i) * LANES + lane]
+            block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speed)
+            block.speeds[robot, i] = speed
 
 
 @inlined
@@ -685,19 +718,19 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
     robot = robot_in(work, lane)
     record, number = _loop_of(inputs, first + robot), first + robot
-    state, whole = load_state(selected, work, lane), load(selected, work, lane)
-    lean = max(abs(state[2]), abs(state[3]))
+    lean = max(abs(work[(STATE + 2) * LANES + lane]), abs(work[(STATE + 3) * LANES + lane]))
     truth = block.truths[robot]
     _truth(selected, work, lane, record, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine
     if not fallen:
-        P, u = whole, load_torques(selected, work, lane)
-        if record.play > 0.0:
-            P, u = wheel_side(whole, record.rotor_inertia), passed_torques(selected, work, lane)
-        if not sinking(selected, P, state, u) < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
+        if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
         elif sampling.grip < math.inf:
+            P, u = load(selected, work, lane), load_torques(selected, work, lane)
+            if record.play > 0.0:
+                P, u = wheel_side(P, record.rotor_inertia), passed_torques(selected, work, lane)
+            state = load_state(selected, work, lane)
             touching = inputs.contacts[_row_of(inputs.contacts, number)]
             if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
                 fallen = out.slipped[number] = True
@@ -747,10 +780,26 @@ def _runs(work, lane, out, first, samples):
 
 def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -> Block:
     """Return the memory of a block whose robots all begin; n is the number of wheels."""
+    return _new_memory(loops, width, n, blocks=(), filtering=filtering)
+
+
+def new_blocks(loops: NDArray[np.void], lanes: int, n: int, *, filtering: bool) -> Block:
+    """Return the memory of many robots, for `advance_block`."""
+    memory = _new_memory(loops, lanes, n, blocks=(-(-lanes // LANES),), filtering=filtering)
+    for k, work in enumerate(memory.work):
+        width = min(LANES, lanes - k * LANES)
+        work[ROBOT * LANES : ROBOT * LANES + width] = np.arange(width)
+    return memory
+
+
+def _new_memory(
+    loops: NDArray[np.void], width: int, n: int, *, blocks: tuple[int, ...], filtering: bool
+) -> Block:
     delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
     window = max(1, int(loops["speed_window"].max()))
     by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
     shapes = dict.fromkeys(Block._fields, (width, n)) | {
+        "memories": (width, MEMORY_SIZE),
         "late": (1 + delay, width, n),
         "encoders": (width, 2 * n),
         "counted": (width, 1 + window, n),
@@ -761,15 +810,18 @@ def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -
         "pivoting": (width,),
         "truths": (width, 10),
         "states": (width, 10),
-        "filters": (FILTER_ROWS * LANES if filtering else LANES,),
-        "wheels": (n,),
-        "rolled": (n,),
-        "attitude": (3,),
-        "start": (10,),
-        "force": (6,),
+        "filters": (*blocks, FILTER_ROWS * LANES if filtering else LANES),
+        "wheels": (*blocks, n),
+        "rolled": (*blocks, n),
+        "attitude": (*blocks, 3),
+        "start": (*blocks, 10),
+        "force": (*blocks, 6),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    others = {"memories": np.zeros(width, MEMORY_TYPE), "by_steps": by_steps, "work": new_work.py_func()}
+    work = new_work.py_func()  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
+    if blocks:
+        work = np.stack([work] * blocks[0])  # a row is a whole number of cache lines
+    others = {"by_steps": by_steps, "work": work}
     return Block(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 
@@ -807,7 +859,9 @@ def run_block(selected, inputs, draws, sampling, block, first, width, span, out)
     begin, end = span
     filtering, work = len(inputs.filters) > 0, block.work
     if begin == 0:
-        _start(selected, width, inputs, draws, sampling, first, block)
+        for lane in range(width):
+            work[ROBOT * LANES + lane] = float(lane)
+            _start(selected, lane, inputs, draws, sampling, first, block)
     else:
         _change(selected, work, width, inputs, block, first)
     moving = 0
@@ -822,18 +876,20 @@ def run_block(selected, inputs, draws, sampling, block, first, width, span, out)
         if moving > 0:
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
-                    _measure(selected, work, lane, inputs, draws, block, first, sample)
+                    _measure(selected, work, lane, inputs, draws, block, first, sample, sample)
             if filtering and sample > 0:
                 sample_block(inputs.filter_code, block.filters, width)
             for lane in range(width):
                 if _runs(work, lane, out, first, samples):
                     robot = robot_in(work, lane)
                     noise = draws.noise[robot, (n + 6) * sample + 6 : (n + 6) * sample + 6 + n]
-                    _command(inputs, block, robot, first, sample, reference)
+                    _see(inputs, block, robot, first, sample)
+                    _command(inputs, block, robot, first, reference)
                     _drive(work, lane, inputs, block, first, sample, noise, out.changes)
                     if draws.durations.shape[1] > 0:
                         work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
-            _take_pushes(selected, work, width, inputs, block, sampling, first, sample)
+            for lane in range(width):
+                _take_pushes(selected, work, lane, inputs, block, sampling, first, sample)
             _move(selected, work, width, inputs, block, sampling, first)
             _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
         for lane in range(width):
@@ -854,8 +910,8 @@ def run_block(selected, inputs, draws, sampling, block, first, width, span, out)
 @compiled
 def start_alone(selected, inputs, draws, sampling, block):
     """Set a robot whose controller is called from outside to its start."""
-    _start(selected, 1, inputs, draws, sampling, 0, block)
-    _measure(selected, block.work, 0, inputs, draws, block, 0, 0)
+    _start(selected, 0, inputs, draws, sampling, 0, block)
+    _measure(selected, block.work, 0, inputs, draws, block, 0, 0, 0)
 
 
 @compiled
@@ -874,8 +930,153 @@ def step_alone(selected, inputs, draws, sampling, block, sample, torques, out):
     fill(block.commanded[0], torques)
     _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
     work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
-    _take_pushes(selected, work, 1, inputs, block, sampling, 0, sample)
+    _take_pushes(selected, work, 0, inputs, block, sampling, 0, sample)
     _move(selected, work, 1, inputs, block, sampling, 0)
     _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
     _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
-    _measure(selected, work, 0, inputs, draws, block, 0, 0)
+    _measure(selected, work, 0, inputs, draws, block, 0, 0, 0)
+
+
+# --- robots that are commanded from outside, each at its own sample ---
+
+#: what is done with a robot: nothing, a sample on, or a start
+LEFT, ADVANCED, STARTED = 0, 1, 2
+
+
+class Commands(NamedTuple):
+    """What robots that are commanded from outside are given, a row for each."""
+
+    todo: NDArray[
+        np.int64
+    ]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
+    ages: NDArray[np.int64]  #: samples since each robot's start
+    torques: NDArray[np.float64]  #: (robots, n) beside those of the laws, if there are any
+    references: NDArray[np.float64]  #: (robots, 10) for the laws
+
+
+@inlined
+def _zero(numbers):
+    for i in range(len(numbers)):
+        numbers[i] = 0.0
+
+
+@inlined
+def _clear(block, lane, robot):
+    """Forget all that a robot has done."""
+    for row in range(ROWS):
+        block.work[row * LANES + lane] = 0.0
+    block.work[ROBOT * LANES + lane] = float(robot)
+    for row in range(len(block.filters) // LANES):
+        block.filters[_slot(row, robot)] = 0.0
+    for memory in (block.memories, block.wanted, block.given, block.commanded, block.last, block.angles):
+        _zero(memory[robot])
+    for memory in (block.before, block.ahrs, block.onboard):
+        _zero(memory[robot])
+    for late in range(len(block.late)):
+        _zero(block.late[late, robot])
+    for rows in (block.counted[robot], block.readings[robot]):
+        for row in range(len(rows)):
+            _zero(rows[row])
+    block.pivoting[robot] = 0.0
+
+
+@inlined
+def draws_within(draws, a, b):
+    """Return the random numbers of robots a .. b - 1."""
+    return Draws(
+        draws.noise[a:b], draws.faults[a:b], draws.positions[a:b], draws.turns[a:b], draws.durations[a:b]
+    )
+
+
+@inlined
+def block_within(all_blocks, k, a, b):
+    """Return the k-th block, of robots a .. b - 1, of the memory of many."""
+    m = all_blocks
+    return Block(
+        m.memories[a:b],
+        m.by_steps,
+        m.late[:, a:b],
+        m.wanted[a:b],
+        m.given[a:b],
+        m.acting[a:b],
+        m.commanded[a:b],
+        m.last[a:b],
+        m.starts[a:b],
+        m.angles[a:b],
+        m.speeds[a:b],
+        m.turns[a:b],
+        m.before[a:b],
+        m.encoders[a:b],
+        m.counted[a:b],
+        m.ahrs[a:b],
+        m.readings[a:b],
+        m.gyros[a:b],
+        m.onboard[a:b],
+        m.pivoting[a:b],
+        m.truths[a:b],
+        m.states[a:b],
+        m.filters[k],
+        m.work[k],
+        m.wheels[k],
+        m.rolled[k],
+        m.attitude[k],
+        m.start[k],
+        m.force[k],
+    )
+
+
+@inlined
+def advance_block(selected, inputs, draws, sampling, block, first, width, commands, out):
+    """Take robots first .. first + width - 1 on by a sample, or start them; what each then sees is in the block.
+
+    `draws` and `block` are of these alone. `draws` has numbers for some samples; the place of a robot's age in them is
+    that modulo their number.
+    """
+    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
+    block, commands, out = borrowed(block), borrowed(commands), borrowed(out)
+    n, work, filtering = block.acting.shape[1], block.work, len(inputs.filters) > 0
+    kept, moving = max(draws.noise.shape[1] // (n + 6), 1), 0
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        number = first + robot
+        if commands.todo[number] != ADVANCED:
+            work[STEP * LANES + lane] = 0.0  # the lane stays where it is
+            continue
+        moving += 1
+        age, held = commands.ages[number], block.commanded[robot]
+        drawn = age % kept
+        if inputs.law_code == 0:
+            fill(block.last[robot], held)
+            fill(held, commands.torques[number])
+        else:
+            _command(inputs, block, robot, first, commands.references[number])
+            for i in range(n):
+                held[i] += commands.torques[number, i]
+                block.memories[robot, i] = held[i]  # the law's history begins with the torques that act
+        noise = draws.noise[robot, (n + 6) * drawn + 6 : (n + 6) * drawn + 6 + n]
+        _drive(work, lane, inputs, block, first, age, noise, out.changes)
+        h = draws.durations[robot, drawn] if draws.durations.shape[1] > 0 else sampling.sample_time
+        work[STEP * LANES + lane] = h / sampling.steps
+        _take_pushes(selected, work, lane, inputs, block, sampling, first, age)
+    if moving > 0:
+        _move(selected, work, width, inputs, block, sampling, first)
+        _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        number = first + robot
+        age = commands.ages[number] + 1
+        if commands.todo[number] == ADVANCED:
+            _end_where_due(selected, work, lane, inputs, sampling, block, first, age, out)
+            _measure(selected, work, lane, inputs, draws, block, first, age, age % kept)
+    if filtering and moving > 0:
+        sample_block(inputs.filter_code, block.filters, width)
+    for lane in range(width):
+        robot = robot_in(work, lane)
+        number, age = first + robot, commands.ages[first + robot] + 1
+        if commands.todo[number] == STARTED:
+            age = 0
+            _clear(block, lane, robot)
+            _start(selected, lane, inputs, draws, sampling, first, block)
+            _measure(selected, work, lane, inputs, draws, block, first, 0, 0)
+        if commands.todo[number] != LEFT:
+            _see(inputs, block, robot, first, age)

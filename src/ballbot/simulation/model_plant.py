@@ -47,15 +47,6 @@ def lift_off(robot: Robot) -> float:
 
 
 @traced
-def sinking(selected, P, state, u):
-    """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] under wheel torques u and all friction of moving parts.
-
-    `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
-    """
-    return _sinking_and_speeds(selected, P, state, u)[0]
-
-
-@traced
 def moving(selected, P, state, u):
     """Return attitude, wheel speeds, v, w, net torques and accelerations; a wheel at rest has no dry friction."""
     a, speeds = pose(selected, P, state)
@@ -67,7 +58,11 @@ def moving(selected, P, state, u):
 
 
 @traced
-def _sinking_and_speeds(selected, P, state, u):
+def sinking_with_speeds(selected, P, state, u):
+    """Return -d^2/dt^2 (cos theta cos phi) [1/s^2] under wheel torques u and friction, and the wheels' speeds [rad/s].
+
+    `state` has the formulation's body rates; a wheel at rest counts as one without dry friction.
+    """
     a, speeds, _, w, _, _, w_dot = moving(selected, P, state, u)
     rates = rates_of_angles(selected, a, w)
     theta, phi = rates[0], rates[1]
@@ -79,7 +74,7 @@ def _sinking_and_speeds(selected, P, state, u):
 
 @compiled
 def sinking_and_speeds(selected, row, state, u):
-    """Return `sinking` of one packed robot, under wheel torques u (n,), and the wheels' speeds [rad/s], a tuple.
+    """Return `sinking_with_speeds` of one packed robot, under wheel torques u (n,).
 
     `state` is (10,), or (11,) with the spin where the ball pivots; its rates are the Euler angles'.
     """
@@ -88,7 +83,7 @@ def sinking_and_speeds(selected, row, state, u):
     start_lane(selected, work, 0, state, 0.0)
     moving, torques = load_state(selected, work, 0), from_array(selected.wheels, u)
     P = under_torque(load_parameters(selected, work, 0), torques)
-    return _sinking_and_speeds(selected, P, moving, torques)
+    return sinking_with_speeds(selected, P, moving, torques)
 
 
 _LIFTED = 1e9  # the friction needed where nothing presses

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
-from ballbot.control.law import LAW_TYPE
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
@@ -99,7 +98,7 @@ class SensedPlant:
             filter_code=0,
             parameters=packed_on_floor(model, imperfections)[None],
             lift_offs=np.array([lift_off(model.robot)]),
-            laws=np.zeros(1, LAW_TYPE),
+            laws=np.zeros((1, 0)),
             loops=record.view(LOOP.dtype()),
             filters=np.empty((0, 0)),
             contacts=pack_contacts(model.robot)[None],

@@ -15,6 +15,7 @@ from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.part import Part
+from ballbot.control.parts.policy import Policy
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.errors import InputError
@@ -48,6 +49,7 @@ class Parts:
     lean_limit: LeanLimit | None = None  #: limits the lean that errors of position and speed command
     notch: Notch | None = None  #: removes a resonance's band from the torques
     prediction: DelayPrediction | None = None  #: predicts the state at which delayed torques will act
+    policy: Policy | None = None  #: a learned network that decides the torques
 
     def __post_init__(self) -> None:
         for _, part in self.present():

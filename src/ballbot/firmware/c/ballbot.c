@@ -10,7 +10,7 @@
 #include "estimation/onboard.h"
 #include "imu_check.h"
 #include "law.h"
-#include "parts/part.h"
+#include "parts/parts.h"
 
 /* Allowed sample times: from one tick of the clock to a second [s]. */
 #define SHORTEST_SAMPLE_TIME 1e-6f
@@ -42,7 +42,8 @@ bool ballbot_are_allowed(const struct ballbot_parameters *parameters)
            parameters->law.tuning.others >= 0 && parameters->law.tuning.others < BALLBOT_MAX_GAINS &&
            (parameters->estimator == BALLBOT_ONBOARD || parameters->estimator == BALLBOT_KALMAN) &&
            parameters->law.prediction.count >= 0 && parameters->law.prediction.count <= BALLBOT_MAX_PAST - 2 &&
-           parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2;
+           parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2 &&
+           ballbot_policy_is_known(&parameters->law.policy, parameters->wheel_count);
 }
 
 /* Fill a struct of numbers with zeros. */

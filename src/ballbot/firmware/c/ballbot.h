@@ -23,7 +23,9 @@
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
 
-/* Return whether the parameters have this library's schema, a number of wheels that it knows, and valid limits. */
+/* Return whether the parameters have this library's schema, a number of wheels that it knows, valid limits, and no policy
+ * whose weights are not the library's.
+ */
 bool ballbot_are_allowed(const struct ballbot_parameters *parameters);
 
 /* Start disarmed, at x = y = 0, and return ballbot_are_allowed of the parameters.

@@ -1,5 +1,5 @@
 /*
- * Sine, cosine, exponential, power and arctangent in single precision; see ballbot_math.h.
+ * Sine, cosine, exponential, power, hyperbolic tangent and arctangent in single precision; see ballbot_math.h.
  *
  * The range is reduced to a small one (W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980; for
  * angles M. H. Payne and R. N. Hanek, Radian Reduction for Trigonometric Functions, SIGNUM Newsletter 18, 1983). There
@@ -179,6 +179,27 @@ float ballbot_power(float base, float exponent)
         result = scaled(shifted, (kept - (shifted - SHIFT)) * LN2);
     }
     return result;
+}
+
+/* ---- hyperbolic tangent ---- */
+
+#define SMALL_TANGENT 0.55f /* below it 1 - 2/(e^2x + 1) would lose bits */
+
+/* (tanh a/a - 1)/a^2 in a^2, for |a| < SMALL_TANGENT */
+static const float TANGENT[5] = {-0.3333333f, 0.13333112f, -0.053909108f, 0.021307413f, -0.0066065136f};
+
+float ballbot_hyperbolic_tangent(float x)
+{
+    const float size = ballbot_magnitude(x);
+    float result;
+    if (size < SMALL_TANGENT) {
+        const float x2 = size * size;
+        const float high = TANGENT[2] + x2 * (TANGENT[3] + x2 * TANGENT[4]);
+        result = size + (size * x2) * (TANGENT[0] + x2 * (TANGENT[1] + x2 * high));
+    } else {
+        result = 1.0f - 2.0f / (ballbot_exponential(2.0f * size) + 1.0f);
+    }
+    return (x < 0.0f) ? -result : result;
 }
 
 /* ---- arctangent ---- */

@@ -1,5 +1,5 @@
 /*
- * Sine, cosine, exponential, power, arctangent and square root in single precision.
+ * Sine, cosine, exponential, power, hyperbolic tangent, arctangent and square root in single precision.
  *
  * Every processor gives the same bits: only additions, multiplications, divisions, roots and integers are used, each
  * of which IEEE 754 or C defines to the bit. Build with -ffp-contract=off, so that no compiler fuses a multiplication
@@ -55,6 +55,13 @@ float ballbot_exponential(float x);
  * exponent is 0, to zero 1; a base below 2^-126 counts as zero, and so does a negative one. NaN stays NaN.
  */
 float ballbot_power(float base, float exponent);
+
+/*
+ * Return the hyperbolic tangent of x.
+ *
+ * It is odd to the bit. The error is at most 1.6 ulp. NaN stays NaN.
+ */
+float ballbot_hyperbolic_tangent(float x);
 
 /*
  * Return the angle of the point (x, y) from the x axis [rad], -pi to pi.

@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "ff6a75f783337a84996122a8e8ed5de437df4724f8ac4d1195b9f103467f18ea"
+#define BALLBOT_SCHEMA_DIGEST "43728376e5a0597596caf10003c3e9c26af44ce67858eaead302935509db344f"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 2137683447, 53705348, 425796264, 1760386532, 937379620, 2024557841, 364507395, 1182734570 }
+#define BALLBOT_SCHEMA_WORDS { 1131578230, 1705007477, 382398720, 63171010, 1794395366, 2019093226, 1392677717, 165360719 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -149,6 +149,22 @@ struct ballbot_prediction_record {
 };
 typedef char ballbot_prediction_record_has_no_padding[(sizeof(struct ballbot_prediction_record) == 904u * sizeof(float)) ? 1 : -1];
 
+/* A policy without its weights. */
+struct ballbot_policy_record {
+    int32_t on;
+    float feedback; /* [1] */
+    float torque_scale; /* [N m] */
+    float torque_limit; /* [N m] */
+    float largest_lean; /* [rad] */
+    float largest_speed; /* [m/s] */
+    float rate; /* [1/s] */
+    int32_t period;
+    int32_t hidden;
+    int32_t wheels;
+    int32_t checksum;
+};
+typedef char ballbot_policy_record_has_no_padding[(sizeof(struct ballbot_policy_record) == 11u * sizeof(float)) ? 1 : -1];
+
 struct ballbot_law {
     float torque_limit; /* [N m] */
     float rate; /* [1/s] */
@@ -162,8 +178,9 @@ struct ballbot_law {
     struct ballbot_lean_limit_record lean_limit;
     struct ballbot_notch_record notch;
     struct ballbot_prediction_record prediction;
+    struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1401u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1412u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -214,7 +231,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1498u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1509u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -349,6 +366,15 @@ struct ballbot_prediction_state {
 };
 typedef char ballbot_prediction_state_has_no_padding[(sizeof(struct ballbot_prediction_state) == 30u * sizeof(float)) ? 1 : -1];
 
+/* What a policy remembers from sample to sample. */
+struct ballbot_policy_state {
+    int32_t started;
+    int32_t waited;
+    float asked[3]; /* [m, m, rad] */
+    float past[3][4]; /* [N m] */
+};
+typedef char ballbot_policy_state_has_no_padding[(sizeof(struct ballbot_policy_state) == 17u * sizeof(float)) ? 1 : -1];
+
 struct ballbot_memory {
     struct ballbot_torque_history history;
     struct ballbot_heading_memory measured_heading;
@@ -361,8 +387,9 @@ struct ballbot_memory {
     struct ballbot_no_state lean_limit;
     struct ballbot_notch_state notch;
     struct ballbot_prediction_state prediction;
+    struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 541u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 558u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -401,7 +428,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 863u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 880u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -81,9 +81,9 @@ static float feedback(const float gain[10], const float e[10])
     return torque;
 }
 
-/* Filter, limit and remember the torques; return whether one exceeded the limit. */
+/* Filter, limit and remember the torques, `learned` ones among them; return whether one exceeded the limit. */
 static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memory *memory, float torques[],
-                             int32_t n)
+                             int32_t n, bool learned)
 {
     struct ballbot_torque_history *history = &memory->history;
     const float limit = law->torque_limit * ballbot_share(memory->tuning.now[BALLBOT_TUNING_TORQUE]);
@@ -93,6 +93,9 @@ static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memor
         history->disturbance_compensation[0][i] = 0.0f; /* the stage adds to it */
         torques[i] = ballbot_disturbance_observer_filter(memory, torques[i], i);
         torques[i] = ballbot_notch_filter(law, memory, torques[i], i);
+        if (learned) {
+            torques[i] = ballbot_policy_filter(law, memory, torques[i], i);
+        }
         limited = limited || ballbot_magnitude(torques[i]) > limit;
         torques[i] = ballbot_clipped(torques[i], limit);
         history->acting[0][i] = torques[i];
@@ -113,7 +116,6 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     ballbot_tune(law, memory);
     observed(&now, measured, ballbot_unwrapped(&memory->measured_heading, measured[4]));
     ballbot_disturbance_observer_observe(law, memory, &now, n);
-    ballbot_prediction_predict(law, memory, &now, n);
 
     for (int i = 0; i < 10; ++i) {
         wanted[i] = reference[i];
@@ -123,6 +125,10 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     now.x = at_rest(wanted[0] - now.pose[0]);
     now.y = at_rest(wanted[1] - now.pose[1]);
     now.psi = at_rest(wanted[4] - now.pose[2]);
+
+    const bool learned = ballbot_policy_decide(law, memory, &now);
+
+    ballbot_prediction_predict(law, memory, &now, n);
     if (ballbot_follows_plan(law, memory, reference)) {
         ballbot_shaping_restart(memory, &now);
         ballbot_feed_forward_plan(law, memory, &now);
@@ -146,7 +152,7 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     if (law->compensation.full + law->compensation.partial > 0.0f) {
         ballbot_compensate(law, memory, &now, torques, n);
     }
-    const bool limited = filter_and_limit(law, memory, torques, n) || now.error_limited;
+    const bool limited = filter_and_limit(law, memory, torques, n, learned) || now.error_limited;
 
     ballbot_integral_learn(law, memory, &now, limited);
 }

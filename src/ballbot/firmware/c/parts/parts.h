@@ -11,6 +11,9 @@ void ballbot_tune(const struct ballbot_law *law, struct ballbot_memory *memory);
 void ballbot_disturbance_observer_observe(const struct ballbot_law *law, struct ballbot_memory *memory,
                                           const struct ballbot_sample *now, int32_t n);
 
+/* decide: let a policy decide its torques, by the measured state; return whether they act */
+bool ballbot_policy_decide(const struct ballbot_law *law, struct ballbot_memory *memory, const struct ballbot_sample *now);
+
 /* predict: replace the measured state by the one that is fed back */
 void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_memory *memory,
                                 struct ballbot_sample *now, int32_t n);
@@ -43,10 +46,14 @@ void ballbot_compensate(const struct ballbot_law *law, struct ballbot_memory *me
 /* filter: return the torque [N m] that is limited and then commanded */
 float ballbot_disturbance_observer_filter(struct ballbot_memory *memory, float torque, int32_t i);
 float ballbot_notch_filter(const struct ballbot_law *law, struct ballbot_memory *memory, float torque, int32_t i);
+float ballbot_policy_filter(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque, int32_t i);
 
 /* learn: update slow states; `limited` if a torque or the error was at its limit */
 void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory *memory,
                             const struct ballbot_sample *now, bool limited);
+
+/* Return whether a policy, if there is one, is for n wheels and belongs to the weights of this library. */
+bool ballbot_policy_is_known(const struct ballbot_policy_record *own, int32_t n);
 
 /* Return a number of the torque history [ago][wheel] for the torques that acted over the last sample, their mean. */
 float ballbot_over_last_sample(const struct ballbot_prediction_record *own,

@@ -1,0 +1,301 @@
+"""Gymnasium environments on the compiled loop and on the twin.
+
+`import ballbot.gym` registers ballbot/Balance-v0, Track-v0, Drive-v0 and Push-v0:
+
+    envs = gymnasium.make_vec("ballbot/Drive-v0", num_envs=1000, robot="found/robot.toml", randomize="found/")
+
+Observation and action are those of `ballbot.learning.contract`, task and reward those of `ballbot.learning.tasks`.
+`info` has the true state and what is asked for, for a critic that knows more than the policy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.source import ControllerLike, as_controller
+from ballbot.errors import InputError, missing_package, suggest
+from ballbot.learning.contract import VERSION, Contract
+from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, Lanes
+from ballbot.learning.robots import drawn_robots, learned_robot
+from ballbot.learning.tasks import TASKS, Task, task_named
+from ballbot.learning.twin_lanes import TwinLanes, twin_scenario
+from ballbot.robot import RobotLike, as_robot
+from ballbot.twin.scenario import Scenario
+from ballbot.twin.scenario_file import load_scenario
+
+try:
+    import gymnasium
+except ImportError:
+    raise missing_package("An environment for learning", "gymnasium", extra="gym") from None
+from gymnasium import logger, spaces
+from gymnasium.error import InvalidAction
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+Floats, Flags = NDArray[np.float64], NDArray[np.bool_]
+Observations = NDArray[np.float32]
+Number = TypeVar("Number", bound=np.generic)
+
+_ENDINGS = {
+    AutoresetMode.NEXT_STEP: NEXT_STEP,
+    AutoresetMode.SAME_STEP: SAME_STEP,
+    AutoresetMode.DISABLED: KEPT,
+}
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class EnvironmentOptions:
+    """What an environment is made of: the options of `gymnasium.make` and `gymnasium.make_vec`.
+
+    InputError if they do not fit each other.
+    """
+
+    #: what is done; `ballbot.learning.tasks.Task` has reward and termination as parameters
+    task: Task | str = "Balance"
+    #: a preset or robot file, with friction that was identified; by default "alten", or that of `randomize`
+    robot: RobotLike | None = None
+    #: sensors, drive and floor, and the true friction of a robot without any
+    scenario: Scenario | str | Path = "nominal"
+    #: "model" for the compiled loop, "twin" for the physics engine
+    plant: Literal["model", "twin"] = "model"
+    #: None, "boxes" or the folder of a study or an identification; see `ballbot.learning.robots`
+    randomize: str | Path | None = None
+    #: a controller whose torques the actions are added to; by default the actions are the torques
+    base: ControllerLike | None = None
+    #: "sensors" for what the robot's estimator shows, "state" for the true state
+    observe: Literal["sensors", "state"] = "sensors"
+    #: samples for which an action is held
+    repeat: int = REPEAT
+
+    def _prepare(self, count: int, threads: int | None) -> None:
+        """Make the robots, the contract and the spaces."""
+        for name, choices in (("plant", ("model", "twin")), ("observe", ("sensors", "state"))):
+            if getattr(self, name) not in choices:
+                given = str(getattr(self, name))
+                raise InputError(f"{name} is {given!r}; {suggest(given, choices, otherwise='it is one of')}")
+        task = self.task if isinstance(self.task, Task) else task_named(self.task)
+        robot = learned_robot(None if self.robot is None else as_robot(self.robot), self.randomize)
+        scenario = self.scenario
+        if not isinstance(scenario, Scenario):
+            scenario = load_scenario(scenario, robot)
+        robots = drawn_robots(robot, scenario, self.randomize)
+        known = robots[0].imperfections.known or robot
+        base = None if self.base is None else as_controller(self.base, known)
+        if base is not None and not isinstance(base, Controller):
+            raise InputError(
+                "The base of an environment must be a controller of Ballbot's own, not one in Python."
+            )
+        estimator = None if self.observe == "state" else base.estimator if base else "kalman"
+        if self.plant == "model":
+            self._lanes = Lanes(
+                robots, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat, threads=threads
+            )
+        else:
+            twins = [(robot, scenario)]
+            if self.randomize is not None:
+                twins = [(drawn.model.robot, twin_scenario(drawn, scenario)) for drawn in robots]
+            self._lanes = TwinLanes(
+                robots, twins, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat
+            )
+        numbers = base.packed.tobytes() if base else b""
+        self.contract = Contract.of(
+            known.name,
+            wheels=known.wheel_count,
+            torque_limit=known.drive.torque_limit,
+            period=self.repeat * known.sensors.sample_time,
+            added_to=f"controller {sha256(numbers).hexdigest()[:12]}" if base else "torque",
+            observed=self.observe,
+            delay=scenario.timing.delay if scenario.timing else 0,
+        )
+        limits = np.array([channel.limit for channel in self.contract.observation], np.float32)
+        self._seen = spaces.Box(-limits, limits, dtype=np.float32)
+        self._done = spaces.Box(-1.0, 1.0, (known.wheel_count,), np.float32)
+
+    def _torques(self, action: ArrayLike, out: Floats) -> Floats:
+        """Fill the torques of actions; InvalidAction if they have another shape or are no numbers."""
+        try:
+            numbers = np.asarray(action)
+        except ValueError:  # rows of different lengths
+            numbers = np.array("")
+        if numbers.dtype.kind not in "fiu":
+            raise InvalidAction(f"The action is {action!r}; it must be numbers.")
+        if numbers.shape != out.shape:
+            raise InvalidAction(f"The action has the shape {numbers.shape}; it must have {out.shape}.")
+        return np.multiply(numbers, self._lanes.torque_limit, out=out)
+
+    def close(self, **_: object) -> None:
+        """End the threads."""
+        self._lanes.close()
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
+    """One robot that does a task.
+
+    An action that is not finite, or has another shape, raises `gymnasium.error.InvalidAction`, and the robot stays as
+    it is.
+
+    Examples
+    --------
+    >>> env = gymnasium.make("ballbot/Balance-v0", robot="alten")
+    >>> observation, info = env.reset(seed=1)
+    >>> observation.shape, info["truth"].shape
+    ((19,), (10,))
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 (Gymnasium's)
+
+    def __post_init__(self) -> None:
+        self._prepare(1, 1)
+        self.observation_space, self.action_space = self._seen, self._done
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start an episode; all that is random follows from the seed, which Gymnasium draws if none was ever given."""
+        drawn = seed is None and self._np_random is None
+        super().reset(seed=seed, options=options)
+        if seed is not None or drawn:
+            self._lanes.reseed(0, int(self.np_random.integers(2**62)) if seed is None else seed)
+        self._lanes.start()
+        return self._lanes.observations[0].copy(), self._info()
+
+    def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
+        """Hold the action's torques for `repeat` samples; return observation, reward, fallen, out of time, and info."""
+        torques, lanes = self._torques(action, np.empty(self._lanes.wheels)), self._lanes
+        if not np.isfinite(torques).all():
+            raise InvalidAction(f"The action is {np.asarray(action).tolist()}; it must be finite.")
+        lanes.step(torques[None])
+        fallen, ended = bool(lanes.fallen[0]), bool(lanes.ended[0])
+        return (
+            lanes.observations[0].copy(),
+            float(lanes.rewards[0]),
+            fallen,
+            ended and not fallen,
+            self._info(),
+        )
+
+    def _info(self) -> dict[str, Any]:
+        return {"truth": self._lanes.truths[0].copy(), "reference": self._lanes.references[0].copy()}
+
+
+@dataclass(kw_only=True, eq=False, repr=False)
+class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Any]):
+    """Robots side by side that do a task, each with its own episodes, in all threads.
+
+    Lane k of the seed s draws as the single environment of the seed s + k does, in any number of threads. A lane
+    whose action is not finite ends its episode, truncated, with a warning and `info["refused"]`, and the others go
+    on; if no action is finite, or the actions have another shape, `gymnasium.error.InvalidAction` is raised.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("ballbot/Balance-v0", num_envs=4, autoreset_mode="SameStep")
+    >>> envs.reset(seed=1)[0].shape
+    (4, 19)
+    """
+
+    num_envs: int = 1
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP
+    #: False returns the same arrays from each step, which allocates nothing
+    copy: bool = True
+    #: all cores by default
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        self.autoreset_mode = AutoresetMode(self.autoreset_mode)
+        self._prepare(self.num_envs, self.threads)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self.single_observation_space, self.single_action_space = self._seen, self._done
+        self.observation_space = batch_space(self._seen, self.num_envs)
+        self.action_space = batch_space(self._done, self.num_envs)
+        everywhere, lanes = np.ones(self.num_envs, np.bool_), self._lanes
+        self._truncated, self._asked = (
+            np.zeros(self.num_envs, np.bool_),
+            np.zeros((self.num_envs, lanes.wheels)),
+        )
+        self._known = {"truth": lanes.truths, "reference": lanes.references}
+        self._last = {"truth": lanes.final_truths, "reference": lanes.final_references}
+        self._everywhere = {f"_{name}": everywhere for name in self._known}
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observations, dict[str, Any]]:
+        """Start all episodes, or those of `options["reset_mask"]` (lanes,); see `BallbotEnv.reset` for the seed."""
+        which = None if options is None else options.get("reset_mask")
+        if which is not None and (np.shape(which) != (self.num_envs,) or np.asarray(which).dtype != np.bool_):
+            raise InputError(f"reset_mask must be an array of {self.num_envs} truth values.")
+        drawn = seed is None and self._np_random is None
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        if drawn:
+            seed = int(self.np_random.integers(2**62))
+        seeds = [seed + lane for lane in range(self.num_envs)] if isinstance(seed, int) else seed
+        if seeds is not None:
+            if len(seeds) != self.num_envs:
+                raise InputError(
+                    f"There are {len(seeds)} seeds; there must be one for each of {self.num_envs} lanes."
+                )
+            for lane, own in enumerate(seeds):
+                if own is not None and (which is None or which[lane]):
+                    self._lanes.reseed(lane, own)
+        self._lanes.start(which)
+        return self._given(self._lanes.observations), self._info()
+
+    def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Flags, Flags, dict[str, Any]]:
+        """Hold the actions' torques for `repeat` samples; return Gymnasium's batches."""
+        lanes, refused = self._lanes, False
+        torques = self._torques(actions, self._asked)
+        try:
+            lanes.step(torques, ending=_ENDINGS[AutoresetMode(self.autoreset_mode)])
+        except InputError as error:
+            refused = True
+            if not np.isfinite(torques).all(axis=1).any():
+                raise InvalidAction("No action is finite.") from None
+            logger.warn(str(error))
+        np.greater(lanes.ended, lanes.fallen, out=self._truncated)
+        info = self._info()
+        if refused:
+            info |= {"refused": lanes.refused.copy(), "_refused": lanes.refused.copy()}
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and lanes.ended.any():
+            info |= self._final_info()
+        flags = self._given(lanes.fallen), self._given(self._truncated)
+        return self._given(lanes.observations), self._given(lanes.rewards), *flags, info
+
+    def _given(self, array: NDArray[Number]) -> NDArray[Number]:
+        return array.copy() if self.copy else array
+
+    def _info(self) -> dict[str, Any]:
+        if not self.copy:
+            return self._known | self._everywhere
+        return {name: array.copy() for name, array in (self._known | self._everywhere).items()}
+
+    def _final_info(self) -> dict[str, Any]:
+        """Return what Gymnasium's vectors have where an episode has ended and another one has started."""
+        ended = self._lanes.ended.copy()
+        observations = np.full(self.num_envs, None, object)
+        for lane in np.flatnonzero(ended).tolist():
+            observations[lane] = self._lanes.final_observations[lane].copy()
+        last = {name: np.where(ended[:, None], array, 0.0) for name, array in self._last.items()}
+        final = last | {f"_{name}": ended.copy() for name in last}
+        return {
+            "final_obs": observations,
+            "_final_obs": ended,
+            "final_info": final,
+            "_final_info": ended.copy(),
+        }
+
+
+for _name in TASKS:
+    gymnasium.register(
+        id=f"ballbot/{_name}-v{VERSION}",
+        entry_point="ballbot.gym:BallbotEnv",
+        vector_entry_point="ballbot.gym:BallbotVectorEnv",
+        kwargs={"task": _name},
+    )

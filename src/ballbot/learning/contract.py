@@ -1,0 +1,132 @@
+"""What a policy and an environment agree on: the order, units and scaling of what is observed and done, and when.
+
+It is kept beside every trained policy, and a policy is loaded only where all of it is the same.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ConfigDict
+
+from ballbot.control.parts.policy import ERRORS, HISTORY, SCALES, SHOWN
+from ballbot.errors import InputError
+from ballbot.files import read_json, write_text
+from ballbot.schema import validate_table
+
+#: of the environments; a change of what is observed, done or rewarded counts it up
+VERSION = 0
+_ERRORS = (
+    ("forward position error", "m"),
+    ("left position error", "m"),
+    ("theta error in the heading frame", "rad"),
+    ("phi error in the heading frame", "rad"),
+    ("heading error", "rad"),
+    ("forward velocity error", "m/s"),
+    ("left velocity error", "m/s"),
+    ("theta rate error in the heading frame", "rad/s"),
+    ("phi rate error in the heading frame", "rad/s"),
+    ("turning rate error", "rad/s"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One number of an observation or an action: a quantity over `scale`, limited to `limit` of it."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    name: str
+    unit: str
+    scale: float
+    limit: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contract:
+    """The contract between a policy and an environment; equal if a policy of the one is one of the other.
+
+    Examples
+    --------
+    >>> contract = Contract.of("alten", wheels=3, torque_limit=6.0, period=0.01)
+    >>> len(contract.observation), len(contract.action)
+    (19, 3)
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    version: int = VERSION
+    robot: str  #: its name
+    observation: tuple[Channel, ...]  #: in order
+    action: tuple[Channel, ...]  #: in order: a torque for each wheel
+    #: "torque" if an action is a wheel's torque, else the controller whose torques it is added to
+    added_to: str = field(default="torque")
+    observed: Literal["sensors", "state"] = "sensors"  #: the estimator's state, or the true one
+    period: float  #: between two actions [s]
+    delay: int = 0  #: samples by which torques act later than they were decided
+
+    @staticmethod
+    def of(
+        robot: str,
+        *,
+        wheels: int,
+        torque_limit: float,
+        period: float,
+        added_to: str = "torque",
+        observed: Literal["sensors", "state"] = "sensors",
+        delay: int = 0,
+    ) -> Contract:
+        """Return the contract of a robot's environment, with torques [N m] over the drives' limit."""
+        errors = [
+            Channel(name=name, unit=unit, scale=scale, limit=limit)
+            for (name, unit), scale, limit in zip(_ERRORS, SCALES, SHOWN, strict=True)
+        ]
+        assert len(errors) == ERRORS
+        torques = [
+            Channel(name=f"u{wheel} of {ago} actions ago", unit="N m", scale=torque_limit, limit=1.0)
+            for ago in range(1, HISTORY + 1)
+            for wheel in range(1, wheels + 1)
+        ]
+        return Contract(
+            robot=robot,
+            observation=(*errors, *torques),
+            action=tuple(
+                Channel(name=f"u{wheel}", unit="N m", scale=torque_limit, limit=1.0)
+                for wheel in range(1, wheels + 1)
+            ),
+            added_to=added_to,
+            observed=observed,
+            period=period,
+            delay=delay,
+        )
+
+    def require(self, other: Contract, *, of: str) -> None:
+        """Raise InputError, with the first difference, unless `of`, a policy or an environment, has this contract."""
+        for entry in fields(self):
+            mine, its = getattr(self, entry.name), getattr(other, entry.name)
+            if mine == its:
+                continue
+            if isinstance(mine, tuple):
+                differing = [k for k, pair in enumerate(zip(mine, its, strict=False)) if pair[0] != pair[1]]
+                k = differing[0] if differing else min(len(mine), len(its))
+                mine, its = (f"{list(row[k : k + 1]) or 'nothing'} at place {k}" for row in (mine, its))
+            else:
+                mine, its = repr(mine), repr(its)
+            raise InputError(
+                f"{of} has another contract: {entry.name.replace('_', ' ')} is {its}, here {mine}."
+            )
+
+    def write(self, path: str | Path) -> None:
+        """Write the contract as JSON."""
+        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
+
+    @staticmethod
+    def read(path: str | Path) -> Contract:
+        """Return the contract in a file; InputError if it is none."""
+        tree = read_json(path)
+        if not isinstance(tree, dict):
+            raise InputError(f"{path} holds no contract of a policy.")
+        return validate_table(Contract, tree, of=str(path))

@@ -1,0 +1,571 @@
+"""Many robots side by side on the compiled loop, commanded from outside: what every environment and training runs on.
+
+A step of all robots is one compiled call in each thread: torques are limited and remembered, samples are simulated,
+rewarded and ended, what is asked for changes, episodes start, and observations are filled in place. Each robot draws
+from a stream of its own (`ballbot.learning.streams`), so that its episodes depend on its seed and its torques, not on
+threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballbot.arrays import real_array, whole_number
+from ballbot.control.controller import Controller
+from ballbot.control.law import law_code
+from ballbot.control.parts.policy import HISTORY, observation_size
+from ballbot.errors import InputError
+from ballbot.estimation.interface import EstimatorName
+from ballbot.estimation.kalman import filter_row
+from ballbot.estimation.kalman_model import sample_code
+from ballbot.learning.streams import fill_normal, stream_of, uniform
+from ballbot.learning.tasks import Task, TaskNumbers, observe, reward
+from ballbot.mechanics.engine.arrays import fill
+from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.lanes import LANES
+from ballbot.mechanics.engine.play import play_code_of
+from ballbot.mechanics.engine.run import code_of
+from ballbot.mechanics.engine.tracing import borrowed
+from ballbot.mechanics.equations import LARGEST_LEAN
+from ballbot.simulation.draws import bump_table, empty_outcome, push_table
+from ballbot.simulation.imperfections import LOOP, loop_record, packed_on_floor
+from ballbot.simulation.loop import (
+    ADVANCED,
+    LEFT,
+    STARTED,
+    Block,
+    Commands,
+    Draws,
+    Inputs,
+    Outcome,
+    Sampling,
+    advance_block,
+    block_within,
+    draws_within,
+    new_blocks,
+)
+from ballbot.simulation.model_plant import lift_off, pack_contacts
+from ballbot.workflows.grid import LoopRobot
+
+#: samples for which an action's torques are held: a policy decides at 100 Hz where the loop has 200
+REPEAT = 2
+#: what becomes of an episode's end: nothing, a start by the next step's torques, or by the same step's
+KEPT, NEXT_STEP, SAME_STEP = 0, 1, 2
+#: parts of a step: torques are taken, a sample begins, the loop moves, the sample ends, episodes start, all is observed
+TAKE, BEGIN, MOVE, END, START, OBSERVE = (1 << k for k in range(6))
+STEP = TAKE | BEGIN | MOVE | END | START | OBSERVE
+_NEVER = np.iinfo(np.int64).max
+
+
+class Pool(NamedTuple):
+    """The robots of which each episode has one, a row for each: what `Inputs` has of a lane."""
+
+    parameters: NDArray[np.float64]
+    lift_offs: NDArray[np.float64]
+    loops: NDArray[np.float64]  #: records of `ballbot.simulation.imperfections.LOOP` as numbers
+    contacts: NDArray[np.float64]
+    pushes: NDArray[np.float64]
+    bumps: NDArray[np.float64]
+    jitters: NDArray[np.float64]  #: largest deviation of a sampling instant [s]
+
+
+class Episodes(NamedTuple):
+    """What is known of each lane's episode."""
+
+    streams: NDArray[np.uint64]  #: (lanes, 4)
+    loops: NDArray[np.float64]  #: the lanes' `Inputs.loops` as numbers
+    drawn: NDArray[np.int64]  #: (lanes,) which robot of the pool
+    actions: NDArray[np.float64]  #: (lanes, n) torques given from outside [N m]
+    history: NDArray[np.float64]  #: (lanes, HISTORY, n) those of the last steps, limited, newest first [N m]
+    late: NDArray[np.float64]  #: (lanes,) by which the last sampling instant was late [s]
+    changes: NDArray[np.int64]  #: (lanes,) age at which something else is asked for
+    started: NDArray[np.bool_]  #: (lanes,) whether an episode is to start
+    active: NDArray[np.bool_]  #: (lanes,) whether an episode goes on
+    refused: NDArray[np.bool_]  #: (lanes,) whether the torques given last are not finite
+    fallen: NDArray[np.bool_]
+    ended: NDArray[np.bool_]
+    rewards: NDArray[np.float64]
+    observations: NDArray[np.float32]
+    final_observations: NDArray[
+        np.float32
+    ]  #: at the end of an episode after which another one started at once
+    final_truths: NDArray[np.float64]
+    final_references: NDArray[np.float64]
+
+
+@inlined
+def _take(task, commands, episodes, lane, ending):
+    """Take a lane's torques; without finite ones its episode ends."""
+    asked, torques = episodes.actions[lane], commands.torques[lane]
+    episodes.rewards[lane] = 0.0
+    episodes.refused[lane] = False
+    if not episodes.active[lane]:
+        episodes.started[lane] = ending == NEXT_STEP
+        return
+    episodes.fallen[lane] = episodes.ended[lane] = False
+    for i in range(len(asked)):
+        if not abs(asked[i]) < np.inf:
+            episodes.refused[lane] = episodes.ended[lane] = True
+            episodes.active[lane] = False
+    if episodes.ended[lane]:
+        return
+    past = episodes.history[lane]
+    for k in range(len(past) - 1, 0, -1):
+        fill(past[k], past[k - 1])
+    for i in range(len(asked)):
+        torques[i] = past[0, i] = min(max(asked[i], -task.torque_limit), task.torque_limit)
+
+
+@inlined
+def _draw_sample(draws, pool, task, episodes, lane):
+    """Draw what is random in a sample."""
+    stream = episodes.streams[lane]
+    fill_normal(stream, draws.noise[lane])
+    fill_normal(stream, draws.faults[lane])
+    if draws.durations.shape[1] > 0:
+        jitter, before = pool.jitters[episodes.drawn[lane]], episodes.late[lane]
+        episodes.late[lane] = jitter * uniform(stream, -1.0, 1.0)
+        draws.durations[lane, 0] = task.sample_time + episodes.late[lane] - before
+
+
+@inlined
+def _begin(draws, pool, task, commands, episodes, lane):
+    """Prepare a lane's sample; return whether there is one."""
+    commands.todo[lane] = LEFT
+    if not episodes.active[lane]:
+        return False
+    commands.todo[lane] = ADVANCED
+    _draw_sample(draws, pool, task, episodes, lane)
+    if task.drive > 0.0:
+        asked = commands.references[lane]
+        asked[0] += task.sample_time * asked[5]
+        asked[1] += task.sample_time * asked[6]
+    return True
+
+
+@inlined
+def _end(task, inputs, blocks, commands, out, episodes, lane):
+    """Reward a lane's sample, and end its episode where that is due."""
+    if commands.todo[lane] != ADVANCED:
+        return
+    truth, age = blocks.truths[lane], commands.ages[lane] + 1
+    commands.ages[lane] = age
+    episodes.rewards[lane] += reward(
+        task, truth, commands.references[lane], blocks.commanded[lane], blocks.last[lane]
+    )
+    lean = max(abs(truth[2]), abs(truth[3]))
+    if out.ended[lane] <= age or not lean <= task.fallen:
+        episodes.fallen[lane] = True
+    if episodes.fallen[lane] or age >= task.samples:
+        episodes.ended[lane] = True
+        episodes.active[lane] = False
+    elif episodes.changes[lane] == age:
+        _ask(task, inputs, commands, episodes, lane)
+
+
+@inlined
+def _ask(task, inputs, commands, episodes, lane):
+    """Draw what a lane is asked for from now on, and when that changes: U(0.3, 1) of the task's interval."""
+    stream, asked, age = episodes.streams[lane], commands.references[lane], commands.ages[lane]
+    wait = max(1, int(uniform(stream, 0.3, 1.0) * task.interval))
+    episodes.changes[lane] = age + wait
+    if task.reach > 0.0 or task.reach_heading > 0.0:
+        asked[0] += task.reach * uniform(stream, -1.0, 1.0)
+        asked[1] += task.reach * uniform(stream, -1.0, 1.0)
+        asked[4] += task.reach_heading * uniform(stream, -1.0, 1.0)
+    if task.drive > 0.0:
+        asked[5] = task.drive * uniform(stream, -1.0, 1.0)
+        asked[6] = task.drive * uniform(stream, -1.0, 1.0)
+    if task.impulse > 0.0:
+        # a push of U(0, 1) of the largest impulse, in any direction, at any time of the interval
+        force = task.impulse * uniform(stream, 0.0, 1.0) / (task.push_samples * task.sample_time)
+        angle, push = uniform(stream, 0.0, 2.0 * np.pi), inputs.pushes[lane, 0]
+        push[0] = age + int(uniform(stream, 0.0, 1.0) * wait)
+        push[1] = push[0] + task.push_samples
+        push[2], push[3], push[4] = force * np.cos(angle), force * np.sin(angle), 0.0
+        push[5] = task.push_height
+
+
+@inlined
+def _end_for_good(task, blocks, commands, episodes, lane):
+    """Keep the end of a lane's episode, after which another one starts in the same step."""
+    fill(episodes.final_truths[lane], blocks.truths[lane])
+    fill(episodes.final_references[lane], commands.references[lane])
+    out = episodes.final_observations[lane]
+    observe(blocks.states[lane], commands.references[lane], episodes.history[lane], task.torque_limit, out)
+
+
+@inlined
+def _start(inputs, draws, pool, task, commands, out, episodes, lane):
+    """Draw a lane's robot, its start and what it is asked for."""
+    stream, x, n = episodes.streams[lane], inputs.initial[lane], draws.positions.shape[1]
+    which = min(int(uniform(stream, 0.0, float(len(pool.parameters)))), len(pool.parameters) - 1)
+    episodes.drawn[lane] = which
+    inputs.lift_offs[lane] = pool.lift_offs[which]
+    fill(inputs.parameters[lane], pool.parameters[which])
+    fill(episodes.loops[lane], pool.loops[which])
+    fill(inputs.contacts[lane], pool.contacts[which])
+    own = inputs.pushes.shape[1] - pool.pushes.shape[1]
+    for k in range(pool.pushes.shape[1]):
+        fill(inputs.pushes[lane, own + k], pool.pushes[which, k])
+    for k in range(pool.bumps.shape[1]):
+        fill(inputs.bumps[lane, k], pool.bumps[which, k])
+    for i in range(2):
+        x[i], x[5 + i] = task.offset * uniform(stream, -1.0, 1.0), task.speed * uniform(stream, -1.0, 1.0)
+        x[2 + i] = task.lean * uniform(stream, -1.0, 1.0)
+    x[4] = task.turn * uniform(stream, -1.0, 1.0)
+    for i in range(n):
+        draws.positions[lane, i] = uniform(stream, -0.5, 0.5)
+        draws.turns[lane, i] = uniform(stream, 0.0, 2.0 * np.pi)
+    for i in range(10):
+        commands.references[lane, i] = 0.0
+    for k in range(HISTORY):
+        for i in range(n):
+            episodes.history[lane, k, i] = 0.0
+    episodes.late[lane] = 0.0
+    _draw_sample(draws, pool, task, episodes, lane)
+    episodes.late[lane] = 0.0  # the first instant is on the grid
+    commands.ages[lane] = 0
+    commands.todo[lane] = STARTED
+    out.ended[lane], out.lifted[lane] = _NEVER, False
+    episodes.active[lane], episodes.started[lane] = True, False
+    _ask(task, inputs, commands, episodes, lane)
+
+
+class World(NamedTuple):
+    """All lanes with their tasks, as compiled code has them."""
+
+    inputs: Inputs
+    draws: Draws
+    sampling: Sampling
+    blocks: Block
+    commands: Commands
+    out: Outcome
+    pool: Pool
+    task: TaskNumbers
+    episodes: Episodes
+
+
+@compiled
+def play(selected, world, span, samples, ending, parts):
+    """Take lanes span[0] .. span[1] - 1 through those parts of a step that `parts` has, a step of so many samples.
+
+    The span begins at a multiple of `LANES`. `ending` is `KEPT`, `NEXT_STEP` or `SAME_STEP`.
+    """
+    inputs, draws, sampling, blocks, commands, out, pool, task, episodes = borrowed(world)
+    for first in range(span[0], span[1], LANES):
+        last = min(first + LANES, span[1])
+        block, rows = block_within(blocks, first // LANES, first, last), draws_within(draws, first, last)
+        if parts & TAKE:
+            for lane in range(first, last):
+                _take(task, commands, episodes, lane, ending)
+        for sample in range(samples + 1):
+            moving = 0
+            for lane in range(first, last):
+                if sample < samples:
+                    if parts & BEGIN and _begin(draws, pool, task, commands, episodes, lane):
+                        moving += 1
+                    continue
+                if not parts & START:
+                    continue
+                commands.todo[lane] = LEFT
+                if episodes.started[lane] or (ending == SAME_STEP and not episodes.active[lane]):
+                    if ending == SAME_STEP and episodes.ended[lane]:
+                        _end_for_good(task, blocks, commands, episodes, lane)
+                    else:
+                        episodes.fallen[lane] = episodes.ended[lane] = False
+                    _start(inputs, draws, pool, task, commands, out, episodes, lane)
+                    moving += 1
+            if parts & MOVE and moving > 0:
+                advance_block(selected, inputs, rows, sampling, block, first, last - first, commands, out)
+            if parts & END and sample < samples:
+                for lane in range(first, last):
+                    _end(task, inputs, blocks, commands, out, episodes, lane)
+        if parts & OBSERVE:
+            for lane in range(first, last):
+                seen, asked = blocks.states[lane], commands.references[lane]
+                observe(seen, asked, episodes.history[lane], task.torque_limit, episodes.observations[lane])
+
+
+class Lanes:
+    """Robots that do a task, each with its own episode; each is one of `robots`, drawn at its start.
+
+    The arrays below are filled in place by `start` and `step`. All that is random of a lane follows from its seed.
+
+    Parameters
+    ----------
+    robots : sequence of LoopRobot
+        Of one kind: formulation, inner step, sample time, number of wheels, and play in all or in none.
+    task : Task
+        What they do.
+    lanes : int
+        Number of robots side by side.
+    seed : int
+        Lane k draws from the seed (seed, k), until it is given another one by `reseed`.
+    base : Controller, optional
+        Its torques are added to those given to `step`. It sees what the estimator shows.
+    estimator : "kalman", "onboard" or None
+        Estimates the states that are observed; None shows the true ones.
+    repeat : int
+        Samples for which the torques of a step are held.
+    threads : int, optional
+        All cores by default. The results do not depend on it.
+
+    Attributes
+    ----------
+    observations : (lanes, size) of float32
+    rewards : (lanes,), of the last step
+    fallen, ended, refused : (lanes,)
+        Whether an episode ended in the last step, or before if no other has started: by a fall, at all, or because the
+        torques given were not finite.
+    truths, states : (lanes, 10)
+        True and estimated states.
+    references : (lanes, 10)
+        What is asked for, with the velocity.
+    ages : (lanes,)
+        Samples since each episode's start.
+    final_observations, final_truths, final_references : (lanes, size), (lanes, 10), (lanes, 10)
+        Where `ended`, those at the end of the episode that ended in the last step, with `SAME_STEP`.
+
+    Raises
+    ------
+    InputError
+        If robots differ in kind, have what environments have not, or the base controller is for another sample time.
+    """
+
+    def __init__(
+        self,
+        robots: Sequence[LoopRobot],
+        task: Task,
+        *,
+        lanes: int,
+        seed: int = 0,
+        base: Controller | None = None,
+        estimator: EstimatorName | None = "kalman",
+        repeat: int = REPEAT,
+        threads: int | None = None,
+    ) -> None:
+        self.task, self.robot = task, robots[0].imperfections.known or robots[0].model.robot
+        self.lanes = whole_number(lanes, "lanes", least=1)
+        self.repeat = whole_number(repeat, "repeat", least=1)
+        self.sample_time, self.wheels = self.robot.sensors.sample_time, self.robot.wheel_count
+        self.torque_limit = self.robot.drive.torque_limit
+        _check_kinds(robots, self.sample_time, base)
+        self._selected = robots[0].model.selected
+        self._world = world = self._new_world(robots, base, estimator, seed)
+        self.ages, self.references = world.commands.ages, world.commands.references
+        self.truths, self.states = world.blocks.truths, world.blocks.states
+        episodes = world.episodes
+        self.observations, self.rewards = episodes.observations, episodes.rewards
+        self.fallen, self.ended, self.refused = episodes.fallen, episodes.ended, episodes.refused
+        self.final_observations, self.final_truths = episodes.final_observations, episodes.final_truths
+        self.final_references = episodes.final_references
+        blocks = -(-lanes // LANES)
+        workers = min(whole_number(threads or os.cpu_count() or 1, "threads", least=1), blocks)
+        ends = [min(lanes, LANES * (blocks * k // workers)) for k in range(workers + 1)]
+        self._spans = list(pairwise(ends))
+        self._threads = ThreadPoolExecutor(workers - 1) if workers > 1 else None
+
+    def _new_world(
+        self,
+        robots: Sequence[LoopRobot],
+        base: Controller | None,
+        estimator: EstimatorName | None,
+        seed: int,
+    ) -> World:
+        pool, n, lanes = _pool_of(robots, estimator, self.sample_time), self.wheels, self.lanes
+        inputs = self._new_inputs(robots, pool, base, estimator)
+        return World(
+            inputs=inputs,
+            draws=_new_draws(robots, lanes, n),
+            sampling=Sampling(
+                references=np.zeros((1, 10)),
+                sample_time=self.sample_time,
+                steps=robots[0].model.steps_in(self.sample_time),
+                every=1,
+                settled=np.zeros((0, 10)),
+                lost=LARGEST_LEAN,
+                grip=np.inf,
+            ),
+            blocks=new_blocks(
+                pool.loops.reshape(-1).view(LOOP.dtype()), lanes, n, filtering=inputs.filter_code != 0
+            ),
+            commands=Commands(
+                todo=np.zeros(lanes, np.int64),
+                ages=np.zeros(lanes, np.int64),
+                torques=np.zeros((lanes, n)),
+                references=np.zeros((lanes, 10)),
+            ),
+            out=empty_outcome(lanes, 0, _NEVER, n),
+            pool=pool,
+            task=TaskNumbers.of(self.task, self.robot),
+            episodes=_new_episodes(inputs.loops, n, seed),
+        )
+
+    def _new_inputs(
+        self,
+        robots: Sequence[LoopRobot],
+        pool: Pool,
+        base: Controller | None,
+        estimator: EstimatorName | None,
+    ) -> Inputs:
+        lanes, selected, own = self.lanes, self._selected, 1 if self.task.impulse > 0.0 else 0
+        filters = np.empty((0, 0))
+        if estimator == "kalman":
+            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
+        return Inputs(
+            code=code_of(selected),
+            play_code=play_code_of(selected) if robots[0].imperfections.backlash > 0.0 else 0,
+            law_code=law_code() if base else 0,
+            filter_code=sample_code() if len(filters) else 0,
+            parameters=np.repeat(pool.parameters[:1], lanes, axis=0),
+            lift_offs=np.repeat(pool.lift_offs[:1], lanes),
+            laws=base.packed[None].copy() if base else np.zeros((1, 0)),
+            loops=np.repeat(pool.loops[:1], lanes, axis=0).reshape(-1).view(LOOP.dtype()),
+            filters=filters,
+            contacts=np.repeat(pool.contacts[:1], lanes, axis=0),
+            initial=np.zeros((lanes, 10)),
+            pushes=np.zeros((lanes, own + pool.pushes.shape[1], 6)),
+            bumps=np.zeros((lanes, pool.bumps.shape[1], 4)),
+        )
+
+    def reseed(self, lane: int, seed: int) -> None:
+        """Let all that is random in a lane's next episodes follow from a seed."""
+        self._world.episodes.streams[lane] = stream_of(seed)
+
+    def start(self, which: NDArray[np.bool_] | None = None) -> None:
+        """Start the episodes of some lanes (lanes,), all by default, at random states and with random robots."""
+        self._world.episodes.started[:] = True if which is None else which
+        self._play(START | MOVE | OBSERVE, KEPT, 0)
+
+    def step(self, torques: ArrayLike, *, ending: int = KEPT) -> None:
+        """Advance every lane whose episode goes on by `repeat` samples with torques (lanes, n) [N m].
+
+        The torques are limited; those of a base controller are added. A lane whose episode ends within the samples
+        stays where it is: until `start`, or with `ending` `NEXT_STEP` until the next step, which starts another
+        episode and ignores its torques; with `SAME_STEP` another one starts at once. A lane whose torques are not
+        finite ends its episode without a sample (`refused`).
+
+        InputError if the torques have another shape, or, after all other lanes have advanced, if some are not finite.
+        """
+        if np.shape(torques) != self._world.episodes.actions.shape:
+            real_array(torques, self._world.episodes.actions.shape, "The array of torques", finite=False)
+        actions = self._world.episodes.actions
+        actions[:] = torques
+        self._play(STEP, ending, self.repeat)
+        if self.refused.any():
+            lane = int(self.refused.argmax())
+            raise InputError(
+                f"The torques of lane {lane} are {actions[lane].tolist()}; they must be finite. Its episode has ended; "
+                "the other lanes went on."
+            )
+
+    def _play(self, parts: int, ending: int, samples: int) -> None:
+        """Take all lanes through parts of a step of so many samples."""
+        if self._threads is None:
+            self._play_span(self._spans[0], parts, ending, samples)
+            return
+        others = [
+            self._threads.submit(self._play_span, span, parts, ending, samples) for span in self._spans[1:]
+        ]
+        self._play_span(self._spans[0], parts, ending, samples)
+        for other in others:
+            other.result()
+
+    def _play_span(self, span: tuple[int, int], parts: int, ending: int, samples: int) -> None:
+        play(self._selected, self._world, span, samples, ending, parts)
+
+    def close(self) -> None:
+        """End the threads."""
+        if self._threads is not None:
+            self._threads.shutdown()
+
+
+def _check_kinds(robots: Sequence[LoopRobot], sample_time: float, base: Controller | None) -> None:
+    """Raise InputError unless robots can stand side by side, in front of a base controller."""
+    kinds = {
+        (
+            r.model.formulation,
+            r.model.step,
+            r.model.pivots,
+            r.model.robot.wheel_count,
+            r.imperfections.backlash > 0.0,
+        )
+        for r in robots
+    }
+    if len(kinds) > 1:
+        raise InputError(
+            "The robots of an environment must be of one kind: the same formulation, inner step and number of wheels, "
+            "and play in all or in none."
+        )
+    if any(r.imperfections.later for r in robots) or any(r.imperfections.fix for r in robots):
+        raise InputError(
+            "An environment has no payload or floor that changes within an episode, and no external position sensor."
+        )
+    times = [r.imperfections.sensors.sample_time for r in robots if r.imperfections.sensors]
+    if base is not None:
+        times.append(base.sample_time)
+    for time in times:
+        if abs(time - sample_time) > 1e-9 * sample_time:
+            raise InputError(
+                f"Sensors or base controller have a sample time of {time:g} s, the robot one of {sample_time:g} s; "
+                "they must be the same."
+            )
+
+
+def _pool_of(robots: Sequence[LoopRobot], estimator: EstimatorName | None, sample_time: float) -> Pool:
+    borne = [robot.imperfections for robot in robots]
+    records = [
+        loop_record(r.imperfections, r.model.robot, estimator=estimator, sample_time=sample_time)
+        for r in robots
+    ]
+    bumps = bump_table([robot.model for robot in robots], borne)
+    return Pool(
+        parameters=np.array([packed_on_floor(r.model, r.imperfections) for r in robots]),
+        lift_offs=np.array([lift_off(r.model.robot) for r in robots]),
+        loops=np.array([record.ravel() for record in records]),
+        contacts=np.array([pack_contacts(r.model.robot) for r in robots]),
+        pushes=push_table(borne, sample_time),
+        bumps=bumps if bumps.shape[1] else np.zeros((len(robots), 0, 4)),
+        jitters=np.array([imperfections.jitter for imperfections in borne]),
+    )
+
+
+def _new_draws(robots: Sequence[LoopRobot], lanes: int, n: int) -> Draws:
+    """Return room for the random numbers of one sample."""
+    borne = [robot.imperfections for robot in robots]
+    return Draws(
+        noise=np.zeros((lanes, 6 + n if any(one.random for one in borne) else 0)),
+        faults=np.zeros((lanes, 10 if any(one.sensor_faults is not None for one in borne) else 0)),
+        positions=np.zeros((lanes, n)),
+        turns=np.zeros((lanes, n)),
+        durations=np.zeros((lanes, 1 if any(one.jitter > 0.0 for one in borne) else 0)),
+    )
+
+
+def _new_episodes(loops: NDArray[np.void], n: int, seed: int) -> Episodes:
+    """Return the episodes of robots with `loops` (lanes,) and n wheels; none goes on."""
+    lanes, size = len(loops), observation_size(n)
+    flags = {name: np.zeros(lanes, np.bool_) for name in ("started", "active", "refused", "fallen", "ended")}
+    return Episodes(
+        streams=np.array([stream_of((seed, lane)) for lane in range(lanes)]),
+        loops=loops.view(np.float64).reshape(lanes, -1),
+        drawn=np.zeros(lanes, np.int64),
+        actions=np.zeros((lanes, n)),
+        history=np.zeros((lanes, HISTORY, n)),
+        late=np.zeros(lanes),
+        changes=np.zeros(lanes, np.int64),
+        rewards=np.zeros(lanes),
+        observations=np.zeros((lanes, size), np.float32),
+        final_observations=np.zeros((lanes, size), np.float32),
+        final_truths=np.zeros((lanes, 10)),
+        final_references=np.zeros((lanes, 10)),
+        **flags,
+    )

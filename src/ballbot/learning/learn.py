@@ -1,0 +1,350 @@
+"""A controller learned from nothing: training on the compiled loop, the policy in a controller, and its trial."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from time import monotonic
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballbot.control.controller import Controller
+from ballbot.control.parts.policy import Policy
+from ballbot.control.presets import nominal_controller
+from ballbot.errors import InputError
+from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
+from ballbot.learning.lanes import Lanes
+from ballbot.learning.ppo import Layers, Training, Update, train
+from ballbot.learning.tasks import Task
+from ballbot.log import Log
+from ballbot.progress import Progress
+from ballbot.results import to_results
+from ballbot.robot import Robot
+from ballbot.simulation.imperfections import Push
+from ballbot.summary import Summary, counted, plotted, summarized
+from ballbot.twin.scenario import Scenario
+from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
+from ballbot.workflows.metrics import position_error, true_place
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: largest speed at which a policy acts [m/s]; beyond it the linear law does
+LARGEST_SPEED = 2.0
+#: torque of an output of 1, over the limit: of a policy alone, and of one that is added to a controller
+SCALE, RESIDUAL_SCALE = 0.5, 0.2
+#: seconds of the loop in which a baseline's reward is measured, and robots
+_BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """A learning curve after an update."""
+
+    samples: int  #: of the loop, of all robots
+    seconds: float  #: by the clock since the training began
+    reward: float  #: mean a second, with the noise of the exploration
+    fallen: float  #: fraction of the episodes that ended, that fell; NaN if none ended
+    length: float  #: mean of the episodes that ended [s]; NaN if none did
+
+
+@dataclass(frozen=True, kw_only=True)
+class Confirmed:
+    """A controller on fresh robots, from start to end of a task."""
+
+    plant: str  #: "loop" or "twin"
+    runs: int
+    duration: float  #: of each run [s]
+    fell: int
+    rms_position: float  #: root mean square over the runs that did not fall [m]
+    rms_velocity: float  #: likewise, of the velocity's difference from the one that is asked for [m/s]
+
+
+@summarized
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Learned:
+    """A learned controller, how it was learned, and what it is worth."""
+
+    controller: Controller
+    task: Task
+    training: Training
+    seed: int
+    residual: bool  #: whether the policy is added to a controller
+    curve: tuple[CurvePoint, ...]
+    baseline: float  #: reward a second of the linear law alone, or of the controller to which it is added
+    stopped: bool  #: by the user before its end
+    confirmed: tuple[Confirmed, ...] = ()
+    baseline_confirmed: tuple[Confirmed, ...] = ()
+
+    def summary(self) -> Summary:
+        """Return what was learned, in how much time, and how it did."""
+        last = self.curve[-1]
+        rows = [
+            ("training", f"{last.samples:,} samples of the loop in {last.seconds:.1f} s"),
+            (
+                "reward a second",
+                f"{last.reward:.3f} with exploration; {self.baseline:.3f} of the controller without",
+            ),
+        ]
+        rows += [
+            (
+                f"on the {tried.plant}",
+                f"{counted(tried.fell, 'fall')} in {tried.runs} runs of {tried.duration:g} s",
+            )
+            for tried in self.confirmed
+        ]
+        return Summary(title=f"{self.task.name} of {self.controller.robot.name}, learned", rows=tuple(rows))
+
+    def plot(self) -> Figure:
+        """Return a figure of the learning curve."""
+        return plotted(self)
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entries of results.json; the policy itself is in the controller's file."""
+        names = (
+            "task",
+            "training",
+            "seed",
+            "residual",
+            "curve",
+            "baseline",
+            "stopped",
+            "confirmed",
+            "baseline_confirmed",
+        )
+        return to_results(
+            {"robot": self.controller.robot.name} | {name: getattr(self, name) for name in names}
+        )
+
+
+def base_controller(robot: Robot) -> Controller:
+    """Return the linear law that acts where the policy was not trained."""
+    return nominal_controller(robot).with_estimator("kalman")
+
+
+def policy_of(actor: Layers, lanes: Lanes, *, torque_scale: float, residual: bool) -> Policy:
+    """Return a network as the part of a controller."""
+    first, second, last = (np.vstack([actor[k], actor[k + 1]]).T.astype(np.float64) for k in (0, 2, 4))
+    return Policy(
+        feedback=1.0 if residual else 0.0,
+        torque_scale=torque_scale,
+        torque_limit=lanes.torque_limit,
+        period=lanes.repeat * lanes.sample_time,
+        largest_lean=lanes.task.fallen,
+        largest_speed=LARGEST_SPEED,
+        first=first,
+        second=second,
+        last=last,
+    )
+
+
+def learn(
+    robots: Sequence[LoopRobot],
+    task: Task,
+    *,
+    base: Controller | None = None,
+    training: Training = Training(),  # noqa: B008 (frozen)
+    run: Run = DEFAULT_RUN,
+) -> Learned:
+    """Learn a controller for a task.
+
+    Parameters
+    ----------
+    robots : sequence of LoopRobot
+        Each episode has one of them, drawn at its start; see `ballbot.learning.robots.drawn_robots`.
+    base : Controller, optional
+        The policy is added to its torques. Without it the policy acts alone, and a linear law where it was not trained.
+
+    Interrupted (KeyboardInterrupt), it keeps the best policy until then; before the first update it is passed on.
+
+    Raises
+    ------
+    InputError
+        If the robots differ in kind, or the controller's sample time is not the robots'.
+
+    Examples
+    --------
+    Too short to learn anything:
+
+    >>> from ballbot.learning.robots import drawn_robots
+    >>> from ballbot.learning.tasks import TASKS
+    >>> from ballbot.robot import as_robot
+    >>> robots = drawn_robots(as_robot("alten"), Scenario.named("nominal", "alten"), None)
+    >>> learned = learn(robots, TASKS["Balance"], training=Training(lanes=40, decisions=8, updates=1))
+    >>> learned.controller.parts.policy.first.shape
+    (64, 20)
+    """
+    known = robots[0].imperfections.known or robots[0].model.robot
+    if base is not None and abs(base.sample_time - known.sensors.sample_time) > 1e-9:
+        raise InputError(
+            f"The controller is updated every {base.sample_time:g} s and the robot is sampled every "
+            f"{known.sensors.sample_time:g} s; a policy that is added to it needs the same."
+        )
+    residual, around = base is not None, base or base_controller(known)
+    lanes = Lanes(robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator)
+    scale = (RESIDUAL_SCALE if residual else SCALE) * lanes.torque_limit
+    curve: list[CurvePoint] = []
+    best: Update | None = None
+    stopped, samples, begun = False, 0, monotonic()
+    run.progress(Progress(stage="learning", total=training.updates))
+    try:
+        for update in train(lanes, training, torque_scale=scale, seed=run.seed):
+            samples += training.lanes * training.decisions * lanes.repeat
+            ended = update.fallen + update.finished
+            fallen = update.fallen / ended if ended else math.nan
+            curve.append(
+                CurvePoint(
+                    samples=samples,
+                    seconds=monotonic() - begun,
+                    reward=update.reward,
+                    fallen=fallen,
+                    length=update.length,
+                )
+            )
+            if best is None or _worth(update) >= _worth(best):
+                best = update
+            run.progress(
+                Progress(
+                    stage="learning",
+                    done=len(curve),
+                    total=training.updates,
+                    note=f"reward {update.reward:.2f}",
+                )
+            )
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        stopped = True
+    finally:
+        lanes.close()
+    assert best is not None
+    policy = policy_of(best.actor, lanes, torque_scale=scale, residual=residual)
+    return Learned(
+        controller=around.with_parts(replace(around.parts, policy=policy)),
+        task=task,
+        training=training,
+        seed=run.seed,
+        residual=residual,
+        curve=tuple(curve),
+        baseline=baseline_reward(robots, task, around, seed=run.seed),
+        stopped=stopped,
+    )
+
+
+def _worth(update: Update) -> tuple[bool, float]:
+    """Return what makes an update better than another: no falls, then the reward."""
+    return update.fallen == 0, update.reward
+
+
+def baseline_reward(robots: Sequence[LoopRobot], task: Task, controller: Controller, *, seed: int) -> float:
+    """Return the mean reward a second of a controller without a policy in the task, until it falls."""
+    short = replace(task, duration=_BASELINE_TIME)
+    lanes = Lanes(
+        robots, short, lanes=_BASELINE_ROBOTS, seed=seed + 1, base=controller, estimator=controller.estimator
+    )
+    lanes.start()
+    none, total = np.zeros((lanes.lanes, lanes.wheels)), 0.0
+    while not lanes.ended.all():
+        lanes.step(none)
+        total += float(lanes.rewards.sum())
+    lanes.close()
+    return total / float(lanes.ages.sum() * lanes.sample_time)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskReference:
+    """A reference f(t) -> (10,) that asks for what a task may ask for at most, turn by turn."""
+
+    task: Task
+
+    def __call__(self, t: float) -> NDArray[np.float64]:
+        """Return the reference at a time [s]."""
+        task, wanted, turn = self.task, np.zeros(10), int(t / self.task.interval)
+        if task.drive:
+            # the corners of a square, and a place that moves along its sides
+            corners = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]) * task.drive * task.interval
+            side, share = turn % 4, t / task.interval - turn
+            wanted[:2] = (1.0 - share) * corners[side] + share * corners[(side + 1) % 4]
+        elif task.reach:
+            wanted[:2] = task.reach * np.array([(0, 0), (1, 0), (1, -1), (0, -1)][turn % 4])
+            wanted[4] = task.reach_heading * (0, 1, 0, -1)[turn % 4]
+        return wanted
+
+
+def confirm(
+    controller: Controller,
+    task: Task,
+    robot: Robot,
+    scenario: Scenario,
+    *,
+    runs: int = 100,
+    duration: float = 60.0,
+    twin: bool = False,
+    workers: Executor = ALL_CORES,
+    run: Run = DEFAULT_RUN,
+) -> Confirmed:
+    """Return how a controller does a task on robots that it was not trained on, each with a seed of its own.
+
+    The scenario is as it is: on the twin with its own friction, rollers and play.
+    """
+    if task.impulse:
+        times = np.arange(2.0, duration, task.interval)
+        angles = 2.0 * np.pi * 0.618 * np.arange(len(times))  # of the golden section: every direction in turn
+        pushes = tuple(
+            Push(
+                time=float(t),
+                duration=0.1,
+                force=(10.0 * task.impulse * math.cos(a), 10.0 * task.impulse * math.sin(a), 0.0),
+                height=robot.body.center_of_mass,
+            )
+            for t, a in zip(times, angles, strict=True)
+        )
+        scenario = replace(scenario, pushes=pushes)
+    plant = (
+        TwinRobot(robot=robot, scenario=scenario, known=robot)
+        if twin
+        else LoopRobot.of(robot.replace(friction=scenario.friction), scenario, known=robot)
+    )
+    conditions = [
+        Condition(
+            plant=plant,
+            reference=partial(TaskReference, task=task),
+            duration=duration,
+            seed=run.seed + 1000 + k,
+        )
+        for k in range(runs)
+    ]
+    tried = [
+        GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
+    ]
+    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
+    return Confirmed(
+        plant="twin" if twin else "loop",
+        runs=runs,
+        duration=duration,
+        fell=int(np.isnan(errors[:, 0]).sum()),
+        rms_position=_rms(errors[:, 0]),
+        rms_velocity=_rms(errors[:, 1]),
+    )
+
+
+def _errors(_: GridRun, log: Log) -> tuple[float, float]:
+    """Return the root mean squares of the errors of position and velocity; NaN after a fall."""
+    if log.ended is not None:
+        return math.nan, math.nan
+    place, h = true_place(log), log.sample_time
+    asked = [np.gradient(log[f"ref_{axis}"], h) for axis in "xy"]
+    # the place asked for may jump, which is no velocity
+    asked = [np.where(np.abs(v) > LARGEST_SPEED, 0.0, v) for v in asked]
+    velocity = [np.gradient(place[axis], h) for axis in "xy"]
+    error = np.hypot(velocity[0] - asked[0], velocity[1] - asked[1])
+    return _rms(position_error(log)), _rms(error)
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    counted_values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(counted_values**2))) if len(counted_values) else math.nan

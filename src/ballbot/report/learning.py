@@ -1,0 +1,89 @@
+"""A learned controller: its learning curve, and how it does on robots that it was not trained on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballbot.learning.learn import Confirmed, Learned
+from ballbot.report.blocks import Result, Sheet, section
+from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.rounding import digits
+from ballbot.summary import counted
+
+
+def learning_report(learned: Learned, *, scenario: str) -> Result:
+    """Return the page of a learned controller."""
+    name = learned.controller.robot.name
+    return Result(
+        title=f"{name}: {learned.task.name}, learned",
+        lead="A network that learned on simulated robots what torques to give. Its rewards are those of the training, "
+        "with the noise that it explores by; the runs afterwards are of other robots, without that noise.",
+        verdict=[("", sentence) for sentence in learning_sentences(learned, scenario=scenario)],
+        sections=[
+            section("On other robots", _tried(learned)),
+            section("The learning curve", _curve(learned)),
+        ],
+        undecided=[
+            "Whether the real robot is like the simulated ones: try it with a person who catches the robot.",
+            "Other tasks: a policy knows what it was trained for.",
+        ],
+        data=learned.to_dict() | {"scenario": scenario},
+    )
+
+
+def learning_sentences(learned: Learned, *, scenario: str) -> list[str]:
+    """Return what was learned, the most important first."""
+    last = learned.curve[-1]
+    early = " It was stopped early." if learned.stopped else ""
+    sentences = []
+    for own, other in zip(learned.confirmed, learned.baseline_confirmed, strict=True):
+        falls = "never fell" if own.fell == 0 else f"fell {counted(own.fell, 'time')}"
+        where = "physics-engine twin" if own.plant == "twin" else "loop"
+        sentences.append(
+            f"In {counted(own.runs, 'run')} of {own.duration:g} s on the {where} it {falls}; {_errors(own)}. The "
+            f"controller without it: {_errors(other)}, {counted(other.fell, 'fall')}."
+        )
+    sentences.append(
+        f"It learned from {last.samples:,} samples of the scenario {scenario} in {last.seconds:.0f} s.{early} The "
+        f"reward was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the controller without it."
+    )
+    return sentences
+
+
+def _errors(tried: Confirmed) -> str:
+    """Return the error that a task is about, in words."""
+    return f"its RMS errors are {digits(1e3 * tried.rms_position)} mm and {digits(tried.rms_velocity)} m/s"
+
+
+def _tried(learned: Learned) -> Sheet:
+    rows = [
+        (who, tried.plant, f"{tried.runs}", f"{tried.fell}", 1e3 * tried.rms_position, tried.rms_velocity)
+        for who, each in (("learned", learned.confirmed), ("without", learned.baseline_confirmed))
+        for tried in each
+    ]
+    headings = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
+    caption = "Fresh robots that are asked for the most that the task asks for, turn by turn"
+    return Sheet(headings, rows, caption)
+
+
+def _curve(learned: Learned) -> TimeSeries:
+    points = learned.curve
+    seconds = np.array([point.seconds for point in points])
+    lengths = np.array([point.length for point in points])
+    return TimeSeries(
+        seconds,
+        (
+            Panel(
+                "reward a second",
+                [Line("reward", np.array([point.reward for point in points]), "measured")],
+                levels=(learned.baseline,),
+                from_zero=True,
+            ),
+            Panel(
+                "length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True
+            ),
+        ),
+        "The learning curve by the clock.",
+        across="time of training [s]",
+        level="the controller without it",
+    )

@@ -1,0 +1,51 @@
+"""The contract between a policy and an environment."""
+
+from dataclasses import replace
+
+import pytest
+
+from ballbot import InputError
+from ballbot.learning.contract import Contract
+from ballbot.learning.tasks import Weights, task_named
+
+CONTRACT = Contract.of("alten", wheels=3, torque_limit=6.0, period=0.01, delay=1)
+
+
+def test_a_contract_is_read_as_it_was_written(tmp_path):
+    CONTRACT.write(tmp_path / "contract.json")
+    assert Contract.read(tmp_path / "contract.json") == CONTRACT
+    CONTRACT.require(Contract.read(tmp_path / "contract.json"), of="policy.toml")
+
+
+@pytest.mark.parametrize(
+    ("other", "sentence"),
+    [
+        ({"robot": "other"}, "p.toml has another contract: robot is 'other', here 'alten'."),
+        ({"period": 0.02}, "p.toml has another contract: period is 0.02, here 0.01."),
+        ({"delay": 0}, "p.toml has another contract: delay is 0, here 1."),
+        ({"version": 7}, "p.toml has another contract: version is 7, here 0."),
+        ({"action": CONTRACT.action[:2]}, "p.toml has another contract: action is nothing at place 2, here "),
+        (
+            {"observation": (replace(CONTRACT.observation[0], scale=1.0), *CONTRACT.observation[1:])},
+            r"p.toml has another contract: observation is .*scale=1.0.* at place 0, here .*scale=0.25",
+        ),
+    ],
+)
+def test_another_contract_is_refused_with_its_first_difference(other, sentence):
+    with pytest.raises(InputError, match=sentence):
+        CONTRACT.require(replace(CONTRACT, **other), of="p.toml")
+
+
+def test_a_file_that_holds_no_contract_is_refused(tmp_path):
+    for text in ("[]", '{"version": 0}', '{"robot": 3}'):
+        (tmp_path / "contract.json").write_text(text)
+        with pytest.raises(InputError):
+            Contract.read(tmp_path / "contract.json")
+
+
+def test_tasks_are_known_by_name_and_their_numbers_are_checked():
+    assert task_named("DRIVE").drive == 0.5
+    with pytest.raises(InputError, match="did you mean 'Balance'"):
+        task_named("balanse")
+    with pytest.raises(InputError):
+        Weights(position=-1.0)

@@ -1,0 +1,115 @@
+"""A learned controller: its file, its end by the user, and its policy in the law as it was in the training."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballbot.control.file import read_controller, write_controller
+from ballbot.control.presets import precise_controller
+from ballbot.errors import InputError
+from ballbot.fitting.run import Run
+from ballbot.learning.lanes import Lanes
+from ballbot.learning.learn import base_controller, confirm, learn, policy_of
+from ballbot.learning.ppo import Training, forward, new_layers
+from ballbot.learning.tasks import task_named
+from ballbot.twin.scenario import Scenario
+from tests.learning.test_lanes import ROBOTS
+
+KNOWN = ROBOTS[0].imperfections.known or ROBOTS[0].model.robot
+SMALL = Training(lanes=40, decisions=8, updates=2, batches=2)
+
+
+def controller_of(lanes, actor, *, residual=False):
+    base = base_controller(KNOWN)
+    policy = policy_of(actor, lanes, torque_scale=3.0, residual=residual)
+    return base.with_parts(replace(base.parts, policy=policy))
+
+
+def new_actor(lanes, last=0.3):
+    return new_layers((lanes.observations.shape[1], 64, 64, 3), np.random.default_rng(4), last=last)
+
+
+@pytest.mark.parametrize("task", ["balance", "track"])
+def test_law_decides_what_the_network_did_in_the_training(task):
+    lanes = Lanes(ROBOTS, task_named(task), lanes=40, seed=3)
+    actor = new_actor(lanes)
+    controller = controller_of(lanes, actor)
+    lanes.start()
+    for _ in range(40):
+        decided = 3.0 * forward(actor, lanes.observations)[0].astype(np.float64)
+        wanted = np.clip(decided, -lanes.torque_limit, lanes.torque_limit)
+        reference = np.where(np.arange(10) < 5, lanes.references[7], 0.0)
+        found = [controller.update(0.0, lanes.states[7], reference) for _ in range(lanes.repeat)]
+        # the network is evaluated in single precision there, in double precision here
+        np.testing.assert_allclose(found, [wanted[7]] * lanes.repeat, atol=1e-5 * lanes.torque_limit)
+        lanes.step(decided)
+    lanes.close()
+
+
+def test_linear_law_acts_beyond_the_lean_of_the_training():
+    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    controller, base = controller_of(lanes, new_actor(lanes)), base_controller(KNOWN)
+    for lean, alike in ((0.1, False), (0.36, True)):
+        state = np.array([0.0, 0.0, lean, *7 * [0.0]])
+        torques = [law.update(0.0, state, np.zeros(10)) for law in (controller, base)]
+        controller.reset()
+        assert np.array_equal(*torques) == alike
+
+
+def test_policy_added_to_a_law_adds_its_torques():
+    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    actor, base = new_actor(lanes, last=0.05), base_controller(KNOWN)
+    state = np.array([0.0, 0.0, 0.01, *7 * [0.0]])
+    alone, added = (
+        controller_of(lanes, actor, residual=residual).update(0.0, state, np.zeros(10))
+        for residual in (False, True)
+    )
+    np.testing.assert_allclose(added, alone + base.update(0.0, state, np.zeros(10)), atol=1e-12)
+
+
+def test_learned_controller_is_read_from_its_file_as_it_was(tmp_path):
+    learned = learn(ROBOTS, task_named("balance"), training=SMALL)
+    write_controller(learned.controller, tmp_path / "controller.toml")
+    read = read_controller(tmp_path / "controller.toml", KNOWN)
+    np.testing.assert_array_equal(read.packed, learned.controller.packed)
+    tried = confirm(
+        read, task_named("balance"), KNOWN, Scenario.named("nominal", KNOWN), runs=2, duration=1.0
+    )
+    assert (tried.plant, tried.runs) == ("loop", 2)
+    assert [point.samples for point in learned.curve] == [640, 1280]
+
+
+def test_stopped_by_the_user_it_keeps_what_it_has():
+    def stop(progress):
+        if progress.done == 1:
+            raise KeyboardInterrupt
+
+    learned = learn(ROBOTS, task_named("drive"), training=SMALL, run=Run(seed=0, progress=stop))
+    assert learned.stopped
+    assert len(learned.curve) == 1
+
+
+def test_policy_for_another_sample_time_is_refused():
+    base = precise_controller(KNOWN)
+    slow = base_controller(KNOWN.replace({"sensors.sample_time": 0.01}))
+    with pytest.raises(InputError, match=r"0\.01 s"):
+        learn(ROBOTS, task_named("balance"), base=slow, training=SMALL)
+    learned = learn(ROBOTS, task_named("balance"), base=base, training=replace(SMALL, updates=1))
+    policy = learned.controller.parts.policy
+    assert policy is not None
+    assert policy.feedback == 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "named"), [({"last": np.zeros((4, 65))}, "3 wheels"), ({"first": np.zeros((64, 19))}, "shapes"),
+                          ({"period": 0.0075}, "0.0075"), ({"torque_scale": np.nan}, "torque_scale")],
+)  # fmt: skip
+def test_impossible_policy_is_refused(change, named):
+    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    policy = policy_of(new_actor(lanes), lanes, torque_scale=3.0, residual=False)
+    if "last" in change:
+        change = change | {"first": np.zeros((64, 10 + 3 * 4 + 1))}
+    base = base_controller(KNOWN)
+    with pytest.raises(InputError, match=named):
+        base.with_parts(replace(base.parts, policy=replace(policy, **change)))
