@@ -37,6 +37,7 @@ CAMPAIGNS = {
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",
     "factors": "campaigns.controller_factors",
+    "further_work": "campaigns.further_work",
     "optima": "campaigns.optima",
     "coverage": "campaigns.coverage",
     "between_logs": "campaigns.between_logs",

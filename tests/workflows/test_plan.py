@@ -163,6 +163,8 @@ def test_missing_casadi_is_one_sentence(monkeypatch):
 def test_a_plan_needs_exactly_one_aim():
     with pytest.raises(InputError, match="one of to, along and stop_from"):
         ballbot.plan(rough())
+    with pytest.raises(InputError, match="margin"):
+        ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=replace(default_limits(rough()), margin=1.5))
     with pytest.raises(InputError, match="not all zero"):
         ballbot.plan(rough(), to=(0.0, 0.0, 0.0))
 

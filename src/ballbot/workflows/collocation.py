@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -34,6 +34,7 @@ from ballbot.mechanics.friction import wheel_friction
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
+from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import parameter, parameter_class
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import forces_at_wheels, pack_contacts
@@ -153,6 +154,7 @@ class Planner:
         except ImportError:
             raise missing_package("A plan", "CasADi", extra="plan") from None
         object.__setattr__(self, "_casadi", casadi)
+        check_parameters(replace(self.limits, speed=min(self.limits.speed, _ANY_SPEED)))
         for i, breakaway in enumerate(self.robot.friction.breakaway):
             if breakaway >= self.torque:
                 raise InputError(
