@@ -32,7 +32,7 @@ def tried(piece: tuple[str, int]) -> tuple[Learned | None, list[Confirmed]]:
     known = robots[0].imperfections.known or robots[0].model.robot
     learned = learn(robots, task, run=Run(seed=seed, progress=ignore_progress)) if seed >= 0 else None
     controller = learned.controller if learned else base_controller(known)
-    plants = [(False, RUNS), *([(True, TWIN_RUNS)] if seed < TWIN_SEEDS else [])]
+    plants = [(False, RUNS), *([(True, TWIN_RUNS)] if 0 <= seed < TWIN_SEEDS else [])]
     return learned, [
         confirm(controller, task, known, scenario, runs=runs, twin=twin) for twin, runs in plants
     ]
