@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -105,13 +104,12 @@ class EnvironmentOptions:
             self._lanes = TwinLanes(
                 robots, twins, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat
             )
-        numbers = base.packed.tobytes() if base else b""
         self.contract = Contract.of(
             known.name,
             wheels=known.wheel_count,
             torque_limit=known.drive.torque_limit,
             period=self.repeat * known.sensors.sample_time,
-            added_to=f"controller {sha256(numbers).hexdigest()[:12]}" if base else "torque",
+            base=base,
             observed=self.observe,
             delay=scenario.timing.delay if scenario.timing else 0,
         )

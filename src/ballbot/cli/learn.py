@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 else:
     TaskName = Literal[tuple(name.lower() for name in TASKS)]
 
-_WRITTEN = ("controller.toml", "robot.toml")
+_WRITTEN = ("controller.toml", "robot.toml", "contract.json")
 
 
 def learn(
@@ -50,7 +50,8 @@ def learn(
     as every other one: ballbot compare, simulate, export. Where the robot's state is not like those of the training, a
     linear law acts. Ctrl-C ends the training and keeps the best policy.
 
-    Writes report.html, results.json (with the learning curve), controller.toml and robot.toml.
+    Writes report.html, results.json (with the learning curve), controller.toml, robot.toml, and contract.json, which
+    says what the policy observes and does.
 
     Example: ballbot learn balance found/robot.toml --out learned
 
@@ -101,7 +102,11 @@ def learn(
         path = result.path("controller.toml")
         result.write(
             learning_report(learned, scenario=truth.name),
-            files={"controller.toml": controller_text(learned.controller), "robot.toml": robot_text(known)},
-            named=_WRITTEN,
+            files={
+                "controller.toml": controller_text(learned.controller),
+                "robot.toml": robot_text(known),
+                "contract.json": learned.contract.text(),
+            },
+            named=["controller.toml", "robot.toml"],
             next_step=f"`ballbot compare {result.path('robot.toml')} {path} precise --out compared`",
         )

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field, fields
+from hashlib import sha256
 from pathlib import Path
 from typing import Literal
 
 from pydantic import ConfigDict
 
+from ballbot.control.controller import Controller
 from ballbot.control.parts.policy import ERRORS, HISTORY, SCALES, SHOWN
 from ballbot.errors import InputError
 from ballbot.files import read_json, write_text
@@ -75,11 +77,15 @@ class Contract:
         wheels: int,
         torque_limit: float,
         period: float,
-        added_to: str = "torque",
+        base: Controller | None = None,
         observed: Literal["sensors", "state"] = "sensors",
         delay: int = 0,
     ) -> Contract:
-        """Return the contract of a robot's environment, with torques [N m] over the drives' limit."""
+        """Return the contract of a robot's environment, with torques [N m] over the drives' limit.
+
+        They are added to those of `base`, if there is one.
+        """
+        numbers = base.packed.tobytes() if base else b""
         errors = [
             Channel(name=name, unit=unit, scale=scale, limit=limit)
             for (name, unit), scale, limit in zip(_ERRORS, SCALES, SHOWN, strict=True)
@@ -97,7 +103,7 @@ class Contract:
                 Channel(name=f"u{wheel}", unit="N m", scale=torque_limit, limit=1.0)
                 for wheel in range(1, wheels + 1)
             ),
-            added_to=added_to,
+            added_to=f"controller {sha256(numbers).hexdigest()[:12]}" if base else "torque",
             observed=observed,
             period=period,
             delay=delay,
@@ -121,7 +127,11 @@ class Contract:
 
     def write(self, path: str | Path) -> None:
         """Write the contract as JSON."""
-        write_text(path, json.dumps(asdict(self), indent=1) + "\n")
+        write_text(path, self.text())
+
+    def text(self) -> str:
+        """Return the contract as JSON."""
+        return json.dumps(asdict(self), indent=1) + "\n"
 
     @staticmethod
     def read(path: str | Path) -> Contract:

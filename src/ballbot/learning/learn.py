@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -17,12 +17,13 @@ from ballbot.control.parts.policy import Policy
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
+from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import Lanes
 from ballbot.learning.ppo import Layers, Training, Update, train
 from ballbot.learning.tasks import Task
 from ballbot.log import Log
 from ballbot.progress import Progress
-from ballbot.results import to_results
+from ballbot.results import left_out, to_results
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import Push
 from ballbot.summary import Summary, counted, plotted, summarized
@@ -74,6 +75,7 @@ class Learned:
     training: Training
     seed: int
     residual: bool  #: whether the policy is added to a controller
+    contract: Contract = field(metadata=left_out)  #: what the policy observes and does
     curve: tuple[CurvePoint, ...]
     baseline: float  #: reward a second of the linear law alone, or of the controller to which it is added
     stopped: bool  #: by the user before its end
@@ -179,49 +181,15 @@ def learn(
     (64, 20)
     """
     known = robots[0].imperfections.known or robots[0].model.robot
-    if base is not None and abs(base.sample_time - known.sensors.sample_time) > 1e-9:
-        raise InputError(
-            f"The controller is updated every {base.sample_time:g} s and the robot is sampled every "
-            f"{known.sensors.sample_time:g} s; a policy that is added to it needs the same."
-        )
     residual, around = base is not None, base or base_controller(known)
     lanes = Lanes(robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator)
     scale = (RESIDUAL_SCALE if residual else SCALE) * lanes.torque_limit
-    curve: list[CurvePoint] = []
-    best: Update | None = None
-    stopped, samples, begun = False, 0, monotonic()
-    run.progress(Progress(stage="learning", total=training.updates))
     try:
-        for update in train(lanes, training, torque_scale=scale, seed=run.seed):
-            samples += training.lanes * training.decisions * lanes.repeat
-            ended = update.fallen + update.finished
-            fallen = update.fallen / ended if ended else math.nan
-            curve.append(
-                CurvePoint(
-                    samples=samples,
-                    seconds=monotonic() - begun,
-                    reward=update.reward,
-                    fallen=fallen,
-                    length=update.length,
-                )
-            )
-            if best is None or _worth(update) >= _worth(best):
-                best = update
-            run.progress(
-                Progress(
-                    stage="learning",
-                    done=len(curve),
-                    total=training.updates,
-                    note=f"reward {update.reward:.2f}",
-                )
-            )
-    except KeyboardInterrupt:
-        if best is None:
-            raise
-        stopped = True
+        curve, best, stopped = _followed(
+            train(lanes, training, torque_scale=scale, seed=run.seed), lanes, training, run
+        )
     finally:
         lanes.close()
-    assert best is not None
     policy = policy_of(best.actor, lanes, torque_scale=scale, residual=residual)
     return Learned(
         controller=around.with_parts(replace(around.parts, policy=policy)),
@@ -229,10 +197,50 @@ def learn(
         training=training,
         seed=run.seed,
         residual=residual,
-        curve=tuple(curve),
+        contract=Contract.of(
+            known.name,
+            wheels=lanes.wheels,
+            torque_limit=lanes.torque_limit,
+            period=lanes.repeat * lanes.sample_time,
+            base=base,
+            delay=robots[0].imperfections.delay,
+        ),
+        curve=curve,
         baseline=baseline_reward(robots, task, around, seed=run.seed),
         stopped=stopped,
     )
+
+
+def _followed(
+    updates: Iterator[Update], lanes: Lanes, training: Training, run: Run
+) -> tuple[tuple[CurvePoint, ...], Update, bool]:
+    """Return the learning curve of a training, its best state, and whether the user stopped it."""
+    curve: list[CurvePoint] = []
+    best: Update | None = None
+    begun, stopped = monotonic(), False
+    run.progress(Progress(stage="learning", total=training.updates))
+    try:
+        for update in updates:
+            ended = update.fallen + update.finished
+            curve.append(
+                CurvePoint(
+                    samples=(len(curve) + 1) * training.lanes * training.decisions * lanes.repeat,
+                    seconds=monotonic() - begun,
+                    reward=update.reward,
+                    fallen=update.fallen / ended if ended else math.nan,
+                    length=update.length,
+                )
+            )
+            if best is None or _worth(update) >= _worth(best):
+                best = update
+            note = f"reward {update.reward:.2f}"
+            run.progress(Progress(stage="learning", done=len(curve), total=training.updates, note=note))
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        stopped = True
+    assert best is not None
+    return tuple(curve), best, stopped
 
 
 def _worth(update: Update) -> tuple[bool, float]:

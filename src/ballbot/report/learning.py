@@ -40,25 +40,29 @@ def learning_sentences(learned: Learned, *, scenario: str) -> list[str]:
         falls = "never fell" if own.fell == 0 else f"fell {counted(own.fell, 'time')}"
         where = "physics-engine twin" if own.plant == "twin" else "loop"
         sentences.append(
-            f"In {counted(own.runs, 'run')} of {own.duration:g} s on the {where} it {falls}; {_errors(own)}. The "
-            f"controller without it: {_errors(other)}, {counted(other.fell, 'fall')}."
+            f"In {counted(own.runs, 'run')} of {own.duration:g} s on the {where} it {falls}; its RMS errors "
+            f"are {_errors(own)}, those of the {_linear(learned)} {_errors(other)} ({counted(other.fell, 'fall')})."
         )
     sentences.append(
         f"It learned from {last.samples:,} samples of the scenario {scenario} in {last.seconds:.0f} s.{early} The "
-        f"reward was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the controller without it."
+        f"reward was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the {_linear(learned)}."
     )
     return sentences
 
 
+def _linear(learned: Learned) -> str:
+    return "controller alone" if learned.residual else "nominal LQR"
+
+
 def _errors(tried: Confirmed) -> str:
     """Return the error that a task is about, in words."""
-    return f"its RMS errors are {digits(1e3 * tried.rms_position)} mm and {digits(tried.rms_velocity)} m/s"
+    return f"{digits(1e3 * tried.rms_position)} mm and {digits(tried.rms_velocity)} m/s"
 
 
 def _tried(learned: Learned) -> Sheet:
     rows = [
         (who, tried.plant, f"{tried.runs}", f"{tried.fell}", 1e3 * tried.rms_position, tried.rms_velocity)
-        for who, each in (("learned", learned.confirmed), ("without", learned.baseline_confirmed))
+        for who, each in (("learned", learned.confirmed), (_linear(learned), learned.baseline_confirmed))
         for tried in each
     ]
     headings = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
@@ -85,5 +89,5 @@ def _curve(learned: Learned) -> TimeSeries:
         ),
         "The learning curve by the clock.",
         across="time of training [s]",
-        level="the controller without it",
+        level=f"the {_linear(learned)}",
     )
