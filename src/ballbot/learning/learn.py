@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.parts.policy import Policy
 from ballbot.control.presets import nominal_controller
-from ballbot.errors import InputError
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import Lanes
