@@ -170,7 +170,7 @@ static enum ballbot_result refused_setting(const struct ballbot_tuning_record *o
 /* Take a setting that is not refused; the same again, when an answer was lost, leaves the former one. */
 static void take_setting(struct ballbot_tuning_state *tuning, const struct ballbot_message_tune *asked)
 {
-    float wanted[BALLBOT_TUNING_NUMBERS] = { 0.0f };
+    float wanted[BALLBOT_TUNING_NUMBERS]; /* every one is filled */
     bool same = true;
 
     for (int k = 1; k < BALLBOT_MAX_GAINS; ++k) {

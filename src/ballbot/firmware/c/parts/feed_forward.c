@@ -59,7 +59,7 @@ bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *
 }
 
 /* Return a motion after a delay, by its Taylor series. */
-static struct ballbot_smooth after(float delay, struct ballbot_smooth s)
+static struct ballbot_smooth advanced(float delay, struct ballbot_smooth s)
 {
     const float rest = s.second + delay * (s.third + 0.25f * delay * s.fourth) / 3.0f;
     const struct ballbot_smooth later = {
@@ -97,9 +97,9 @@ void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballb
     const struct ballbot_smooth y = { now->y.value + ahead.y, r[6] + ahead_rate.y, second.y, third.y, fourth.y };
     const struct ballbot_smooth psi = { now->psi.value, r[9], changes[2], 0.0f, 0.0f };
 
-    now->x = after(ahead_by, x);
-    now->y = after(ahead_by, y);
-    now->psi = after(ahead_by, psi);
+    now->x = advanced(ahead_by, x);
+    now->y = advanced(ahead_by, y);
+    now->psi = advanced(ahead_by, psi);
 }
 
 void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now)
