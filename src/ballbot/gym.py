@@ -5,7 +5,7 @@
     envs = gymnasium.make_vec("ballbot/Drive-v0", num_envs=1000, robot="found/robot.toml", randomize="found/")
 
 Observation and action are those of `ballbot.learning.contract`, task and reward those of `ballbot.learning.tasks`.
-`info` has the true state and what is asked for, for a critic that knows more than the policy.
+`info` holds the true state and the reference, for a privileged critic.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError, missing_package, suggest
 from ballbot.learning.contract import VERSION, Contract
-from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, Lanes
+from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import TwinLanes, twin_scenario
@@ -94,7 +94,7 @@ class EnvironmentOptions:
             )
         estimator = None if self.observe == "state" else base.estimator if base else "kalman"
         if self.plant == "model":
-            self._lanes = Lanes(
+            self._lanes = TaskLanes(
                 robots, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat, threads=threads
             )
         else:

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from ballbot import Controller, InputError, simulate_batch
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
-from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, Lanes
+from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import SCALES, TASKS, task_named
 from ballbot.mechanics.geometry import rotation
@@ -31,7 +31,7 @@ CONTROLLER = nominal_controller(ALTEN).with_estimator("kalman")
 
 
 def made(task="balance", lanes=3, **options):
-    return Lanes(ROBOTS, task_named(task), lanes=lanes, threads=options.pop("threads", 1), **options)
+    return TaskLanes(ROBOTS, task_named(task), lanes=lanes, threads=options.pop("threads", 1), **options)
 
 
 @pytest.mark.slow
@@ -167,7 +167,7 @@ def test_torques_that_are_not_finite_end_their_lane_and_the_others_go_on(ending)
 def test_a_push_moves_the_robot_along_its_force():
     """Halfway through each lane's first push, against the same lane with pushes of nothing."""
     pushed, calm = (
-        Lanes(
+        TaskLanes(
             ROBOTS,
             replace(TASKS["Push"], impulse=size, interval=0.2),
             lanes=200,
@@ -196,7 +196,7 @@ def test_a_push_moves_the_robot_along_its_force():
 def test_robots_of_different_kinds_or_sample_times_are_refused():
     other = drawn_robots(ALTEN, replace(SCENARIO, backlash=0.0), None)
     with pytest.raises(InputError, match="of one kind"):
-        Lanes([*ROBOTS, *other], TASKS["Balance"], lanes=2)
+        TaskLanes([*ROBOTS, *other], TASKS["Balance"], lanes=2)
     slower = Controller(ALTEN, CONTROLLER.gain, sample_time=0.01)
     with pytest.raises(InputError, match=r"0\.01 s, the robot one of 0\.005 s"):
-        Lanes(ROBOTS, TASKS["Balance"], lanes=2, base=slower)
+        TaskLanes(ROBOTS, TASKS["Balance"], lanes=2, base=slower)

@@ -9,7 +9,7 @@ from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import precise_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.learning.lanes import Lanes
+from ballbot.learning.lanes import TaskLanes
 from ballbot.learning.learn import base_controller, confirm, learn, policy_of
 from ballbot.learning.ppo import Training, forward, new_layers
 from ballbot.learning.tasks import task_named
@@ -32,7 +32,7 @@ def new_actor(lanes, last=0.3):
 
 @pytest.mark.parametrize("task", ["balance", "track"])
 def test_law_decides_what_the_network_did_in_the_training(task):
-    lanes = Lanes(ROBOTS, task_named(task), lanes=40, seed=3)
+    lanes = TaskLanes(ROBOTS, task_named(task), lanes=40, seed=3)
     actor = new_actor(lanes)
     controller = controller_of(lanes, actor)
     lanes.start()
@@ -48,7 +48,7 @@ def test_law_decides_what_the_network_did_in_the_training(task):
 
 
 def test_linear_law_acts_beyond_the_lean_of_the_training():
-    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=1)
     controller, base = controller_of(lanes, new_actor(lanes)), base_controller(KNOWN)
     for lean, alike in ((0.1, False), (0.36, True)):
         state = np.array([0.0, 0.0, lean, *7 * [0.0]])
@@ -58,7 +58,7 @@ def test_linear_law_acts_beyond_the_lean_of_the_training():
 
 
 def test_policy_added_to_a_law_adds_its_torques():
-    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=1)
     actor, base = new_actor(lanes, last=0.05), base_controller(KNOWN)
     state = np.array([0.0, 0.0, 0.01, *7 * [0.0]])
     alone, added = (
@@ -106,10 +106,16 @@ def test_policy_for_another_sample_time_is_refused():
                           ({"period": 0.0075}, "0.0075"), ({"torque_scale": np.nan}, "torque_scale")],
 )  # fmt: skip
 def test_impossible_policy_is_refused(change, named):
-    lanes = Lanes(ROBOTS, task_named("balance"), lanes=1)
+    lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=1)
     policy = policy_of(new_actor(lanes), lanes, torque_scale=3.0, residual=False)
     if "last" in change:
         change = change | {"first": np.zeros((64, 10 + 3 * 4 + 1))}
     base = base_controller(KNOWN)
     with pytest.raises(InputError, match=named):
         base.with_parts(replace(base.parts, policy=replace(policy, **change)))
+
+
+def test_learned_is_plotted_and_told():
+    learned = learn(ROBOTS, task_named("balance"), training=replace(SMALL, updates=1))
+    assert len(learned.plot().axes) == 2
+    assert "640 samples" in repr(learned)

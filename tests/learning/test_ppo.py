@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballbot.learning.lanes import Lanes
+from ballbot.learning.lanes import TaskLanes
 from ballbot.learning.ppo import Adam, Training, backward, forward, new_layers, train
 from ballbot.learning.tasks import task_named
 from tests.learning.test_lanes import ROBOTS
@@ -39,7 +39,7 @@ def test_adam_goes_down_to_the_least():
 def test_training_repeats_bit_for_bit_with_its_seed_only(other):
     ends = []
     for seed in (0, other):
-        lanes = Lanes(ROBOTS, task_named("balance"), lanes=SMALL.lanes, seed=seed)
+        lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=SMALL.lanes, seed=seed)
         *_, last = train(lanes, SMALL, torque_scale=3.0, seed=seed)
         lanes.close()
         ends.append(b"".join(layer.tobytes() for layer in last.actor))

@@ -165,6 +165,8 @@ def test_a_plan_needs_exactly_one_aim():
         ballbot.plan(rough())
     with pytest.raises(InputError, match="margin"):
         ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=replace(default_limits(rough()), margin=1.5))
+    with pytest.raises(InputError, match="gives at most 6 N m"):
+        ballbot.plan(rough(), to=(1.0, 0.0, 0.0), limits=replace(default_limits(rough()), torque=9.0))
     with pytest.raises(InputError, match="not all zero"):
         ballbot.plan(rough(), to=(0.0, 0.0, 0.0))
 

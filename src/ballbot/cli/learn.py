@@ -13,7 +13,7 @@ from ballbot.fitting.run import Run
 from ballbot.learning.learn import base_controller, confirm
 from ballbot.learning.learn import learn as learn_task
 from ballbot.learning.ppo import Training
-from ballbot.learning.robots import drawn_robots
+from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import TASKS, task_named
 from ballbot.progress import Progress
 from ballbot.report.learning import learning_report
@@ -38,8 +38,8 @@ def learn(
     updates: options.Count = Training.updates,
     scenario: options.Scenario = "nominal",
     runs: options.Count = 100,
-    duration: options.Duration = 60.0,
-    confirm_on_twin: options.WholeNumber = 0,
+    duration: options.Positive = 60.0,
+    confirm_on_twin: options.Count | None = None,
     seed: options.Seed = 0,
     change: options.Changes = None,
     out: options.Out,
@@ -75,9 +75,9 @@ def learn(
     duration
         Of each of these runs [s].
     confirm_on_twin
-        Runs on the twin likewise; a run takes as long as some seconds of training.
+        Number of runs on the twin as well; each takes some seconds.
     """
-    described, wanted = changed_robot(robot, change), task_named(task)
+    described, wanted = learned_robot(changed_robot(robot, change), randomize), task_named(task)
     truth = load_scenario(scenario, described)
     robots = drawn_robots(described, truth, randomize, seed=seed)
     known = robots[0].imperfections.known or described

@@ -135,7 +135,7 @@ class Contract:
 
     @staticmethod
     def read(path: str | Path) -> Contract:
-        """Return the contract in a file; InputError if it is none."""
+        """Return the contract in a file; InputError if the file does not hold one."""
         tree = read_json(path)
         if not isinstance(tree, dict):
             raise InputError(f"{path} holds no contract of a policy.")

@@ -1,7 +1,7 @@
 """Many robots side by side on the compiled loop, commanded from outside: what every environment and training runs on.
 
 A step of all robots is one compiled call in each thread: torques are limited and remembered, samples are simulated,
-rewarded and ended, what is asked for changes, episodes start, and observations are filled in place. Each robot draws
+rewarded and ended, commands change, episodes start, and observations are filled in place. Each robot draws
 from a stream of its own (`ballbot.learning.streams`), so that its episodes depend on its seed and its torques, not on
 threads.
 """
@@ -240,7 +240,7 @@ def _start(inputs, draws, pool, task, commands, out, episodes, lane):
     _ask(task, inputs, commands, episodes, lane)
 
 
-class World(NamedTuple):
+class LaneArrays(NamedTuple):
     """All lanes with their tasks, as compiled code has them."""
 
     inputs: Inputs
@@ -295,7 +295,7 @@ def play(selected, world, span, samples, ending, parts):
                 observe(seen, asked, episodes.history[lane], task.torque_limit, episodes.observations[lane])
 
 
-class Lanes:
+class TaskLanes:
     """Robots that do a task, each with its own episode; each is one of `robots`, drawn at its start.
 
     The arrays below are filled in place by `start` and `step`. All that is random of a lane follows from its seed.
@@ -380,10 +380,10 @@ class Lanes:
         base: Controller | None,
         estimator: EstimatorName | None,
         seed: int,
-    ) -> World:
+    ) -> LaneArrays:
         pool, n, lanes = _pool_of(robots, estimator, self.sample_time), self.wheels, self.lanes
         inputs = self._new_inputs(robots, pool, base, estimator)
-        return World(
+        return LaneArrays(
             inputs=inputs,
             draws=_new_draws(robots, lanes, n),
             sampling=Sampling(

@@ -17,8 +17,8 @@ from ballbot.control.parts.policy import Policy
 from ballbot.control.presets import nominal_controller
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.learning.contract import Contract
-from ballbot.learning.lanes import Lanes
-from ballbot.learning.ppo import Layers, Training, Update, train
+from ballbot.learning.lanes import TaskLanes
+from ballbot.learning.ppo import Layers, Training, TrainingState, train
 from ballbot.learning.tasks import Task
 from ballbot.log import Log
 from ballbot.progress import Progress
@@ -127,7 +127,7 @@ def base_controller(robot: Robot) -> Controller:
     return nominal_controller(robot).with_estimator("kalman")
 
 
-def policy_of(actor: Layers, lanes: Lanes, *, torque_scale: float, residual: bool) -> Policy:
+def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual: bool) -> Policy:
     """Return a network as the part of a controller."""
     first, second, last = (np.vstack([actor[k], actor[k + 1]]).T.astype(np.float64) for k in (0, 2, 4))
     return Policy(
@@ -151,7 +151,7 @@ def learn(
     training: Training = Training(),  # noqa: B008 (frozen)
     run: Run = DEFAULT_RUN,
 ) -> Learned:
-    """Learn a controller for a task.
+    """Learn a controller for a task; interrupted (KeyboardInterrupt) after the first update, keep the best policy.
 
     Parameters
     ----------
@@ -159,8 +159,6 @@ def learn(
         Each episode has one of them, drawn at its start; see `ballbot.learning.robots.drawn_robots`.
     base : Controller, optional
         The policy is added to its torques. Without it the policy acts alone, and a linear law where it was not trained.
-
-    Interrupted (KeyboardInterrupt), it keeps the best policy until then; before the first update it is passed on.
 
     Raises
     ------
@@ -181,7 +179,9 @@ def learn(
     """
     known = robots[0].imperfections.known or robots[0].model.robot
     residual, around = base is not None, base or base_controller(known)
-    lanes = Lanes(robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator)
+    lanes = TaskLanes(
+        robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator
+    )
     scale = (RESIDUAL_SCALE if residual else SCALE) * lanes.torque_limit
     try:
         curve, best, stopped = _followed(
@@ -211,11 +211,11 @@ def learn(
 
 
 def _followed(
-    updates: Iterator[Update], lanes: Lanes, training: Training, run: Run
-) -> tuple[tuple[CurvePoint, ...], Update, bool]:
+    updates: Iterator[TrainingState], lanes: TaskLanes, training: Training, run: Run
+) -> tuple[tuple[CurvePoint, ...], TrainingState, bool]:
     """Return the learning curve of a training, its best state, and whether the user stopped it."""
     curve: list[CurvePoint] = []
-    best: Update | None = None
+    best: TrainingState | None = None
     begun, stopped = monotonic(), False
     run.progress(Progress(stage="learning", total=training.updates))
     try:
@@ -242,7 +242,7 @@ def _followed(
     return tuple(curve), best, stopped
 
 
-def _worth(update: Update) -> tuple[bool, float]:
+def _worth(update: TrainingState) -> tuple[bool, float]:
     """Return what makes an update better than another: no falls, then the reward."""
     return update.fallen == 0, update.reward
 
@@ -250,7 +250,7 @@ def _worth(update: Update) -> tuple[bool, float]:
 def baseline_reward(robots: Sequence[LoopRobot], task: Task, controller: Controller, *, seed: int) -> float:
     """Return the mean reward a second of a controller without a policy in the task, until it falls."""
     short = replace(task, duration=_BASELINE_TIME)
-    lanes = Lanes(
+    lanes = TaskLanes(
         robots, short, lanes=_BASELINE_ROBOTS, seed=seed + 1, base=controller, estimator=controller.estimator
     )
     lanes.start()

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.policy import Policy
-from ballbot.errors import InputError
+from ballbot.errors import InputError, missing_package
 from ballbot.files import read_bytes, write_bytes
 
 try:
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 except ImportError:
-    raise InputError("ONNX files need the package onnx: pip install 'ballbot[onnx]'.") from None
+    raise missing_package("A policy as an ONNX file", "onnx", extra="onnx") from None
 
 #: of the operators, with what every runtime of today reads
 _OPSET, _IR = 17, 9
@@ -72,7 +72,7 @@ def _tensor(name: str, values: Matrix) -> onnx.TensorProto:
 
 
 def read_onnx(path: str | Path, *, like: Policy) -> Policy:
-    """Return the policy of a file, with the other settings of a policy that it stands in for.
+    """Return the policy in a file; period, torque limit and trained range are those of `like`.
 
     InputError if the file is no ONNX model, or no network as the module describes, for the same robot.
     """
@@ -129,7 +129,9 @@ def _layers(model: onnx.ModelProto, path: str | Path) -> Iterator[Matrix]:
         elif node.op_type == "Tanh" and pending is not None:
             curved = True
         elif node.op_type not in ("Identity", "Flatten", "Cast", "Clip", "Constant"):
-            raise InputError(f"{place} is none of Gemm, MatMul, Add, Tanh and Clip.")
+            raise InputError(
+                f"{place} is not supported; a policy consists of Gemm or MatMul, Add, Tanh and Clip."
+            )
     if pending is not None:
         if curved:
             raise InputError(f"{path}: Tanh stands after the last layer; Clip may.")

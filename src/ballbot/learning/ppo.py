@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.learning.lanes import SAME_STEP, Lanes
+from ballbot.learning.lanes import SAME_STEP, TaskLanes
 
 Singles = NDArray[np.float32]
 Layers = list[Singles]  #: weights (inputs, outputs) and biases in turn
@@ -32,7 +32,7 @@ class Training:
     """The settings of a training.
 
     Found by trials of two seeds each: 200 robots for 128 decisions learn to balance from half the experience that 800
-    robots for 32 need; smaller batches than 1600 or more than two epochs gain nothing.
+    robots for 32 need.
     """
 
     lanes: int = 200  #: robots side by side
@@ -49,7 +49,7 @@ class Training:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Update:
+class TrainingState:
     """The state of a training after an update."""
 
     actor: Layers
@@ -132,14 +132,14 @@ def _known(seen: Singles, truths: NDArray[np.float64], references: NDArray[np.fl
     return np.clip(known, -_MOST_KNOWN, _MOST_KNOWN).astype(np.float32)
 
 
-def _known_now(lanes: Lanes) -> Singles:
+def _known_now(lanes: TaskLanes) -> Singles:
     return _known(lanes.observations, lanes.truths, lanes.references)
 
 
 class _Experience:
     """Arrays for the decisions of an update, (decisions, robots, ..)."""
 
-    def __init__(self, training: Training, lanes: Lanes) -> None:
+    def __init__(self, training: Training, lanes: TaskLanes) -> None:
         T, N = training.decisions, lanes.lanes
         self.seen = np.empty((T, N, lanes.observations.shape[1]), np.float32)
         self.known = np.empty((T + 1, N, _known_now(lanes).shape[1]), np.float32)
@@ -148,7 +148,7 @@ class _Experience:
         self.chances, self.paid, self.going, self.after = np.empty((4, T, N), np.float32)
 
 
-def train(lanes: Lanes, training: Training, *, torque_scale: float, seed: int) -> Iterator[Update]:
+def train(lanes: TaskLanes, training: Training, *, torque_scale: float, seed: int) -> Iterator[TrainingState]:
     """Train a network, and yield it after each update; the same seed gives the same bits on one machine."""
     random, n = np.random.default_rng([seed, 1]), lanes.wheels
     lanes.start()
@@ -163,7 +163,7 @@ def train(lanes: Lanes, training: Training, *, torque_scale: float, seed: int) -
         rate = training.rate * (1.0 - 0.9 * update / training.updates)
         _improve(experience, actor, critic, spread, descents, training, rate, random)
         fallen, finished, seconds = counts
-        yield Update(
+        yield TrainingState(
             actor=[layer.copy() for layer in actor],
             reward=float(experience.paid.mean()) / (1.0 - training.discount),
             fallen=fallen,
@@ -173,7 +173,7 @@ def train(lanes: Lanes, training: Training, *, torque_scale: float, seed: int) -
 
 
 def _gather(
-    lanes: Lanes,
+    lanes: TaskLanes,
     own: _Experience,
     actor: Layers,
     critic: Layers,

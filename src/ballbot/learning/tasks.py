@@ -133,7 +133,7 @@ TASKS = MappingProxyType(
 
 
 def task_named(name: str) -> Task:
-    """Return the task of that name, however it is capitalised; InputError if there is none.
+    """Return the task of that name, in upper or lower case; InputError if there is no such task.
 
     >>> task_named("drive").drive
     0.5

@@ -1,6 +1,6 @@
 """The tasks on the physics engine: twins in place of the compiled loop's robots, one after another, called from Python.
 
-Starts, what is asked for, rewards and observations are computed by the same compiled code from the same streams.
+Starts, commands, rewards and observations are computed by the same compiled code from the same streams.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.law import control_law
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
-from ballbot.learning.lanes import BEGIN, END, KEPT, OBSERVE, REPEAT, START, TAKE, Lanes
+from ballbot.learning.lanes import BEGIN, END, KEPT, OBSERVE, REPEAT, START, TAKE, TaskLanes
 from ballbot.learning.tasks import Task
 from ballbot.robot import Robot
 from ballbot.simulation.loop import ADVANCED, STARTED
@@ -48,11 +48,11 @@ class _Placed:
     push: BodyForce
 
 
-class TwinLanes(Lanes):
-    """Twins that do a task; they are used as `Lanes` are.
+class TwinLanes(TaskLanes):
+    """Twins that do a task; they are used as `TaskLanes` are.
 
     `twins` are the robots of `robots` on the physics engine, in the same order, each with its scenario. A scenario's
-    own pushes act only if the task has none. InputError as of `Lanes`, or if MuJoCo is not installed.
+    own pushes act only if the task has none. InputError as of `TaskLanes`, or if MuJoCo is not installed.
     """
 
     def __init__(

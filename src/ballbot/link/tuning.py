@@ -44,7 +44,7 @@ class Change:
 
 
 class TypedLines:
-    """Lines typed at a terminal of Linux or macOS. InputError if it is none."""
+    """Lines typed at a terminal of Linux or macOS. InputError if the input is not a terminal."""
 
     def __init__(self, descriptor: int) -> None:
         require_terminal(descriptor, "--tune terminal")

@@ -21,7 +21,7 @@ def learning_report(learned: Learned, *, scenario: str) -> Result:
         verdict=[("", sentence) for sentence in learning_sentences(learned, scenario=scenario)],
         sections=[
             section("On other robots", _tried(learned)),
-            section("The learning curve", _curve(learned)),
+            section("The learning curve", curve_series(learned)),
         ],
         undecided=[
             "Whether the real robot is like the simulated ones: try it with a person who catches the robot.",
@@ -70,7 +70,8 @@ def _tried(learned: Learned) -> Sheet:
     return Sheet(headings, rows, caption)
 
 
-def _curve(learned: Learned) -> TimeSeries:
+def curve_series(learned: Learned) -> TimeSeries:
+    """Return the learning curve by the clock."""
     points = learned.curve
     seconds = np.array([point.seconds for point in points])
     lengths = np.array([point.length for point in points])

@@ -23,6 +23,7 @@ from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import bode_figure, poles_figure, robust_verdict
 from ballbot.report.identification import friction_figure
+from ballbot.report.learning import curve_series
 from ballbot.report.limits import limit_words, planes_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import TimeSeries
@@ -92,6 +93,7 @@ FIGURES: Mapping[str, Callable[[Any], Figure]] = {
         [fit.law.steady_friction], float(np.nanmax(np.abs(fit.predicted), initial=1.0))
     ),
     "Identification": friction_figure,
+    "Learned": lambda learned: series_figure(curve_series(learned)),
     "League": lambda league: course_figure(league, league.courses[0]),
     "Log": log_figure,
     "LqrDesign": lambda design: poles_figure(design.poles),

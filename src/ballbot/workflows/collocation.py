@@ -90,7 +90,7 @@ class MoveLimits:
     )
 
 
-class Course(NamedTuple):
+class PlannedPath(NamedTuple):
     """A path over the floor, by its length."""
 
     place: casadi.Function  #: x, y [m] and psi [rad] at a length [m]
@@ -106,12 +106,12 @@ class Leg:
     end: NDArray[np.float64]  #: (10,)
     torques: NDArray[np.float64]  #: (2, n) net, at start and end [N m]
     line: NDArray[np.float64] | None = None  #: (2,) direction on the floor in which the end is
-    course: Course | None = None
+    course: PlannedPath | None = None
     time: float  #: a guess [s]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Motion:
+class PlannedMotion:
     """A fastest motion, at its nodes."""
 
     t: NDArray[np.float64]  #: (N + 1,) [s]
@@ -155,6 +155,11 @@ class Planner:
             raise missing_package("A plan", "CasADi", extra="plan") from None
         object.__setattr__(self, "_casadi", casadi)
         check_parameters(replace(self.limits, speed=min(self.limits.speed, _ANY_SPEED)))
+        if self.limits.torque > self.robot.drive.torque_limit:
+            raise InputError(
+                f"A plan may ask for {self.limits.torque:g} N m of a motor, which gives at most "
+                f"{self.robot.drive.torque_limit:g} N m (drive.torque_limit of the robot)."
+            )
         for i, breakaway in enumerate(self.robot.friction.breakaway):
             if breakaway >= self.torque:
                 raise InputError(
@@ -277,7 +282,7 @@ class Planner:
             low, high = (middle, high) if self.steady_use(middle * direction).max() <= 1.0 else (low, middle)
         return low, FAMILIES[int(self.steady_use(high * direction).argmax())]
 
-    def fastest(self, leg: Leg, *, time: float | None = None, larger: Collection[str] = ()) -> Motion:
+    def fastest(self, leg: Leg, *, time: float | None = None, larger: Collection[str] = ()) -> PlannedMotion:
         """Return the fastest motion; with a time [s], the one in it with the least factor of the limits `larger`.
 
         InputError if the solver ends without one.
@@ -323,7 +328,7 @@ class Planner:
         states, net = np.asarray(solved.value(X)), np.asarray(solved.value(U))
         weights = np.asarray(solved.value(opti.dual(within))).reshape(N + 1, -1).T
         saved = np.asarray(equations.by_limit(states, net, solved.value(more), weights)).sum(axis=1)
-        return Motion(
+        return PlannedMotion(
             t=np.linspace(0.0, solved.value(T), N + 1),
             states=states.T,
             accelerations=np.asarray(equations.rate(states, net)).T[:, 5:],
@@ -348,7 +353,7 @@ def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
     return np.linspace(leg.start, end, X.shape[1])[:, [0, 1, 4]]
 
 
-def _stay_on(opti: Any, ca: Any, course: Course, X: Any) -> NDArray[np.float64]:
+def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> NDArray[np.float64]:
     """Keep the ball in the corridor of a course; return a guess of x, y and psi."""
     place, length, corridor = course
     N = X.shape[1] - 1
@@ -363,7 +368,7 @@ def _stay_on(opti: Any, ca: Any, course: Course, X: Any) -> NDArray[np.float64]:
     return np.asarray(place(first[None])).T
 
 
-def course_through(places: NDArray[np.float64], corridor: float) -> Course:
+def course_through(places: NDArray[np.float64], corridor: float) -> PlannedPath:
     """Return the course through places x, y [m] and psi [rad] (k, 3); its corners are rounded within the corridor [m].
 
     InputError if it has no length.
@@ -384,4 +389,4 @@ def course_through(places: NDArray[np.float64], corridor: float) -> Course:
         along = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
         points[outside, :2] += (s[outside] - (0.0 if index == 0 else lengths[-1]))[:, None] * along
     smooth = gaussian_filter1d(points, 0.7 * corridor / (s[1] - s[0]), axis=0, mode="nearest")
-    return Course(ca.interpolant("course", "bspline", [s], smooth.ravel()), float(lengths[-1]), corridor)
+    return PlannedPath(ca.interpolant("course", "bspline", [s], smooth.ravel()), float(lengths[-1]), corridor)

@@ -27,7 +27,15 @@ from ballbot.rounding import percent
 from ballbot.summary import Summary, summarized
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.collocation import FAMILIES, Course, Leg, Motion, MoveLimits, Planner, course_through
+from ballbot.workflows.collocation import (
+    FAMILIES,
+    Leg,
+    MoveLimits,
+    PlannedMotion,
+    PlannedPath,
+    Planner,
+    course_through,
+)
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
 from ballbot.workflows.metrics import position_error
 
@@ -171,7 +179,9 @@ def default_limits(robot: RobotLike) -> MoveLimits:
     return MoveLimits(torque=grip_torque_limit(as_robot(robot)))
 
 
-def _leg_to(planner: Planner, pose: NDArray[np.float64], time: float, course: Course | None = None) -> Leg:
+def _leg_to(
+    planner: Planner, pose: NDArray[np.float64], time: float, course: PlannedPath | None = None
+) -> Leg:
     """Return a leg from rest at the origin to rest at a pose (3,), with a guess of its time [s]."""
     end = np.zeros(10)
     end[[0, 1, 4]] = pose
@@ -216,7 +226,7 @@ def _stop_legs(planner: Planner, speed: float, ahead: NDArray[np.float64]) -> li
     return [up, Leg(start=state, end=rest, torques=np.array([torques, none]), line=ahead, time=time)]
 
 
-def _too_slow(planner: Planner, leg: Leg, fastest: Motion, within: float, what: str) -> str:
+def _too_slow(planner: Planner, leg: Leg, fastest: PlannedMotion, within: float, what: str) -> str:
     """Return which limits forbid a time, and by how much they would have to be larger."""
     time, most = fastest.t[-1], max(fastest.savings.values())
     text = f"{what[0].upper()}{what[1:]} takes at least {time:.3f} s, {time - within:.3f} s more than {within:g} s"
@@ -230,7 +240,9 @@ def _too_slow(planner: Planner, leg: Leg, fastest: Motion, within: float, what: 
     return f"{text}: {forbid}, which would have to be {factor:.2f} times as large."
 
 
-def _sampled(planner: Planner, motions: Sequence[Motion], what: str, ahead: NDArray[np.float64]) -> Plan:
+def _sampled(
+    planner: Planner, motions: Sequence[PlannedMotion], what: str, ahead: NDArray[np.float64]
+) -> Plan:
     """Return the plan of one motion, or of a run-up and a stop with a moment between them."""
     run_up, last = motions[0] if len(motions) == 2 else None, motions[-1]
     begins = run_up.t[-1] + _CRUISE if run_up else 0.0

@@ -1,0 +1,35 @@
+"""`ballbot learn`: its files, and what it refuses before it trains."""
+
+import json
+
+import pytest
+
+from ballbot.cli.main import main
+from ballbot.control.file import read_controller
+from ballbot.learning.contract import Contract
+
+SHORT = ["--updates", "1", "--runs", "1", "--duration", "1"]
+
+
+def test_controller_robot_and_contract_are_written(tmp_path, capsys):
+    out = tmp_path / "learned"
+    assert main(["learn", "balance", "alten", *SHORT, "--out", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("Next: ")
+    assert read_controller(out / "controller.toml", out / "robot.toml").parts.policy
+    assert Contract.read(out / "contract.json").period == 0.01
+    results = json.loads((out / "results.json").read_text())
+    assert results["curve"][0]["samples"] == 51_200
+    assert results["confirmed"][0]["runs"] == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "named"), [(["fly"], "fly"), (["balance", "--randomize", "nowhere"], "nowhere"),
+                         (["balance", "--onto", "sharp"], "sharp"), (["balance", "--duration", "-1"], "--duration"),
+                         (["balance", "--confirm-on-twin", "-3"], "--confirm-on-twin")],
+)  # fmt: skip
+def test_bad_input_is_refused_in_one_sentence_before_the_training(tmp_path, capsys, words, named):
+    assert main(["learn", *words, "--updates", "1", "--out", str(tmp_path / "learned")]) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert "learning" not in error
+    assert not (tmp_path / "learned").exists()
