@@ -50,6 +50,7 @@ class CurvePoint:
     reward: float  #: mean a second, with the noise of the exploration
     fallen: float  #: fraction of the episodes that ended, that fell; NaN if none ended
     length: float  #: mean of the episodes that ended [s]; NaN if none did
+    episodes: int  #: that ended since the update before
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,6 +229,7 @@ def _followed(
                     reward=update.reward,
                     fallen=update.fallen / ended if ended else math.nan,
                     length=update.length,
+                    episodes=ended,
                 )
             )
             if best is None or _worth(update) >= _worth(best):
@@ -294,9 +296,35 @@ def confirm(
     workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> Confirmed:
-    """Return how a controller does a task on robots that it was not trained on, each with a seed of its own.
+    """Return how a controller does a task on robots that it was not trained on; see `fresh_runs`."""
+    tried = fresh_runs(
+        controller, task, robot, scenario, runs=runs, duration=duration, twin=twin, seed=run.seed
+    )
+    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
+    return Confirmed(
+        plant="twin" if twin else "loop",
+        runs=runs,
+        duration=duration,
+        fell=int(np.isnan(errors[:, 0]).sum()),
+        rms_position=_rms(errors[:, 0]),
+        rms_velocity=_rms(errors[:, 1]),
+    )
 
-    The scenario is as it is: on the twin with its own friction, rollers and play.
+
+def fresh_runs(
+    controller: Controller,
+    task: Task,
+    robot: Robot,
+    scenario: Scenario,
+    *,
+    runs: int,
+    duration: float,
+    twin: bool,
+    seed: int,
+) -> list[GridRun]:
+    """Return runs in which a controller does a task on the loop or the twin, each with a seed of its own.
+
+    The scenario is as it is: with its own friction, rollers and play. `robot` is what the estimator knows.
     """
     if task.impulse:
         times = np.arange(2.0, duration, task.interval)
@@ -321,35 +349,28 @@ def confirm(
             plant=plant,
             reference=partial(TaskReference, task=task),
             duration=duration,
-            seed=run.seed + 1000 + k,
+            seed=seed + 1000 + k,
         )
         for k in range(runs)
     ]
-    tried = [
+    return [
         GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
     ]
-    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
-    return Confirmed(
-        plant="twin" if twin else "loop",
-        runs=runs,
-        duration=duration,
-        fell=int(np.isnan(errors[:, 0]).sum()),
-        rms_position=_rms(errors[:, 0]),
-        rms_velocity=_rms(errors[:, 1]),
-    )
 
 
 def _errors(_: GridRun, log: Log) -> tuple[float, float]:
     """Return the root mean squares of the errors of position and velocity; NaN after a fall."""
     if log.ended is not None:
         return math.nan, math.nan
-    place, h = true_place(log), log.sample_time
-    asked = [np.gradient(log[f"ref_{axis}"], h) for axis in "xy"]
-    # the place asked for may jump, which is no velocity
-    asked = [np.where(np.abs(v) > LARGEST_SPEED, 0.0, v) for v in asked]
-    velocity = [np.gradient(place[axis], h) for axis in "xy"]
-    error = np.hypot(velocity[0] - asked[0], velocity[1] - asked[1])
-    return _rms(position_error(log)), _rms(error)
+    place, asked = true_place(log), velocity_asked(log)
+    velocity = np.stack([np.gradient(place[axis], log.sample_time) for axis in "xy"], axis=1)
+    return _rms(position_error(log)), _rms(np.hypot(*(velocity - asked).T))
+
+
+def velocity_asked(log: Log) -> NDArray[np.float64]:
+    """Return the velocity of the place asked for (N, 2) [m/s]; a jump is none."""
+    asked = np.stack([np.gradient(log[f"ref_{axis}"], log.sample_time) for axis in "xy"], axis=1)
+    return np.where(np.abs(asked) > LARGEST_SPEED, 0.0, asked)
 
 
 def _rms(values: NDArray[np.float64]) -> float:
