@@ -77,7 +77,8 @@ def draw_robots(
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
 
     `further` has standard deviations [SI units] of independent errors of uncertain numbers, by label, beside those that
-    the robot states: such as the spread between logs.
+    the robot states: such as the spread between logs. Numbers whose errors are stated to be the same have the same
+    further one.
 
     Friction is drawn at its least value if it would be below: estimates of a very small term lie near zero, and with
     several such terms hardly any draw would be valid. Other draws that describe no robot (a negative mass, an inertia
@@ -90,7 +91,8 @@ def draw_robots(
     3
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
-    mixing, own = _square_root(correlations(robot)), [number.deviation for number in numbers]
+    related, own = correlations(robot), [number.deviation for number in numbers]
+    mixing, same = _square_root(related), [int(np.argmax(row >= 1.0)) for row in related]
     added = [further.get(number.label, 0.0) for number in numbers] if further else []
     robots: list[Robot] = []
     for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
@@ -98,7 +100,7 @@ def draw_robots(
             break
         errors = own * (mixing @ random.standard_normal(len(numbers)))  # N(0, 1), correlated as stated
         if added:
-            errors += added * random.standard_normal(len(numbers))
+            errors += added * random.standard_normal(len(numbers))[same]
         amounts = {
             number: _within(robot, number, float(error))
             for number, error in zip(numbers, errors, strict=True)
