@@ -23,7 +23,7 @@ from ballbot.file_formats import results_text
 from ballbot.files import write_text
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import IdentificationOptions, identify
-from ballbot.learning.learn import Learned, fresh_runs, learn, velocity_asked
+from ballbot.learning.learn import Learned, fresh_conditions, learn, velocity_asked
 from ballbot.learning.ppo import Training
 from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import Task, TaskNumbers, reward, task_named
@@ -116,27 +116,21 @@ def learned(run: PolicyRun) -> Learned:
 
 def tried(run: PolicyRun) -> dict[bool, list[Trial]]:
     """Learn a policy, and return its runs on the true robot: on the loop, and on the twin (True)."""
-    controller = learned(run).controller
-    return {
-        twin: list(
-            run_grid(
-                fresh_runs(
-                    controller,
-                    run.of,
-                    controller.robot,
-                    drawn(run.seed),
-                    runs=count,
-                    duration=DURATION,
-                    twin=twin,
-                    seed=run.seed,
-                ),
-                partial(_trial, run.task),
-                workers=Threads(count=1),
-                threads=1,
-            ).answers
+    controller, found = learned(run).controller, dict[bool, list[Trial]]()
+    for twin, count in RUNS.items():
+        conditions = fresh_conditions(
+            run.of,
+            controller.robot,
+            drawn(run.seed),
+            runs=count,
+            duration=DURATION,
+            seed=run.seed,
+            twin=twin,
         )
-        for twin, count in RUNS.items()
-    }
+        runs = [GridRun(candidate=run.kind, controller=controller, condition=each) for each in conditions]
+        answers = run_grid(runs, partial(_trial, run.task), workers=Threads(count=1), threads=1).answers
+        found[twin] = list(answers)
+    return found
 
 
 def _trial(task: str, run: GridRun, log: Log) -> Trial:
