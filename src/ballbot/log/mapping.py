@@ -193,7 +193,7 @@ class AttitudeTable(SeriesTable):
 
 @dataclass(frozen=True, kw_only=True)
 class WheelTable(SeriesTable):
-    """`angle` or `speed` of [wheels]: a column of the file for each wheel; without columns it follows from the other."""
+    """`angle` or `speed` of [wheels]: a column of the file for each wheel; without any it follows from the other."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
     derivative_of: Literal["angle"] | None = None

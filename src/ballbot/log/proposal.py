@@ -61,7 +61,7 @@ LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction outside the law explains in a weak motion (2.8 on a
 #: real log), and one that is reported: masses and torque constants of robot files are this uncertain
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
-#: errors of a log that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
+#: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
 #: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares
 LARGEST_BAND, NOTABLE_BAND = 0.2, 0.1

@@ -115,8 +115,8 @@ def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Bloc
     yield Paragraph(f"ε: the measured next state less the one that the model {models.first.name} predicts.")
     yield Bullets([with_symbols(finding.text) for finding in prediction.remarks()])
     caption = (
-        "Correlation of residuals and torques. Framed cells are significant, given the autocorrelation of both series; the "
-        "chance of any false frame is 5 %."
+        "Correlation of residuals and torques. Framed cells are significant, given the autocorrelation of both series; "
+        "the chance of any false frame is 5 %."
     )
     yield drawn_picture(
         "residuals", caption, correlation_figure, symbols(matrix.labels), matrix.matrix, matrix.significant
