@@ -1,7 +1,5 @@
 """Joint random effects between logs: against the conjugate case, exact coverage, and priors that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The transformation matrices against the thesis's printed numbers; rotations against what they must do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

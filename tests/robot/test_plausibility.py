@@ -56,9 +56,7 @@ WRONG: list[tuple[dict[str, float], str, str]] = [
 
 
 @pytest.mark.parametrize(("changes", "code", "says"), WRONG)
-def test_wrong_robots_get_an_error_that_names_the_cause(
-    changes: dict[str, float], code: str, says: str
-) -> None:
+def test_wrong_robots_get_an_error_that_names_the_cause(changes, code, says):
     errors = [one for one in robot_findings(ALTEN.replace(changes)) if one.severity == "error"]
     assert any(says in one.text for one in errors if one.code == code), errors
 

@@ -1,7 +1,5 @@
 """What the one-step residuals are asked, each question on residuals whose answer is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
