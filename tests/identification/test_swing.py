@@ -13,13 +13,7 @@ from scipy.stats import binom
 
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.swing import (
-    fit_swing,
-    inertia_of_swing,
-    pendulum_motion,
-    swing_in_log,
-    swing_of,
-)
+from ballbot.identification.swing import fit_swing, inertia_of_swing, pendulum_motion, swing_in_log, swing_of
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.workflows.robot_check import check_swing
