@@ -28,14 +28,14 @@ def test_policies_are_the_same_bytes_though_a_worker_of_the_cluster_is_killed(tm
 def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(section, "BUILD", tmp_path)
-    monkeypatch.setattr(randomisation, "RUNS", {False: 2, True: 1})
+    monkeypatch.setattr(randomisation, "RUNS", {"loop": 2, "twin": 1})
     monkeypatch.setattr(randomisation, "DURATION", 2.0)
     seed = randomisation.HELD_OUT[0]
     files = randomisation.identified(seed)
     for kind in randomisation.KINDS:
         run = randomisation.PolicyRun(task="drive", kind=kind, seed=seed, files=files, training=TINY)
-        trials = randomisation.tried(run)
-        assert [len(trials[twin]) for twin in (False, True)] == [2, 1]
+        trials = randomisation.tried((run, randomisation.policy_of(run)))
+        assert [len(runs) for runs in trials.values()] == [2, 1]
         assert all(0.0 < trial.reward <= 1.0 for runs in trials.values() for trial in runs)
 
 
