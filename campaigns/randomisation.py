@@ -55,16 +55,8 @@ RUNS, DURATION = {"loop": 20, "twin": 1, EASIER: 1}, 15.0
 #: a velocity's error counts so long after another one is asked for [s]
 _REACHED = 2.0
 _RESAMPLED = 10_000
-PACKAGES = (
-    "mechanics",
-    "simulation",
-    "control",
-    "estimation",
-    "robot",
-    "twin",
-    "learning",
-    "identification",
-)
+IDENTIFYING = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "identification")
+PACKAGES = (*IDENTIFYING, "learning")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,9 +190,10 @@ def campaign() -> Section:
         f"it by {TRAINING.updates} updates: on the robot as identified, in the boxes of `--randomize boxes` about it, "
         "and on robots drawn from the identification. Each does its task on the true robot, "
         f"{RUNS['loop']} times {DURATION:g} s on the loop, once on the twin, and once on a twin of which only friction "
-        "and play are the true robot's and all else nominal. Means over the policies; in brackets the 95 % interval of the ratio, or of the difference of falls, by "
-        f"{_RESAMPLED:,} bootstrap samples of the true robots with their policies. Peak: the largest distance from the "
-        f"place asked for, in Drive the largest error of the velocity from {_REACHED:g} s after another one is asked "
+        "and play are the true robot's and all else nominal. Means over the policies; in brackets the 95 % interval of "
+        f"the ratio, or of the difference of falls, by {_RESAMPLED:,} bootstrap samples of the true robots with their "
+        "policies. Peak: the largest distance from the place asked for, in Drive the largest error of the velocity "
+        f"from {_REACHED:g} s after another one is asked "
         "for, of runs without a fall.",
         columns=["task, on", "", *KINDS.values(), "drawn over boxes", "boxes over as identified"],
         rows=rows,
