@@ -33,7 +33,6 @@ CAMPAIGNS = {
     "benchmark": "campaigns.benchmark",
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
-    "learned_league": "campaigns.learned_league",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

@@ -16,7 +16,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import precise_controller
 from ballbot.fitting.run import Run, Threads
-from ballbot.learning.learn import Learned, learn
+from ballbot.learning.learn import learn
 from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import task_named
 from ballbot.progress import ignore_progress
@@ -62,13 +62,19 @@ def known_robot() -> Robot:
     return Robot.load(PRESET).replace(friction=Scenario.nominal(PRESET).friction)
 
 
-def trained(piece: tuple[str, str, int]) -> Learned:
-    """Learn a task with a seed, alone or onto the precise controller."""
+def trained(piece: tuple[str, str, int]) -> tuple[Controller, float]:
+    """Learn a task with a seed, alone or onto the precise controller; return what was learned, and the seconds."""
     name, kind, seed = piece
     robot = known_robot()
     robots = drawn_robots(robot, Scenario.nominal(PRESET), None)
     base = precise_controller(robot) if kind == "residual" else None
-    return learn(robots, task_named(name), base=base, run=Run(seed=seed, progress=ignore_progress))
+    learned = learn(robots, task_named(name), base=base, run=Run(seed=seed, progress=ignore_progress))
+    return learned.controller, learned.curve[-1].seconds
+
+
+def designed() -> dict[str, Feedback]:
+    """Return the designed controllers by name."""
+    return {one.name: one.controller(known_robot()) for one in parse_candidates(DESIGNED)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,19 +95,17 @@ class Race:
 
 def races(policies: Mapping[str, Controller]) -> dict[str, Race]:
     """Return the races with policies by "TASK_KIND_SEED": of a task on the loop, and with each seed on the twin."""
-    robot = known_robot()
-    designed = {one.name: one.controller(robot) for one in parse_candidates(DESIGNED)}
     found = {}
     for task in dict.fromkeys(TASK_OF.values()):
         courses = tuple(name for name, own in TASK_OF.items() if own == task)
         learned = {f"{kind} {k}": policies[f"{task}_{kind}_{k}"] for kind in KINDS for k in range(TRAININGS)}
         found[f"{task}_loop"] = Race(
-            controllers=designed | learned, courses=courses, plant="model", seeds=tuple(range(1, 1 + SEEDS))
+            controllers=designed() | learned, courses=courses, plant="model", seeds=tuple(range(1, 1 + SEEDS))
         )
         for k in range(TWIN_SEEDS):
             own = {kind: learned[f"{kind} {k}"] for kind in KINDS}
             found[f"{task}_twin_{k}"] = Race(
-                controllers=designed | own, courses=courses, plant="twin", seeds=(1 + k,)
+                controllers=designed() | own, courses=courses, plant="twin", seeds=(1 + k,)
             )
     return found
 
@@ -186,7 +190,7 @@ def campaign() -> Section:
     tasks = tuple(dict.fromkeys(TASK_OF.values()))
     pieces = {f"{t}_{kind}_{k}": (t, kind, k) for t in tasks for kind in KINDS for k in range(TRAININGS)}
     learned = finished("learned_policies", trained, pieces, packages=_PACKAGES, workers=alone)
-    to_run = races({name: one.controller for name, one in learned.items()})
+    to_run = races({name: controller for name, (controller, _) in learned.items()})
     leagues = finished("learned_league", Race.league, to_run, packages=_PACKAGES, workers=alone)
     by_course = {}
     for task in tasks:
@@ -195,7 +199,7 @@ def campaign() -> Section:
             for course, row in zip(league.courses, rows_of(league, plant), strict=True):
                 by_course[course.name, plant] = row
     seconds = {
-        kind: np.median([one.curve[-1].seconds for name, one in learned.items() if f"_{kind}_" in name])
+        kind: np.median([taken for name, (_, taken) in learned.items() if f"_{kind}_" in name])
         for kind in KINDS
     }
     return Section(
