@@ -18,7 +18,7 @@ from ballbot.identification.geometry import (
     survey_geometry,
 )
 from ballbot.log.columns import STATE_NAMES
-from ballbot.log.wheel_speeds import wheel_speeds_of_states
+from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.mechanics.geometry import body_rates_matrix, transforms
 from ballbot.progress import Progress
 from ballbot.twin.recording import MotionCapture
