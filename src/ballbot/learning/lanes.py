@@ -198,7 +198,7 @@ def _ask(task, inputs, commands, episodes, lane):
 
 
 @inlined
-def _end_for_good(task, blocks, commands, episodes, lane):
+def _end_for_good(task, blocks, episodes, lane):
     """Keep the end of a lane's episode, after which another one starts in the same step."""
     fill(episodes.final_truths[lane], blocks.truths[lane])
     fill(episodes.final_references[lane], episodes.references[lane])
@@ -282,7 +282,7 @@ def play(selected, world, span, samples, ending, parts):
                 commands.todo[lane] = LEFT
                 if episodes.started[lane] or (ending == SAME_STEP and not episodes.active[lane]):
                     if ending == SAME_STEP and episodes.ended[lane]:
-                        _end_for_good(task, blocks, commands, episodes, lane)
+                        _end_for_good(task, blocks, episodes, lane)
                     else:
                         episodes.fallen[lane] = episodes.ended[lane] = False
                     _start(inputs, draws, pool, task, commands, out, episodes, lane)
