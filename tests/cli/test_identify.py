@@ -22,7 +22,7 @@ def small_effort(monkeypatch):
         IdentificationOptions,
         generations=8,
         population=12,
-        gauss_newton_steps=5,
+        most_steps=5,
         step=2.5e-3,
         most_profiles=1,
     )

@@ -115,9 +115,7 @@ def test_errors_expected_are_the_least_that_identification_finds(seed):
     log = balancing_log()
     question = asked(duration=25.0, deviations=NOISE, robot=alten(FRICTION))
     expected = question.in_units(expected_errors(question, [log]))
-    options = IdentificationOptions(
-        generations=10, population=12, evolution_windows=24, step=2.5e-3, most_profiles=0
-    )
+    options = IdentificationOptions(search_windows=24, step=2.5e-3, most_profiles=0)
     found = identify(alten(), noisy(log, seed=seed), options=options)
     # of these, what the log's own residuals show: with one log the variation between logs is that of other robots
     between = [found.variation.deviations.get(label, 0.0) for label in found.labels]

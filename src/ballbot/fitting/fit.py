@@ -30,13 +30,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
-from typing import Generic, Literal
+from typing import Generic, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import lsq_linear
 
+from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import At, BlockErrors, Experiment, Residuals
 from ballbot.fitting.intervals import (
@@ -235,35 +236,40 @@ class SearchResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
-    """Options of the search, and of the intervals."""
+    """Options of a fit.
 
-    blocks: NDArray[np.int64] | None = None  #: that the search uses; all if None
+    InputError if there is no such search, or a count is too small.
+    """
+
+    search: Search = "multistart"
     generations: int = 150  #: of a genetic search, at most
     population: int = 24  #: sets of parameters in each generation
-    #: a scaled point (p,) from which Gauss-Newton starts if it predicts better than the end of the search
-    earlier: NDArray[np.float64] | None = None
-    most_profiles: int = MOST_PROFILES  #: parameters with doubtful errors that are profiled, at most
+    most_steps: int = 30  #: of each descent by Gauss-Newton
+    most_profiles: int = (
+        MOST_PROFILES  #: parameters with doubtful errors whose intervals are profiled, at most
+    )
+
+    def __post_init__(self) -> None:
+        if self.search not in get_args(Search):
+            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
+        leasts = {"generations": 1, "population": 4, "most_steps": 1, "most_profiles": 0}
+        for name, least in leasts.items():
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
 
 
 DEFAULT_OPTIONS = FitOptions()
 
 
 def search(
-    experiment: Experiment[At],
-    starts: NDArray[np.float64],
-    *,
-    method: Search,
-    options: FitOptions = DEFAULT_OPTIONS,
-    most_steps: int,
-    run: Run,
+    experiment: Experiment[At], starts: NDArray[np.float64], *, options: FitOptions, run: Run
 ) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
-    part = experiment if options.blocks is None else experiment.part(options.blocks)
-    if method == "genetic":
-        return genetic(part, generations=options.generations, population=options.population, run=run)
+    if options.search == "genetic":
+        return genetic(experiment, generations=options.generations, population=options.population, run=run)
     if starts.ndim == 1:
         return SearchResult(best=starts)
-    return multistart(part, list(starts), most_steps=most_steps, run=run)
+    return multistart(experiment, list(starts), most_steps=options.most_steps, run=run)
 
 
 def multistart(
@@ -494,11 +500,11 @@ def fit(
     starts: NDArray[np.float64],
     *,
     also: NDArray[np.float64] | None = None,
-    method: Search = "multistart",
+    earlier: NDArray[np.float64] | None = None,
     options: FitOptions = DEFAULT_OPTIONS,
+    search_blocks: NDArray[np.int64] | None = None,
     refused: NDArray[np.bool_] | None = None,
     groups: NDArray[np.int64] | None = None,
-    most_steps: int = 30,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
     """Search, fit by Gauss-Newton, hold the parameters without influence, and fit the others again.
@@ -510,21 +516,23 @@ def fit(
         Scaled. With several, a search finds the basin; with one, Gauss-Newton starts there.
     also : ndarray (p,), optional
         A second point to descend from, perhaps to another optimum; by default the search's end in another basin.
-    method : {"multistart", "genetic"}
-        A genetic search needs no starts.
+    earlier : ndarray (p,), optional
+        A scaled point from which Gauss-Newton starts if it predicts better than the end of the search.
     options : FitOptions, optional
+        A genetic search needs no starts.
+    search_blocks : ndarray, optional
+        The blocks that the search uses; all by default.
     refused : ndarray (p,), optional
         Parameters that the data do not excite: they are fitted, but get no value.
     groups : ndarray (w,), optional
         The group of each block, from 0; groups should agree on the parameters.
-    most_steps : int
-        Of each descent.
     run : Run, optional
     """
-    searched = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
+    part = experiment if search_blocks is None else experiment.part(search_blocks)
+    searched, most_steps = search(part, starts, options=options, run=run), options.most_steps
     start, also = searched.best, searched.other if also is None else also
-    if options.earlier is not None:
-        points = np.stack([start, options.earlier])
+    if earlier is not None:
+        points = np.stack([start, earlier])
         start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free

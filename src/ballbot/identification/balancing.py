@@ -26,8 +26,10 @@ prediction changes linearly from the old to the new initial state, both are in o
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,7 @@ from ballbot.identification.quantities import Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 
+T = TypeVar("T")
 _STATES = len(STATE_NAMES)
 #: x and y of a start shift the whole prediction, so these columns of S need no simulation
 _ON_FLOOR = 2
@@ -91,10 +94,16 @@ class _Slopes:
     residuals: NDArray[np.float64]  #: (n, 1 + k, 10), at these starts
     known: NDArray[np.bool_]  #: (n,), whether those by parameters are computed
 
+    @staticmethod
+    def joined(pieces: Sequence[_Slopes]) -> _Slopes:
+        """Return the slopes of all pieces of windows."""
+        names = ("values", "starts", "residuals", "known")
+        return _Slopes(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names})
+
     def put(self, rows: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
         """Replace rows by the chosen rows of another."""
-        for name in ("values", "starts", "residuals", "known"):
-            getattr(self, name)[rows] = getattr(other, name)[chosen]
+        for own, new in zip(vars(self).values(), vars(other).values(), strict=True):
+            own[rows] = new[chosen]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,6 +134,18 @@ class Work:
         windows, every = self.windows.take(rows), self.windows.comparison_interval
         later = self.predictor.residuals(values, windows, every=every, starts=starts)
         return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
+
+
+def _called(work: Work, piece: tuple[Callable[..., T], *tuple[object, ...]]) -> T:
+    function, *arguments = piece
+    return function(work, *arguments)
+
+
+def _squares(
+    work: Work, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return each window's squares (sets, rows, 10)."""
+    return (work.residuals(values, starts, rows) ** 2).sum(axis=2)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -177,18 +198,16 @@ class Balancing:
         self, points: NDArray[np.float64], starts: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return the costs (sets,) of points (sets, p) with starts (sets, w, 10), by default the measured ones."""
-        values = self.coordinates.physical(points)
+        values, costs = self.coordinates.physical(points), []
         if starts is None:
             starts = np.broadcast_to(self.windows.initial, (len(values), *self.windows.initial.shape))
         groups = [slice(first, first + _SETS) for first in range(0, len(values), _SETS)]
-        rows = self._rows
-        pieces = [(values[group], starts[group][:, k], k) for group in groups for k in rows]
-        pieces_squares = self.executor(_squares_piece, self._work, pieces)
-        squares = [
-            np.concatenate(pieces_squares[i : i + len(rows)], axis=1)
-            for i in range(0, len(pieces_squares), len(rows))
-        ]
-        return self.cost(np.concatenate(squares).sum(axis=1))
+        pieces = [(_squares, values[group], starts[group][:, k], k) for group in groups for k in self._rows]
+        squares = self.executor(_called, self._work, pieces)
+        for first in range(0, len(squares), len(self._rows)):
+            of_group = np.concatenate(squares[first : first + len(self._rows)], axis=1)
+            costs.append(self.cost(of_group.sum(axis=1)))
+        return np.concatenate(costs)
 
     def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
         """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
@@ -201,30 +220,29 @@ class Balancing:
         if not slopes.known.all():
             about = _differences(self.coordinates, at.point, at.weights, _NARROW)
             rows = [lacking for k in self._rows if len(lacking := k[~slopes.known[k]])]
-            pieces = [(about, slopes.starts[k], slopes.residuals[k], k) for k in rows]
-            for k, derivatives in zip(
-                rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True
-            ):
-                slopes.values[k, :m] = derivatives
+            derivatives = self._each(
+                _differences_of,
+                lambda k: (about, slopes.starts[k], k, slice(m), slopes.residuals[k]),
+                rows,
+            )
+            slopes.values[np.concatenate(rows), :m] = np.concatenate(derivatives)
             slopes.known[:] = True
         Z, r = _flat(slopes.values, at.weights), _flat(at.residuals, at.weights)
         # so small that BLAS uses one thread, and the order of summation never changes
         G, z = Z @ Z.transpose(0, 2, 1) + at.ties, (Z @ r[..., None])[..., 0]
         H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
-        H[:, columns[:, None], columns], B[:, :, columns], g[:, columns] = (
-            G[:, :m, :m],
-            G[:, m:, :m],
-            z[:, :m],
-        )
+        H[:, columns[:, None], columns] = G[:, :m, :m]
+        B[:, :, columns], g[:, columns] = G[:, m:, :m], z[:, :m]
         return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
 
     def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
         """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
         at = self._at(point, starts)
         about = _differences(self.coordinates, point, at.weights, _WIDE, central=True)
-        derivatives = self.executor(_wide_piece, self._work, [(about, starts[k], k) for k in self._rows])
-        at.slopes.known[:] = True
-        return self.linearize(replace(at, slopes=replace(at.slopes, values=np.concatenate(derivatives))))
+        derivatives = self._each(_differences_of, lambda k: (about, starts[k], k, slice(None)))
+        known = np.ones(len(starts), dtype=bool)
+        values = _with_floor(about, np.concatenate(derivatives))
+        return self.linearize(replace(at, slopes=replace(at.slopes, values=values, known=known)))
 
     def equations(self, at: WindowsIterate) -> WindowEquations:
         """Return each window's equations with the start eliminated, by wide central differences."""
@@ -238,20 +256,22 @@ class Balancing:
     def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
         """Return the same point with the best start of each window, also of those settled from random ones."""
         about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
-        pieces = [
-            (
-                about,
-                at.starts[k],
-                at.residuals[k],
-                at.slopes.values[k, -_STATES:],
-                at.others[:, k],
-                seed,
-                k,
-            )
-            for k in self._rows
-        ]
-        starts = np.concatenate(self.executor(_renewed_piece, self._work, pieces), axis=1)
+        slopes = at.slopes.values[:, -_STATES:]
+        renewed = self._each(
+            _renewed, lambda k: (about, at.starts[k], at.residuals[k], slopes[k], at.others[:, k], seed, k)
+        )
+        starts = np.concatenate(renewed, axis=1)
         return self._settled(replace(at, starts=starts[0], others=starts[1:]), at.point)
+
+    def _each(
+        self,
+        function: Callable[..., T],
+        arguments_of: Callable[[NDArray[np.int64]], tuple[object, ...]],
+        rows: list[NDArray[np.int64]] | None = None,
+    ) -> list[T]:
+        """Return a function of `Work` and further arguments for each piece of windows, by its rows."""
+        pieces = [(function, *arguments_of(k)) for k in (self._rows if rows is None else rows)]
+        return self.executor(_called, self._work, pieces)
 
     @cached_property
     def _work(self) -> Work:
@@ -266,11 +286,10 @@ class Balancing:
     def _at(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> WindowsIterate:
         """Return the iterate at a point (p,) with starts (w, 10), without derivatives."""
         values = self.coordinates.physical(point[None])
-        pieces = [(values, starts[None, k], k) for k in self._rows]
-        parts = self.executor(_residuals_piece, self._work, pieces)
-        none = np.zeros((0, *starts.shape))
-        residuals = np.concatenate(parts, axis=1)[0]
-        unknown = np.zeros(len(starts), dtype=bool)
+        residuals = np.concatenate(
+            self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1
+        )[0]
+        none, unknown = np.zeros((0, *starts.shape)), np.zeros(len(starts), dtype=bool)
         slopes = _Slopes(values=none, starts=starts, residuals=residuals, known=unknown)
         return self._weighed(point, starts, residuals, slopes=slopes, ties=0.0, others=none)
 
@@ -283,18 +302,13 @@ class Balancing:
         """Return the iterate at a point (p,), its starts settled from the best of `near` and `offered` (n, w, 10)."""
         about = _differences(self.coordinates, point, near.weights, _NARROW)
         starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
-        pieces = [(about, starts[:, k], near.others[:, k], k) for k in self._rows]
-        settled = self.executor(_settled_piece, self._work, pieces)
+        settled = self._each(_settled, lambda k: (about, starts[:, k], near.others[:, k], k))
         lanes, ties, others = zip(*settled, strict=True)
-        names = ("values", "starts", "residuals", "known")
-        slopes = _Slopes(
-            **{name: np.concatenate([getattr(lane.slopes, name) for lane in lanes]) for name in names}
-        )
         return self._weighed(
             point,
             np.concatenate([lane.starts for lane in lanes]),
             np.concatenate([lane.residuals for lane in lanes]),
-            slopes=slopes,
+            slopes=_Slopes.joined([lane.slopes for lane in lanes]),
             ties=np.concatenate(ties),
             others=np.concatenate(others, axis=1),
         )
@@ -391,13 +405,21 @@ def _lanes(
     m, here = about.parameters, residuals
     if here is None:
         here = work.residuals(about.values[-1:], starts[None], rows)[0]
-    values = np.zeros((len(rows), m + _STATES, *here.shape[1:]))
-    values[:, m + _ON_FLOOR :] = _differences_of(work, about, starts, rows, slice(m, None), here)
-    for state in range(_ON_FLOOR):
-        values[:, m + state, :, state] = 1.0
+    values = np.zeros((len(rows), m, *here.shape[1:]))
+    derivatives = _differences_of(work, about, starts, rows, slice(m, None), here)
+    values = _with_floor(about, np.concatenate([values, derivatives], axis=1))
     unknown = np.zeros(len(rows), dtype=bool)
     slopes = _Slopes(values=values, starts=starts.copy(), residuals=here.copy(), known=unknown)
     return _SettlingStarts(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
+
+
+def _with_floor(about: _Differences, derivatives: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return derivatives (w, n, 1 + k, 10) with those by the place on the floor, which moves all rows alike."""
+    m, (count, _, *shape) = about.parameters, derivatives.shape
+    of_floor = np.zeros((count, _ON_FLOOR, *shape))
+    for state in range(_ON_FLOOR):
+        of_floor[:, state, :, state] = 1.0
+    return np.concatenate([derivatives[:, :m], of_floor, derivatives[:, m:]], axis=1)
 
 
 def _differences_of(
@@ -408,10 +430,7 @@ def _differences_of(
     which: slice,
     behind: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return derivatives (rows, n, 1 + k, 10) by some of the n points; zero if a prediction has no value.
-
-    `behind` are the common residuals (rows, 1 + k, 10) of one-sided differences.
-    """
+    """Return derivatives (rows, n, 1 + k, 10) by some points, with `behind` one-sided; zero without a value."""
     n = len(about.distance)
     ahead = work.residuals(about.values[:n][which], starts + about.shifts[:n][which][:, None], rows)
     if behind is None:
@@ -441,46 +460,14 @@ def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
-def _residuals_piece(
-    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    return work.residuals(*piece)
-
-
-def _squares_piece(
-    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    """Return each window's squares (sets, rows, 10)."""
-    return (work.residuals(*piece) ** 2).sum(axis=2)
-
-
-def _wide_piece(
-    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    """Return slopes (rows, m + 10, 1 + k, 10) by central differences."""
-    about, starts, rows = piece
-    differences = _differences_of(work, about, starts, rows, slice(None))
-    m = about.parameters
-    slopes = np.zeros((len(rows), m + _STATES, *differences.shape[2:]))
-    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = differences[:, :m], differences[:, m:]
-    for state in range(_ON_FLOOR):
-        slopes[:, m + state, :, state] = 1.0
-    return slopes
-
-
-def _by_parameters_piece(
-    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    about, starts, residuals, rows = piece
-    return _differences_of(work, about, starts, rows, slice(about.parameters), residuals)
-
-
-def _settled_piece(
+def _settled(
     work: Work,
-    piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
+    about: _Differences,
+    own: NDArray[np.float64],
+    others: NDArray[np.float64],
+    rows: NDArray[np.int64],
 ) -> tuple[_SettlingStarts, NDArray[np.float64], NDArray[np.float64]]:
     """Return each window's start, settled from the best of those offered, its ties, and starts in other basins."""
-    about, own, others, rows = piece
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
     if len(offered) > 1:
@@ -504,12 +491,10 @@ _TIE = 1e6
 
 
 def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[np.float64]:
-    """Move each lane to the least cost over its start, and return the ties (n, m + 10, m + 10).
-
-    Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
-    the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
-    the latter case.
-    """
+    """Move each lane to the least cost over its start, and return the ties (n, m + 10, m + 10)."""
+    # Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
+    # the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
+    # the latter case.
     m, W = about.parameters, about.weights
     ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
     active = np.arange(len(lanes.rows))
@@ -532,12 +517,8 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         if straight.all():
             continue
         turned = np.flatnonzero(unsettled)[~straight]
-        active, shift, promised, before = (
-            active[~straight],
-            shift[~straight],
-            promised[~straight],
-            before[~straight],
-        )
+        active, shift = active[~straight], shift[~straight]
+        promised, before = promised[~straight], before[~straight]
         r, own, A, a = r[turned], own[turned], A[turned], a[turned]
         ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
         _complete(work, about, lanes, active)
@@ -575,17 +556,8 @@ def _kink(
     change: NDArray[np.float64],
     shift: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,).
-
-    The jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n.
-
-    Parameters
-    ----------
-    Z, ahead : ndarray (n, m + 10, K)
-        Weighted slopes at the starts and after the shifts (n, 10).
-    change : ndarray (n, K)
-        Change of the weighted residuals.
-    """
+    """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,)."""
+    # the jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n
     m = Z.shape[1] - _STATES
     lengths = np.maximum(np.sqrt((Z**2).sum(axis=2)), 1e-9)
     jump = (ahead - Z) / lengths[:, :, None]
@@ -615,20 +587,17 @@ _OTHERS = 2
 _APART, _BETTER = 0.02, 0.01
 
 
-def _renewed_piece(
+def _renewed(
     work: Work,
-    piece: tuple[
-        _Differences,
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        int,
-        NDArray[np.int64],
-    ],
+    about: _Differences,
+    starts: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    slopes: NDArray[np.float64],
+    others: NDArray[np.float64],
+    seed: int,
+    rows: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
-    about, starts, residuals, slopes, others, seed, rows = piece
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
     spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
@@ -650,9 +619,8 @@ def _renewed_piece(
     promising = np.argsort(np.where(apart, there, np.inf), axis=0, kind="stable")[:_PROMISING]
     chosen = np.concatenate([least, promising])
     sets, windows = np.nonzero(np.take_along_axis(apart, chosen, axis=0))
-    best = [
-        [(float(squares) - _BETTER, start)] for squares, start in zip((r**2).sum(axis=1), starts, strict=True)
-    ]
+    now = (r**2).sum(axis=1) - _BETTER
+    best = [[(float(square), start)] for square, start in zip(now, starts, strict=True)]
     if len(windows):
         which = chosen[sets, windows]
         lanes = _lanes(work, about, offered[which, windows], rows[windows], predicted[which, windows])
@@ -661,9 +629,8 @@ def _renewed_piece(
         for window, square, start in zip(windows, squares, lanes.starts, strict=True):
             if all(abs(square - known) > _APART for known, _ in best[window]):
                 best[window].append((float(square), start))
-    kept = [sorted(known_starts, key=lambda square: square[0])[: 1 + _OTHERS] for known_starts in best]
-    filled = [
-        [start for _, start in known_starts] + [known_starts[0][1]] * (1 + _OTHERS - len(known_starts))
-        for known_starts in kept
-    ]
-    return np.array(filled).transpose(1, 0, 2)
+    kept = []
+    for known in best:
+        ordered = [start for _, start in sorted(known, key=lambda square: square[0])]
+        kept.append((ordered + [ordered[0]] * _OTHERS)[: 1 + _OTHERS])
+    return np.array(kept).transpose(1, 0, 2)

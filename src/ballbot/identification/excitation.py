@@ -29,8 +29,9 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
+from ballbot.identification.prediction import ball_spin
 from ballbot.identification.quantities import BY_NAME, Coordinates
-from ballbot.identification.windows import Windows, ball_spin
+from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
 from ballbot.log.signals import turning_points

@@ -1,11 +1,17 @@
-"""The result of an identification: the identified robot, its parameters with their uncertainty, and findings."""
+"""The result of an identification: the identified robot, its parameters with their uncertainty, and findings.
+
+Selection of a law. All laws are fitted to the same windows and predict the same held-out windows. A law is accepted if
+the interval of its gain (`ballbot.fitting.model_selection`) is above zero over the simpler law within it and, if that
+one was not accepted, over the largest accepted law within it; the simplest is no friction. The best law is the accepted
+one with the least error. A law is rejected if an interval lies below a useful gain; otherwise it is undecided.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +19,9 @@ from numpy.typing import NDArray
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.model_selection import USEFUL_GAIN, Gain
 from ballbot.identification.coulomb import CoulombEquivalent
+from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stated_uncertainty import ends_without_error
@@ -56,6 +64,7 @@ class Identification:
     findings: tuple[Finding, ...]  #: on the estimate
     other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
+    selection: LawSelection | None = None  #: of the law, if it is "best"
 
     @property
     def layout(self) -> Layout:
@@ -136,12 +145,14 @@ class Identification:
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the identification is usable, and why."""
-        names, values = self.uncertainty.coordinates.names, self.values
-        ended = np.zeros(len(values), dtype=bool)
-        for name in ("viscous", "coulomb"):
-            lower, upper = self.bounds.T
-            far = (upper > lower) & (upper >= BY_NAME[name].bounds[1]) & (values >= upper * (1.0 - 1e-9))
-            ended |= far & (np.array(names) == name)
+        names, values, (lower, upper) = (
+            np.array(self.uncertainty.coordinates.names),
+            self.values,
+            self.bounds.T,
+        )
+        usual = np.array([BY_NAME[name].bounds[1] for name in names])
+        ended = np.isin(names, ("viscous", "coulomb")) & (upper > lower) & (upper >= usual)
+        ended &= values >= upper * (1.0 - 1e-9)
         dry = np.mean(values[np.isin(names, ("coulomb", "stribeck"))]) * 2.0
         varied = self.variation.deviations if self.variation.differ else {}
         return verdict_of(
@@ -160,29 +171,20 @@ class Identification:
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, the error on held-out windows, and warnings."""
         rows = [("parameter", "value ± standard error, or 95 % interval")]
-        errors, counts = self.standard_errors, self.names
-        for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
-            if name not in counts:
-                continue
-            unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
-            known = map(self.intervals.get, BY_NAME[name].labels(self.layout.wheel_count))
+        values, errors, shown = self.parameters, self.standard_errors, self.names
+        for quantity in (BY_NAME[name] for name in self.layout.names if name in shown):
+            unit, symbol = quantity.unit.removeprefix("1"), quantity.symbol
+            known = map(self.intervals.get, quantity.labels(self.layout.wheel_count))
             # an interval from a profile replaces the standard error
             ends = [(i.lower, i.upper) if i and i.method == "profile" else None for i in known]
-            rows.append((symbol, estimated(value, errors[symbol], unit, intervals=ends)))
+            rows.append((symbol, estimated(values[symbol], errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.with_over_without.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
-        rows.append(
-            ("prediction error", f"{share} of that without friction (median of the states, held out)")
-        )
-        rows.append(
-            (
-                "windows",
-                f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s",
-            )
-        )
+        error = f"{share} of that without friction (median of the states, held out)"
+        windows = f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s"
         return Summary(
             title=f"Identification of the robot {self.robot.name}. {self.verdict.sentence}",
-            rows=tuple(rows),
+            rows=(*rows, ("prediction error", error), ("windows", windows)),
             sentences=first_texts([*self.log_findings, *self.findings]),
         )
 
@@ -220,6 +222,65 @@ class Identification:
             "findings": finding_results([*self.log_findings, *self.findings]),
         }
         return to_results(results)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawCandidate:
+    """A fitted law, and its gain on held-out windows."""
+
+    law: Law
+    found: Identification
+    gain: Gain  #: over the simpler law within it
+    over: str | None  #: the largest accepted law within it; None: no friction
+    gain_over: Gain  #: over that one
+    error: float  #: relative to the error without friction
+
+    @property
+    def accepted(self) -> bool:
+        """Whether held-out windows support the law."""
+        return self.gain.significant and self.gain_over.significant
+
+    @property
+    def decision(self) -> Literal["accepted", "rejected", "undecided"]:
+        """Whether held-out windows support the law, exclude a useful gain, or leave it undecided."""
+        if self.accepted:
+            return "accepted"
+        return "rejected" if min(self.gain.upper, self.gain_over.upper) < USEFUL_GAIN else "undecided"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "law": self.law.name,
+            "formula": self.law.formula,
+            "within": self.law.within,
+            "gain": self.gain.to_dict(),
+            "highest_accepted_below": self.over,
+            "gain_over_highest_accepted": self.gain_over.to_dict(),
+            "accepted": self.accepted,
+            "decision": self.decision,
+            "error_over_no_friction": self.error,
+            "parameters": self.found.to_dict()["parameters"],
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawSelection:
+    """All fitted laws, and the best one."""
+
+    candidates: tuple[LawCandidate, ...]
+
+    @property
+    def best(self) -> LawCandidate:
+        """The accepted law with the least error; viscous friction if none is accepted."""
+        accepted = [candidate for candidate in self.candidates if candidate.accepted]
+        return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "candidates": [candidate.to_dict() for candidate in self.candidates],
+            "best": self.best.law.name,
+        }
 
 
 def represents_sentence(names: Sequence[str]) -> str:

@@ -69,17 +69,18 @@ def verdict_of(
     without; `lean` (k,) marks the states of the lean; `at_end` are labels of friction at the end of its usual range,
     `disagree` those on which the logs disagree.
     """
-    logs = sorted({span.log for span in spans})
-    overall = gain_between(squares, without, window_blocks(spans))
-    of_lean, by_log = overall, dict[str, Gain]()
-    if lean is not None and lean.any():
-        of_lean = gain_between(squares[:, lean], without[:, lean], window_blocks(spans))
-    for log in logs if len(logs) > 1 else ():
-        rows = np.flatnonzero([span.log == log for span in spans])
+    logs = np.array([span.log for span in spans])
+
+    def gain_on(rows: NDArray[np.intp], states: NDArray[np.bool_] | slice = slice(None)) -> Gain:
         blocks = window_blocks([spans[row] for row in rows.tolist()])
-        by_log[f"log {log + 1}"] = gain_between(squares[rows], without[rows], blocks)
+        return gain_between(squares[rows][:, states], without[rows][:, states], blocks)
+
+    everywhere = np.arange(len(spans))
+    overall = gain_on(everywhere)
+    of_lean = overall if lean is None or not lean.any() else gain_on(everywhere, lean)
+    by_log = {int(log): gain_on(np.flatnonzero(logs == log)) for log in np.unique(logs)}
+    worse = [f"log {log + 1} ({_times(gain)})" for log, gain in by_log.items() if not gain.share > 0.0]
     seen = f"on {counted(len(spans), 'window')} that the fit did not see"
-    worse = [f"{name} ({_times(gain)})" for name, gain in by_log.items() if not gain.share > 0.0]
     reasons = []
     if not overall.lower > 0.0:
         reasons.append(
@@ -90,7 +91,7 @@ def verdict_of(
         reasons.append(
             f"{seen}, the lean is predicted no better with friction than without ({_times(of_lean)})"
         )
-    elif worse:
+    elif worse and len(by_log) > 1:
         reasons.append(f"the logs disagree: {every(worse)} is predicted no better with friction than without")
     if at_end:
         reasons.append(f"{every(at_end)} {'is' if len(at_end) == 1 else 'are'} at the end of the usual range")
