@@ -18,23 +18,13 @@ from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
     BIAS,
-    COVARIANCE,
     ENTRIES,
     FIRST,
-    GYRO,
-    GYRO_BEFORE,
     LEAN_ERROR,
-    LOWER_TRIANGLE,
-    MODEL_SIZE,
     PSI,
-    REMEMBERED,
-    ROWS,
     SENSORS,
-    SHOWN,
     SHOWN_PSI,
-    STATE,
     STATES,
-    UNSEEN,
     FilterModel,
     FilterNoise,
     G,
@@ -42,11 +32,9 @@ from ballbot.estimation.kalman_model import (
     S,
     X,
     motion,
-    sample,
     tilt,
     transition,
 )
-from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
@@ -150,18 +138,6 @@ class Dense:
             rows += [{state: next(numbers) for state in states} for states in one.states]
         return np.array(residuals), np.array([[row.get(k, 0.0) for k in range(STATES)] for row in rows])
 
-    def after(self, x: NDArray[np.float64], P: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-        """State and covariance a sample later, without a fix."""
-        remembered = np.where(np.isin(np.arange(STATES), UNSEEN), REMEMBERED, 1.0)
-        F, every = self.F(x) * remembered, FIRST["fix"]
-        by_gyro = F[:, BIAS : BIAS + 3] * (np.arange(STATES) >= G)[:, None]
-        P = F @ P @ F.T + self.model.gyro_variance * by_gyro @ by_gyro.T + np.diag(self.model.walk)
-        x, v = self.moved(x)
-        residuals, H = (one[:every] for one in self.seen(x, v))
-        spread = H @ P @ H.T + np.diag(self.model.variances[:every])
-        gain = P @ H.T @ np.linalg.inv(spread)
-        return x + gain @ residuals, P - gain @ spread @ gain.T
-
 
 def dense(random: np.random.Generator) -> Dense:
     model = filter_model(ALTEN, sample_time=H, noise=NOISE)
@@ -191,25 +167,6 @@ def numerical(
     """Central differences: a column for each state."""
     steps = 1e-5 * np.eye(STATES)
     return np.array([(function(x + step) - function(x - step)) / 2e-5 for step in steps]).T
-
-
-def test_sample_is_the_textbook_s() -> None:
-    """Place and heading are so little known that they are forgotten."""
-    random = np.random.default_rng(5)
-    root, x, one = random.normal(size=(STATES, STATES)), random.uniform(-0.1, 0.1, STATES), dense(random)
-    P = root @ root.T
-    work = np.zeros(ROWS * LANES)
-    column = work[::LANES]
-    column[:MODEL_SIZE] = one.model.row()
-    column[STATE : STATE + STATES] = x
-    column[COVARIANCE:GYRO_BEFORE] = P[LOWER_TRIANGLE]
-    column[GYRO_BEFORE : GYRO_BEFORE + 3] = column[GYRO : GYRO + 3] = one.gyro
-    column[SHOWN : SHOWN + len(one.shown)] = one.shown
-    sample(work)
-    state, covariance = one.after(x, P)
-    # the variances differ by 1e10, so that rounding is that much larger than of a single number
-    np.testing.assert_allclose(column[STATE : STATE + STATES], state, atol=1e-6)
-    np.testing.assert_allclose(column[COVARIANCE:GYRO_BEFORE], covariance[LOWER_TRIANGLE], atol=1e-6)
 
 
 # the whole

@@ -276,18 +276,6 @@ def test_other_libraries_read_what_is_written(tmp_path):
         np.testing.assert_array_equal(table.column(name).to_numpy(), log[name])
 
 
-@pytest.mark.parametrize(
-    ("name", "rows", "columns"),
-    [("square_soft", 20000, 26), ("driveline_sweep", 25132, 10), ("hold_soft_mocap", 7200, 8)],
-)
-def test_shared_logs_read_whole(shared_data, name, rows, columns):
-    path = shared_data / "bbr" / f"{name}.csv"
-    log = Log.read(path)
-    assert (len(log), len(log.names)) == (rows, columns)
-    last = path.read_text().splitlines()[-1].split(",")
-    np.testing.assert_array_equal([log[name][-1] for name in log], [float(cell) for cell in last])
-
-
 @pytest.mark.parametrize("turned", [False, True])
 def test_long_matrices_of_a_matlab_file_are_columns(tmp_path, turned):
     t, wheel = 0.01 * np.arange(200.0), np.random.default_rng(0).standard_normal((200, 3))
