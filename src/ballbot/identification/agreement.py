@@ -1,15 +1,8 @@
-"""Whether two methods or stages agree on the same quantities.
+"""Whether two stages agree on the same quantities.
 
-With estimates x and y of k quantities and their covariances, which are independent of each other,
-
-    chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y)
-
-is the squared difference in units of its errors. If both estimate the same values, it is chi-squared distributed with k
-degrees of freedom. A difference with a p-value below `LEAST_P_VALUE` gives a warning.
-
-Balancing is known to differ from freely turning wheels: on the nominal twin it gives 1.9 times the b and 0.8 times the
-c of a sweep (docs/generated/evidence.md, "Friction by the three stages"), and twice the C_rr of the floor ("What the
-identified parameters represent").
+With estimates x and y of k quantities and their covariances, chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y) is chi-squared
+distributed with k degrees of freedom if both estimate the same values. A p-value below `LEAST_P_VALUE` gives a warning.
+Balancing is known to differ from freely turning wheels (docs/generated/evidence.md, "Friction by the three stages").
 
 Only b, c and C_rr are compared. s, v_s and delta compensate for each other far beyond the range in which their errors
 are normally distributed.
@@ -62,25 +55,21 @@ class StageEstimate:
     @property
     def known(self) -> list[str]:
         """Labels that have a standard error and are compared."""
-        return [
-            label
-            for label, variance in zip(self.labels, self.covariance.diagonal(), strict=True)
-            if 0.0 < variance < np.inf and label.rstrip("0123456789") in _COMPARED
-        ]
+        finite = (self.errors > 0.0) & np.isfinite(self.errors)
+        labels = zip(self.labels, finite, strict=True)
+        return [label for label, known in labels if known and label.rstrip("0123456789") in _COMPARED]
 
 
 def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
     """Return a warning if two stages differ by more than their errors in the quantities that both estimate."""
     both = [label for label in first.known if label in second.known]
-    if not both:
-        return []
     x, y = first.among(both), second.among(both)
-    difference, covariance = y.values - x.values, x.covariance + y.covariance
+    covariance = x.covariance + y.covariance
     errors = np.sqrt(covariance.diagonal())
-    deviations = difference / errors
+    deviations = (y.values - x.values) / errors
     inverse = np.linalg.pinv(covariance / np.outer(errors, errors), hermitian=True)
     chi_squared = float(deviations @ inverse @ deviations)
-    if chdtrc(len(both), chi_squared) > LEAST_P_VALUE:
+    if not both or chdtrc(len(both), chi_squared) > LEAST_P_VALUE:
         return []
     named = ", ".join(
         f"{both[i]} {x.values[i]:.3g} and {y.values[i]:.3g} ({abs(deviations[i]):.1f} standard errors)"
@@ -101,13 +90,9 @@ def of_robot_file(robot: Robot) -> StageEstimate | None:
     if covariance is None:
         return None
     layout = Layout(wheel_count=robot.wheel_count)
-    count = len(layout.labels)
-    return StageEstimate(
-        source="the robot file",
-        labels=layout.labels,
-        values=layout.nominal(robot),
-        covariance=covariance[:count, :count],
-    )
+    values, count = layout.nominal(robot), len(layout.labels)
+    covariance = covariance[:count, :count]
+    return StageEstimate(source="the robot file", labels=layout.labels, values=values, covariance=covariance)
 
 
 def file_findings(robot: Robot, estimate: StageEstimate) -> list[Finding]:

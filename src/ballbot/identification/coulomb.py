@@ -43,9 +43,7 @@ class CoulombEquivalent:
     standard_errors: NDArray[np.float64]  #: (n,) [N m]; NaN if c has none
     speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
     coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
-    coulomb_errors: NDArray[np.float64] = field(
-        metadata=left_out
-    )  #: its standard errors (n,) [N m], found likewise
+    coulomb_errors: NDArray[np.float64] = field(metadata=left_out)  #: its errors (n,) [N m]
 
     @reported
     def compared(self) -> Literal["c", "c_e"]:
@@ -88,17 +86,15 @@ def coulomb_equivalent(
         return (dry * (4.0 - 6.0 * x)).mean(axis=1)
 
     C = np.nan_to_num(covariance)
-    moved = np.flatnonzero(C.diagonal() > 0.0)
-    steps = _STEP * np.maximum(np.abs(values), 1e-6)
-    G = np.zeros((n, len(values)))
-    for i in moved:
+    steps, G = _STEP * np.maximum(np.abs(values), 1e-6), np.zeros((n, len(values)))
+    for i in np.flatnonzero(C.diagonal() > 0.0):
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
-    variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
+    errors = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", G, C, G, optimize=False), 0.0))
     own = np.sqrt(covariance.diagonal()[n : 2 * n])
     return CoulombEquivalent(
         values=at(values),
-        standard_errors=np.where(np.isfinite(own), np.sqrt(np.maximum(variances, 0.0)), np.nan),
+        standard_errors=np.where(np.isfinite(own), errors, np.nan),
         speeds=speeds,
         coulomb=values[n : 2 * n],
         coulomb_errors=own,

@@ -1,8 +1,8 @@
 """One estimate from balancing logs and a sweep of the free wheels.
 
-A sweep determines b and c of each wheel far better than balancing does, but relative to the torque in its log. A data
-sheet, or the balancing logs, give the scale of that torque. With g_i the gain of motor i, which is the acting torque
-over the logged one (1 if it is not estimated), and b', c' the values of the sweep,
+A sweep determines b and c of each wheel far better than balancing does, but relative to the torque in its log. With g_i
+the gain of motor i, which is the acting torque over the logged one (1 if it is not estimated), and b', c' the values of
+the sweep,
 
     b_i - g_i b'_i = 0 +- g_i (error of b'_i)        c_i - g_i c'_i = 0 +- g_i (error of c'_i)
 
@@ -13,8 +13,7 @@ derivatives and S their covariance from the sweep,
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
 Friction under the robot's weight may differ from that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` standard errors is left out, with a warning. Another warning compares all of them at once
-(`ballbot.identification.agreement`).
+than `CONTRADICTS` standard errors is left out, with a warning; another warning compares all of them at once.
 """
 
 from __future__ import annotations
@@ -25,12 +24,11 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
-from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
+from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
 from ballbot.identification.agreement import StageEstimate, agreement_findings
 from ballbot.identification.quantities import Coordinates, Layout
 
@@ -93,8 +91,8 @@ def with_sweep(
     if moved is values:
         return uncertainty, findings
     moved, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
-    half = float(special.ndtri(0.5 + 0.5 * CONFIDENCE)) * errors
-    lower, upper = np.maximum(moved - half, coordinates.lower), np.minimum(moved + half, coordinates.upper)
+    lower = np.maximum(moved - HALF_WIDTH * errors, coordinates.lower)
+    upper = np.minimum(moved + HALF_WIDTH * errors, coordinates.upper)
     intervals = {
         coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")
         for i in np.flatnonzero(np.isfinite(errors))
@@ -134,12 +132,11 @@ def combine(
     labels, theirs = [layout.labels[i] for i in at[used]], (scale * numbers)[used]
     H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs
     of_logs = H @ C @ H.T
-    stages = zip(("the sweep", "the balancing logs"), (theirs, theirs + r), (S, of_logs), strict=True)
     findings = agreement_findings(
-        *(
-            StageEstimate(source=source, labels=tuple(labels), values=x, covariance=P)
-            for source, x, P in stages
-        )
+        StageEstimate(source="the sweep", labels=tuple(labels), values=theirs, covariance=S),
+        StageEstimate(
+            source="the balancing logs", labels=tuple(labels), values=theirs + r, covariance=of_logs
+        ),
     )
     apart = np.abs(r) / np.sqrt((of_logs + S).diagonal())
     agrees = apart <= CONTRADICTS

@@ -5,12 +5,11 @@ by the torques of the motors and the friction only:
 
     d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
 
-w is measured by the encoders, or A Omega in a log without them. The parameters of the experiment (`momentum_balance`)
-are b, c and s of each wheel, and v_s. Its residuals are those of the integrated equation over pieces of 0.05 s, in
-blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a function of speed; the
-directions in which it acts are then left out. So are rows at the limit of speed or torque, where the logged torque does
-not act. The exponent delta of the thesis is 1, as for the sweep (`ballbot.identification.driveline`): a log of a minute
-does not determine it.
+w is measured by the encoders, or A Omega in a log without them. Residuals are those of the integrated equation over
+pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a
+function of speed; the directions in which it acts are then left out. So are rows at the limit of speed or torque, where
+the logged torque does not act. The exponent delta of the thesis is 1, as for the sweep
+(`ballbot.identification.driveline`): a log of a minute does not determine it.
 
 Standard errors are clustered by window and widened by `WIDENED`. Held-out windows validate the friction: the ball is
 simulated with and without it, from the mean of the samples around a window's first row.
@@ -36,7 +35,7 @@ from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable
 from ballbot.identification.verdict import Verdict, verdict_of
-from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time, split
+from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
@@ -226,16 +225,15 @@ def momentum_balance(
 
     # friction is below the largest torque, and so is its viscous part at the usual speed
     usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
-    bounds = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
+    amounts = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
+    parameters = [
+        quantity.parameter(label, amounts.get(quantity.name, SHAPES), float(quantity.name not in amounts))
+        for quantity in QUANTITIES
+        for label in quantity.labels(n)
+    ]
     return residuals_without_states(
         lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
-        parameters=tuple(
-            quantity.parameter(
-                label, bounds.get(quantity.name, SHAPES), 0.0 if quantity.name in bounds else 1.0
-            )
-            for quantity in QUANTITIES
-            for label in quantity.labels(n)
-        ),
+        parameters=parameters,
         dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
         block=np.repeat(window, 3),
         block_log=np.array([number for number, _ in begins], dtype=np.int64),
@@ -272,13 +270,10 @@ class UpsideDown:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % intervals by label, of parameters with a standard error."""
-        own = self.estimate
-        numbers = zip(own.labels, own.values.tolist(), own.errors.tolist(), strict=True)
-        return {
-            label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
-            for label, value, error in numbers
-            if np.isfinite(error)
-        }
+        own, half = self.estimate, QUANTILE * self.estimate.errors
+        ends = zip(np.maximum(own.values - half, 0.0).tolist(), (own.values + half).tolist(), strict=True)
+        by_label = dict(zip(own.labels, ends, strict=True))
+        return {label: interval for label, interval in by_label.items() if np.isfinite(interval[1])}
 
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, held-out errors, and warnings."""
@@ -302,25 +297,19 @@ class UpsideDown:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-
-        def listed_spans(spans: Sequence[Span]) -> list[list[float]]:
-            return [[span.log, span.start, span.end] for span in spans]
-
+        windows = {
+            name: [[span.log, span.start, span.end] for span in spans]
+            for name, spans in (("fit", self.fit_windows), ("held_out", self.held_out_windows))
+        }
+        matrix = correlation(self.estimate.covariance)
         results = {
             "verdict": self.verdict,
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,
-            "correlation": {
-                "labels": list(self.estimate.labels),
-                "matrix": correlation(self.estimate.covariance),
-            },
+            "correlation": {"labels": list(self.estimate.labels), "matrix": matrix},
             "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
-            "windows": {
-                "length": self.window,
-                "fit": listed_spans(self.fit_windows),
-                "held_out": listed_spans(self.held_out_windows),
-            },
+            "windows": {"length": self.window, **windows},
             "findings": finding_results(self.findings),
         }
         return to_results(results)
@@ -376,7 +365,8 @@ def identify_upside_down(
     robot, named = as_robot(robot), as_logs(logs)
     n, everything = robot.wheel_count, list(named.values())
     windows = cut_ball_windows(robot, everything, duration=window)
-    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
+    order = np.random.default_rng(run.seed).permutation(len(windows))
+    held_rows, fit_rows = map(np.sort, np.split(order, [max(1, round(held_out * len(windows)))]))
     kept = windows.take(held_rows)
     experiment = momentum_balance(robot, everything, duration=window, without=kept.spans)
     if not np.any(windows.torques):

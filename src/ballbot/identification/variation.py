@@ -1,14 +1,10 @@
-"""The uncertainty of an identification: errors within logs, and variation between logs of one robot.
+"""The variation of an identification between logs of one robot, beside the errors within logs.
 
-The errors of `ballbot.fitting.uncertainty` hold under the conditions of the given logs. Another log of the same robot
-gives other estimates, because another path, other roller contacts and another sensor drift act on what the model lacks.
-This module supplies the statistics of `ballbot.fitting.between_logs` with the sizes and the prior of that variation,
-fitted to simulated robots with all faults of the twin and two logs each (`between_logs.toml`, written by
-`python -m campaigns.between_logs prior`). With one log, only the prior is known, and a finding says so; with every
-further log the prior counts less.
-
-The resulting covariance (`widened`) determines the standard errors, intervals and correlations of an identification,
-the standard deviations in the robot's file, and which friction is certain enough to be compensated.
+Another log of the same robot gives other estimates, because another path, other roller contacts and another sensor
+drift act on what the model lacks. This module supplies the statistics of `ballbot.fitting.between_logs` with the sizes
+and the prior of that variation, fitted to simulated robots with all faults of the twin and two logs each
+(`between_logs.toml`, written by `python -m campaigns.between_logs prior`). With one log, only the prior is known, and a
+finding says so; with every further log the prior counts less.
 
 The sizes are relative. For c and s they are fractions of the mean c + s of the wheels; for b, of their mean friction at
 `SPEED` divided by that speed, because errors of b and c compensate each other; for C_rr, of C_rr; v_s and delta vary by
@@ -65,10 +61,8 @@ class Variation:
     """Variation of the parameters between logs of one robot."""
 
     logs: int
-    #: how many simulated robots the prior is from
-    prior_robots: int = field(metadata=key("robots_of_the_prior"))
-    #: whether the logs differ by more than their errors
-    differ: bool = field(metadata=key("logs_differ"))
+    prior_robots: int = field(metadata=key("robots_of_the_prior"))  #: simulated robots that the prior is from
+    differ: bool = field(metadata=key("logs_differ"))  #: whether the logs differ by more than their errors
     factor: float  #: variation, relative to that of the simulated robots
     #: between logs, SI units, by label; only of quantities that vary
     deviations: Mapping[str, float] = field(metadata=key("standard_deviations"))
@@ -82,9 +76,8 @@ def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArr
     NaN without a prior, or for a parameter that is held.
     """
     names = np.array(coordinates.names)
-    mean = {
-        name: float(np.mean(values[names == name])) for name in ("viscous", "coulomb", "stribeck", "rolling")
-    }
+    kinds = ("viscous", "coulomb", "stribeck", "rolling")
+    mean = {name: float(np.mean(values[names == name])) for name in kinds}
     dry = mean["coulomb"] + mean["stribeck"]
     of = mean | {"viscous": mean["viscous"] + dry / SPEED, "coulomb": dry, "stribeck": dry}
     units = np.where(np.isin(names, ("stribeck_speed", "stribeck_exponent")), values, np.nan)
@@ -133,8 +126,7 @@ def with_torque_scale(
 ) -> Uncertainty:
     """Return the uncertainty including that of the torque scale, by which a motor's friction is wrong too.
 
-    `scale_errors` (n,) are the relative standard errors of each motor's torque scale, as
-    `ballbot.log.checks.physics.torque_scale_errors` gives them.
+    `scale_errors` (n,) are the relative errors of `ballbot.log.checks.physics.torque_scale_errors`.
     """
     layout, values = coordinates.layout, coordinates.physical(uncertainty.point)
     of_wheel = np.zeros((layout.wheel_count, len(values)))
