@@ -9,9 +9,9 @@ from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
 from ballbot.identification import alike as motors
 from ballbot.identification import identify
-from ballbot.identification.alike import WHEELS_APART, inseparable, uncertainty_of_each
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Coordinates, scale_between
+from ballbot.identification.variation import WHEELS_APART, inseparable, uncertainty_of_each
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, noisy
 

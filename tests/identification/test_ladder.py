@@ -14,8 +14,7 @@ from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
 from ballbot.identification.laws import bounds_of, law_named
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.result import LawSelection
-from ballbot.identification.verdict import BLOCK, window_blocks
+from ballbot.identification.result import BLOCK, LawSelection, window_blocks
 from ballbot.identification.windows import Span, cut_windows
 from ballbot.log import Log
 from tests.support.control_examples import FRICTION, alten

@@ -13,7 +13,7 @@ from ballbot.errors import InputError
 from ballbot.identification import identify
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
-from ballbot.identification.sweep import combine, read_sweep, sweep_of
+from ballbot.identification.stages import combine, read_sweep, sweep_of
 from ballbot.robot import Friction
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy

@@ -36,7 +36,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
-    from ballbot.identification.verdict import Verdict
+    from ballbot.identification.result import Verdict
     from ballbot.log import Log
     from ballbot.report.blocks import Result
 

@@ -18,7 +18,7 @@ from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.identify import identify as identify_friction
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files

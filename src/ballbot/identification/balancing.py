@@ -1,27 +1,24 @@
 """The balancing experiment: the model predicts windows of logs, each from an initial state that is estimated too.
 
 A prediction from a measured initial state carries the noise of that one sample, amplified by an unstable plant, through
-all residuals of the window. On simulated logs with the noise of good sensors, this made estimates biased, as errors in
-regressors do, and scatter several times more than a log allows, with standard errors a quarter too small. So the
-initial state x_w of each window w (its start) is an unknown. A residual with the weight of the other samples ties it to
-the measured state, and it is eliminated (`ballbot.fitting.experiment`; the idea is that of multiple shooting: H. G.
-Bock, Recent advances in parameter identification techniques for O.D.E., 1983). Derivatives in a descent are narrow
-finite differences.
+all residuals of the window, which biases the parameters as errors in regressors do. So the initial state x_w of each
+window w (its start) is an unknown. A residual with the weight of the other samples ties it to the measured state, and
+it is eliminated (`ballbot.fitting.experiment`; the idea is that of multiple shooting: H. G. Bock, Recent advances in
+parameter identification techniques for O.D.E., 1983). Derivatives in a descent are narrow finite differences.
 
 Kinks. A prediction is smooth except where the sign of a wheel's or the ball's speed changes or a contact comes to rest.
 There it is continuous, and its derivatives jump. About ten of a hundred windows have their best start on such a kink,
-where no one-sided derivative is zero. Steps that use the slopes of one side stop short of it, and leave an error of the
-size of that window's gradient in the gradient of the parameters. From slopes Z = [J S] on one side and Z' on the other,
-with a shift between them,
+and steps that use the slopes of one side stop short of it. From slopes Z = [J S] on one side and Z' on the other, with
+a shift between them,
 
     Z' - Z = u n^T,     the kink:  n^T (dp, dx) = kappa,     u kappa = u n^T shift - (r' - r - Z shift).
 
 A start that is best on a kink stays there: n becomes a tie, one more residual of large weight, with which the equations
-of p and x_w are exact. The predicted gain of a step then holds to four digits, window by window.
+of p and x_w are exact.
 
-Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests
-(1e-5 to 5e-4 of the cost each). After the descent, windows therefore start again from random initial states. If a
-prediction changes linearly from the old to the new initial state, both are in one basin, and the new one is skipped.
+Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests.
+After the descent, windows therefore start again from random initial states. If a prediction changes linearly from the
+old to the new initial state, both are in one basin, and the new one is skipped.
 """
 
 from __future__ import annotations
@@ -60,10 +57,8 @@ _PIECE, _SETS = 64, 4
 class Cost:
     """The cost that identification minimises: the mean over states of ln(error / error without friction).
 
-    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of
-    each state is one over the variance of its residuals, so that no weights have to be chosen; exp(cost) is the
-    geometric mean of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is
-    level.
+    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of each
+    state is one over its residuals' variance. Below 1e-6 of the error without friction it is level.
     """
 
     reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows

@@ -2,10 +2,9 @@
 
     J dx/dt = A^T (g u - b w - c sgn w),   w = A x,   one gain g, b and c a wheel
 
-with the ball's angular velocity x is integrated over pieces of 0.1 s and fitted, so that nothing is differentiated. A
-free wheel is an axis (`ballbot.identification.axis`) whose gain is the inertia in the file over that of the inverse
-model. Gains of 1 show that torques, axes and units are right; other gains are reported with their usual causes. Logged
-encoders check the axes and the unit of the ball's angular velocity.
+with the ball's angular velocity x is integrated over pieces of 0.1 s and fitted. A free wheel is an axis whose gain is
+the inertia in the file over that of the inverse model. Gains of 1 show that torques, axes and units are right; other
+gains are reported with their usual causes.
 """
 
 from __future__ import annotations
@@ -42,10 +41,7 @@ _FROZEN, _FROZEN_ROWS = 0.25, 20
 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
-    """Return findings on the sweeps of all wheels of a robot.
-
-    InputError if a sweep has too few rows, or does not determine the inertia.
-    """
+    """Return findings on the sweeps of all wheels; InputError if one does not determine the inertia."""
     names = wheel_speed_names(len(sweeps))
     moving = [np.where(np.abs(sweep.speed) < LIMITED * sweep.limit, sweep.speed, 0.0) for sweep in sweeps]
     findings = [
@@ -55,30 +51,20 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     ]
     if findings:
         return tuple(findings)
-    gains, explained = [], []
-    for sweep in sweeps:
-        gain, share = 0.0, 0.0  # for a wheel that does not turn
-        if np.any(sweep.speed):
-            motion = motion_of(sweep.record())
-            inverse = inverse_model([motion], AxisModel(law="coulomb"))
-            share = max(inverse.explained, 0.0)
-            # without relation between torque and motion there is no gain
-            gain = sweep.inertia / inverse.values["mass"] if share >= _EXPLAINED else 0.0
-        gains.append(gain)
-        explained.append(share)
-    return tuple(_of_torques(robot, gains, float(np.mean(explained)), names))
+    gains, explained = np.zeros(len(sweeps)), np.zeros(len(sweeps))
+    for i in np.flatnonzero([np.any(sweep.speed) for sweep in sweeps]):
+        inverse = inverse_model([motion_of(sweeps[i].record())], AxisModel(law="coulomb"))
+        explained[i] = max(inverse.explained, 0.0)
+        # without relation between torque and motion there is no gain
+        if explained[i] >= _EXPLAINED:
+            gains[i] = sweeps[i].inertia / inverse.values["mass"]
+    return tuple(_of_torques(robot, gains.tolist(), float(np.mean(explained)), names))
 
 
 def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
-    """Return findings on a log of the ball on the clamped robot.
-
-    It has ball_omega_x, _y, _z. With u1 .. un the torques are checked, and with wheel speeds or angles the axes.
-    """
-    findings, names, ball = (
-        encoder_findings(robot, log),
-        torque_names(robot.wheel_count),
-        ClampedBall.of_robot(robot),
-    )
+    """Return findings on a log with ball_omega_x, _y, _z: on its torques, and on wheel speeds or angles."""
+    findings, names = encoder_findings(robot, log), torque_names(robot.wheel_count)
+    ball = ClampedBall.of_robot(robot)
     if findings or not all(name in log for name in names):
         return findings
     omega, torques = (np.column_stack([log[name] for name in group]) for group in (BALL_NAMES, names))

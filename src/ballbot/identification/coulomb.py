@@ -1,15 +1,13 @@
 """An equivalent Coulomb friction, to compare logs and robots whose friction law has a Stribeck part.
 
-Balancing logs hardly separate c, the dry friction at high speed, from s, which adds to it at low speed: their errors
-compensate each other, and over ten logs of the nominal twin c alone varied by 24 to 38 %. What a log determines is the
-curve at the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w that is
-closest to it in least squares from rest to the speed W, the 95 % quantile of the log's speeds. Its value at rest c_e
-corresponds to the Coulomb friction of a law without Stribeck part. With x = w / W from 0 to 1,
+Balancing logs hardly separate c from s, whose errors compensate each other. What a log determines is the curve at the
+speeds driven. So the dry friction c + s E(w) is replaced by the straight line c_e + a w that is closest to it in least
+squares from rest to the speed W, the 95 % quantile of the log's speeds. With x = w / W from 0 to 1,
 
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
 
-The standard error follows from those of c, s, v_s and delta and their correlations. W and
-parameters without a standard error, such as v_s or delta at a bound, count as exact.
+The standard error follows from those of c, s, v_s and delta and their correlations. W and parameters without a standard
+error, such as v_s or delta at a bound, count as exact.
 """
 
 from __future__ import annotations

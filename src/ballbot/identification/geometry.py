@@ -71,10 +71,7 @@ _LEAST_SHARE = 0.5
 def _increments(
     totals: Sequence[tuple[Log, tuple[NDArray[np.float64], ...]]], *, window: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
-    """Return the increments (w, .) of logs' running totals (N, .) over windows, end to end, and their clusters (w,).
-
-    Windows with a missing value or row are left out. InputError if a window [s] is shorter than two samples.
-    """
+    """Return increments (w, .) of running totals (N, .) over complete windows, end to end, and their clusters (w,)."""
     increments, clusters = [], []
     for number, (log, columns) in enumerate(totals):
         samples = round(window / log.sample_time)
@@ -232,10 +229,7 @@ ROLLING_WINDOW, UPSIDE_DOWN_WINDOW = 0.5, 0.25
 def _of_rolling(
     robot: Robot, runs: Sequence[MocapRun], leaning: float
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
-    """Identify r_w / cos(tilt), the azimuths, the share of the leaning seen and the delay of the encoders.
-
-    The share is relative to `leaning`, (r_b / r_w) cos(tilt), the wheel angle for an angle of lean.
-    """
+    """Identify r_w / cos(tilt), the azimuths, the share of `leaning`, (r_b / r_w) cos(tilt), seen, and the delay."""
     n, totals = robot.wheel_count, []
     for run in runs:
         log, rolling, motion = run.log, run.rolling, run.motion

@@ -1,9 +1,8 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
-On some of the windows a search finds the basin, by short descents from a few fixed starts or by the thesis's genetic
-algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result. The problem is that of the thesis
-(section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable). Estimated
-initial states, standard errors and held-out windows are additions.
+The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
+plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts or by the
+thesis's genetic algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result.
 """
 
 from __future__ import annotations
@@ -22,8 +21,6 @@ from ballbot.fitting.fit import Fit, FitOptions, fit
 from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.identification.agreement import StageEstimate, file_findings
-from ballbot.identification.alike import alike_finding, inseparable, uncertainty_of_each, wheels_mean
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import (
@@ -46,19 +43,22 @@ from ballbot.identification.quantities import (
     names_in,
     scale_between,
 )
-from ballbot.identification.result import Identification, LawCandidate, LawSelection
+from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
+from ballbot.identification.stages import StageEstimate, file_findings, with_sweep
 from ballbot.identification.stated_uncertainty import found_robot
-from ballbot.identification.sweep import with_sweep
 from ballbot.identification.variation import (
     Variation,
+    alike_finding,
     discrepancy_finding,
+    inseparable,
     shipped_priors,
+    uncertainty_of_each,
     variation_findings,
+    wheels_mean,
     widened,
     with_torque_scale,
 )
-from ballbot.identification.verdict import window_blocks
 from ballbot.identification.windows import (
     HELD_OUT,
     Windows,
@@ -84,11 +84,7 @@ INNER_STEP = 5e-3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IdentificationOptions(FitOptions):
-    """Options of `identify` besides what it estimates; the defaults suit most logs.
-
-    InputError if a count is too small, the held-out fraction is not between 0 and 1, or an excluded state does not
-    exist.
-    """
+    """Options of `identify` besides what it estimates; InputError if one is not possible."""
 
     most_steps: int = 75  #: of each descent by Gauss-Newton
     search_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
@@ -259,10 +255,7 @@ def _identified(
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
-    """Return the parameters that `identify` estimates or holds, with their bounds.
-
-    InputError if a name is not a quantity or a group.
-    """
+    """Return the parameters that `identify` estimates or holds; InputError if a name is not a quantity or a group."""
     names, chosen = names_in(free), law_named(law)
     if set(FRICTION) <= set(names):
         names = (*chosen.free, *(name for name in names if name not in FRICTION))

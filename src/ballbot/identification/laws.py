@@ -10,14 +10,12 @@ Each law contains a simpler one:
     directed             the same, and s that differs with direction by e of each wheel
     load                 the same as stribeck with c + mu |u| in place of c
 
-Asymmetric. Let wheel i have dry friction c+ turning forward and c- turning backward, and hold any torque from -c- to
-c+ at rest. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sgn(w) + o, the symmetric law with a constant torque -o,
-estimated as `torque_offset`. The offset of a motor driver has the same effect, and no log separates the two. It is
-friction while |o| <= c. Directed: with s+ and s- by direction and e = (s+ - s-)/2, e exp(-|w/v_s|^delta) adds to the
-friction and fades at speeds around v_s; |e| <= s.
+Asymmetric. Dry friction c+ turning forward and c- backward, which holds any torque from -c- to c+ at rest, is
+c sgn(w) + o with c = (c+ + c-)/2 and o = (c+ - c-)/2: the symmetric law with a constant torque -o, estimated as
+`torque_offset`. The offset of a motor driver has the same effect, and no log separates the two. It is friction while
+|o| <= c. Directed: with s+ and s- by direction and e = (s+ - s-)/2, |e| <= s, e exp(-|w/v_s|^delta) adds to it.
 
-Load. Gear teeth rub in proportion to their load, here the motor's torque u, which is constant over a sample, as is then
-the size of the friction. It is an alternative to asymmetry: both contain stribeck.
+Load. Gear teeth rub in proportion to their load, here the motor's torque u. It is an alternative to asymmetry.
 """
 
 from __future__ import annotations
@@ -63,10 +61,7 @@ LAWS: tuple[Law, ...] = (
 
 
 def law_named(name: str) -> Law:
-    """Return the law of that name, or the registered law of that name or of FILE.py:NAME.
-
-    InputError if the name is unknown.
-    """
+    """Return the law, or the registered law, of that name or of FILE.py:NAME; InputError if it is unknown."""
     names = [law.name for law in LAWS]
     if name in names:
         return LAWS[names.index(name)]

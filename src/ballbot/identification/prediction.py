@@ -161,10 +161,7 @@ class Predictor:
     def _sensor_offsets(
         self, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the errors (sets, w, k, 10) of sensors with a bias, `times` (k,) [s] after a window's start.
-
-        The heading of the measured `states` (w, k, 10) gives the orientation. Without a bias, the shape is (1,).
-        """
+        """Return the errors (sets, w, k, 10) of sensors with a bias at `times` (k,) [s]; (1,) without a bias."""
         lean, gyro = (self.layout.part(name, values) for name in ("lean_bias", "gyro_bias"))
         if lean is None and gyro is None:
             return np.zeros(1)
@@ -183,10 +180,7 @@ class Predictor:
     def _seen_late(
         self, values: NDArray[np.float64], lanes: Lanes, sample_time: float
     ) -> NDArray[np.float64]:
-        """Return the states (sets, w, m, 10) as sensors with delays show them, in rows 1 to m.
-
-        Beyond the ends, the first and last line are extended.
-        """
+        """Return the states (sets, w, m, 10) as sensors with delays show them; the first and last line are extended."""
         names, delays = len(STATE_NAMES), np.zeros((len(values), len(STATE_NAMES)))
         for name, late in _LATE.items():
             part = self.layout.part(name, values)

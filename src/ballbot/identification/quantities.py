@@ -1,22 +1,12 @@
 """The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
-Those of the robot's own parameters are stated beside the fields in `ballbot.robot.components`.
+Those of the robot's own parameters are stated beside the fields in `ballbot.robot.components`. A row of parameters
+begins with friction, [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; others follow in the order of the table.
+A quantity that is not estimated has the robot's own value, or the neutral one of an input or a sensor without fault,
+which is 1 for a gain and 0 for all others.
 
-A row of parameters begins with the friction, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]. Other
-quantities follow in the order of the table. A quantity that is not estimated has its nominal value: the robot's own
-value, or the neutral value of an input or a sensor without fault, which is 1 for a gain and 0 for all others.
-
-The bounds keep the robot physical. The body's second moments S_x, S_y, S_z about its centre of mass stand for its
-inertia: J_xx = S_y + S_z, and so on in turn. Any positive second moments belong to some body, because S > 0 is the
-triangle inequality of the inertia.
-
-Users set bounds in Python or in a TOML file:
-
-    coulomb = [0.0, 0.5]             # c [N m], every wheel's
-    delay = [0.012, 0.012]           # held at that value [s]
-
-Missing keys keep the defaults of the table. Bounds apply to every number of a quantity, in its unit. Equal bounds hold
-it at that value, such as a delay known from elsewhere.
+The body's second moments S_x, S_y, S_z about its centre of mass stand for its inertia: J_xx = S_y + S_z, and so on in
+turn. Any positive second moments belong to some body, because S > 0 is the triangle inequality of the inertia.
 """
 
 from __future__ import annotations
@@ -181,10 +171,7 @@ def _of_robot(
     bounds: Limits | None = None,
     share_of: Callable[[Robot], Sequence[float]] | None = None,
 ) -> Quantity:
-    """Return the quantity of a parameter of the robot, from what is stated beside its field.
-
-    The bounds are its usual values, or those given as shares of `share_of(robot)` or of the robot's own value.
-    """
+    """Return the quantity of a robot's parameter; its bounds may be shares of `share_of(robot)` or of the own value."""
     stated = ROBOT_PARAMETERS[key]
 
     def own(robot: Robot) -> Sequence[float]:
@@ -320,10 +307,7 @@ GROUPS = MappingProxyType(
 
 
 def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
-    """Return the quantities in a list of names and groups (a string has commas), in the order of the table.
-
-    InputError if a name is neither, or the list is empty.
-    """
+    """Return the quantities in a list of names and groups, in the table's order; InputError if one is neither."""
     words = names_listed(free) if isinstance(free, str) else free
     if not words:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")

@@ -1,9 +1,16 @@
 """The result of an identification: the identified robot, its parameters with their uncertainty, and findings.
 
-Selection of a law. All laws are fitted to the same windows and predict the same held-out windows. A law is accepted if
-the interval of its gain (`ballbot.fitting.model_selection`) is above zero over the simpler law within it and, if that
-one was not accepted, over the largest accepted law within it; the simplest is no friction. The best law is the accepted
-one with the least error. A law is rejected if an interval lies below a useful gain; otherwise it is undecided.
+It is usable if
+
+- held-out windows are predicted better with friction than without: the 95 % interval of the gain over all logs and the
+  states that count (`ballbot.fitting.model_selection`) is above zero, and the gain is positive for the lean, on which
+  balancing depends, and on each log by itself;
+- no b or c of a wheel is at the upper end of its usual range, which is not an estimate;
+- the logs agree on the Coulomb friction: between logs it varies by less than half of its size, or within their errors.
+
+A law is accepted if the interval of its gain on held-out windows is above zero over the simpler law within it and, if
+that one was not accepted, over the largest accepted law within it. The best law is the accepted one with the least
+error. A law is rejected if an interval lies below a useful gain; otherwise it is undecided.
 """
 
 from __future__ import annotations
@@ -16,21 +23,23 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import every
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
-from ballbot.fitting.model_selection import USEFUL_GAIN, Gain
+from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, neighbours
 from ballbot.identification.coulomb import CoulombEquivalent
 from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
-from ballbot.identification.verdict import Verdict, verdict_of
+from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
-from ballbot.results import to_results
+from ballbot.results import reported, to_results
 from ballbot.robot import Robot
-from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
+from ballbot.rounding import digits
+from ballbot.summary import Summary, counted, estimated, first_texts, plotted, summarized
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -291,3 +300,93 @@ def represents_sentence(names: Sequence[str]) -> str:
             by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
     parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]
     return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
+
+
+#: neighbouring windows drawn together: 1 s of motion
+BLOCK = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether an identification is usable, and why."""
+
+    gain: Gain  #: of the prediction with friction over that without, on held-out windows
+    windows: int  #: number of held-out windows
+    reasons: tuple[str, ...]  #: why it is not usable; empty if it is
+
+    @reported
+    def usable(self) -> bool:
+        """Whether there is no reason against it."""
+        return not self.reasons
+
+    @reported
+    def sentence(self) -> str:
+        """The verdict: usable and how much better the prediction is, or not usable and why."""
+        if self.reasons:
+            return f"Not usable: {'; '.join(self.reasons)}."
+        gain = self.gain
+        return (
+            f"Usable: on {counted(self.windows, 'window')} that the fit did not see, the error with this friction is "
+            f"{digits(1.0 - gain.share, 2)} times that without (95 % interval {digits(1.0 - gain.upper, 2)} to "
+            f"{digits(1.0 - gain.lower, 2)})."
+        )
+
+
+def verdict_of(
+    squares: NDArray[np.float64],
+    without: NDArray[np.float64],
+    spans: Sequence[Span],
+    *,
+    lean: NDArray[np.bool_] | None = None,
+    at_end: Sequence[str] = (),
+    disagree: Sequence[str] = (),
+) -> Verdict:
+    """Return the verdict from held-out windows.
+
+    `squares` and `without` (w, k) are sums of squared errors of each window and state that counts, with friction and
+    without; `lean` (k,) marks the states of the lean; `at_end` are labels of friction at the end of its usual range,
+    `disagree` those on which the logs disagree.
+    """
+    logs = np.array([span.log for span in spans])
+
+    def gain_on(rows: NDArray[np.intp], states: NDArray[np.bool_] | slice = slice(None)) -> Gain:
+        blocks = window_blocks([spans[row] for row in rows.tolist()])
+        return gain_between(squares[rows][:, states], without[rows][:, states], blocks)
+
+    everywhere = np.arange(len(spans))
+    overall = gain_on(everywhere)
+    of_lean = overall if lean is None or not lean.any() else gain_on(everywhere, lean)
+    by_log = {int(log): gain_on(np.flatnonzero(logs == log)) for log in np.unique(logs)}
+    worse = [f"log {log + 1} ({_times(gain)})" for log, gain in by_log.items() if not gain.share > 0.0]
+    seen = f"on {counted(len(spans), 'window')} that the fit did not see"
+    reasons = []
+    if not overall.lower > 0.0:
+        reasons.append(
+            f"{seen}, the prediction is no better with friction than without ({_times(overall)}, 95 % interval "
+            f"{digits(1.0 - overall.upper, 2)} to {digits(1.0 - overall.lower, 2)})"
+        )
+    elif not of_lean.share > 0.0:
+        reasons.append(
+            f"{seen}, the lean is predicted no better with friction than without ({_times(of_lean)})"
+        )
+    elif worse and len(by_log) > 1:
+        reasons.append(f"the logs disagree: {every(worse)} is predicted no better with friction than without")
+    if at_end:
+        reasons.append(f"{every(at_end)} {'is' if len(at_end) == 1 else 'are'} at the end of the usual range")
+    if disagree:
+        reasons.append(f"the logs disagree on {every(disagree)}, by half of the friction or more")
+    return Verdict(gain=overall, windows=len(spans), reasons=tuple(reasons))
+
+
+def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
+    """Return the rows of windows in blocks of `BLOCK` neighbours of one log."""
+    groups = []
+    for log in sorted({span.log for span in spans}):
+        rows = [row for row, span in enumerate(spans) if span.log == log]
+        rows.sort(key=lambda row: spans[row].start)
+        groups += neighbours(rows, block=BLOCK)
+    return groups
+
+
+def _times(gain: Gain) -> str:
+    return f"{digits(1.0 - gain.share, 2)} times the error"

@@ -3,11 +3,7 @@
 The robot's numbers y follow from the estimated parameters p. With the covariance C of p and the derivatives G = dy/dp,
 the delta method gives the covariance G C G^T of y. A number that depends on a parameter without a standard error has
 none either: its standard deviation is infinite, and its interval is the range of its values over that parameter's
-interval or, without one, its bounds. A number that depends on no estimated parameter has no standard deviation,
-and counts as exact.
-
-A robot that is written and read again has the same covariance within the digits of its file: four digits of standard
-deviations, and five decimals of correlations.
+interval or, without one, its bounds. A number that depends on no estimated parameter counts as exact.
 """
 
 from __future__ import annotations

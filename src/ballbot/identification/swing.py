@@ -73,11 +73,10 @@ class Swing:
 
 
 def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
-    """Return the free swing in a log of the hanging body.
+    """Return the free swing in a log of the hanging body; InputError if there is none.
 
     It is taken from `column`, an angle [rad] or a rate [rad/s] by its name; by default from the gyro about its main
-    axis, or from the one of theta, phi and psi that swings most. InputError if the log has none of these, or no free
-    swing.
+    axis, or from the one of theta, phi and psi that swings most.
     """
     gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
     if column is None and gyro:
@@ -180,11 +179,7 @@ def pendulum_motion(
 
 
 def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
-    """Return the experiment, and start values (6,) with the frequency of the spectrum and no friction.
-
-    The residuals are predicted less recorded sensor values, in blocks of one swing. Friction may be estimated below
-    zero, so that the interval of a swing without friction contains zero.
-    """
+    """Return the experiment and start values (6,); friction may be below zero, so that intervals contain zero."""
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
     zero, angular = float(first.min()) + size, swing.kind == "angle"
@@ -428,13 +423,11 @@ class SwingInertia:
 def inertia_of_swing(
     fit: SwingFit, robot: Robot, *, distance: float | None = None, deviation: float | None = None
 ) -> SwingInertia:
-    """Return the inertia of the body that swung, with its uncertainty.
+    """Return the inertia of the body that swung, with its uncertainty; InputError if the pivot is not possible.
 
     Hanging mass, l and g with their standard deviations are those of the robot. The pivot is at `distance` r [m] from
     the centre of mass, with a standard `deviation` [m] of zero by default. Without a distance, the pivot is at the
     ball's centre, r = l, by default with the deviation in the robot's file.
-
-    InputError if the distance or the deviation is not possible.
     """
     stated, height, there = robot.standard_deviations, robot.body.center_of_mass, distance is None
     of_mass, of_height = (

@@ -4,14 +4,13 @@
     e_k = R (C(t_k + h) - C(t_k)) - (L(s_k + h) - L(s_k)) + b h,      s = (t - offset) / (1 + rate)
 
 C and L are running totals of the turning in the body frame, from the cameras and from the log: the integral of w dt
-from a gyro, and the sum of log(R_k^T R_k+1) from orientations, whose noise cancels between neighbours. R rotates the
-marker frame to the log's body frame, and b is the bias of the gyro.
+from a gyro, and the sum of log(R_k^T R_k+1) from orientations. R rotates the marker frame to the log's body frame, and
+b is the bias of the gyro.
 
 The fit starts from clocks with which both turn equally fast, which needs no frame: the speeds are correlated over all
 shifts and over rates up to 1 %, with each overlap normalised by the samples that both have (D. Padfield, IEEE Trans.
 Image Processing 21 (2012) 2706-2718). A periodic motion gives several peaks; all are fitted, and the most
-likely one is kept. R starts from the closed solution of Wahba's problem. Large errors count less (Huber). Standard
-errors are clustered by blocks of time, because errors depend on each other over seconds.
+likely one is kept. R starts from the closed solution of Wahba's problem. Large errors count less (Huber).
 """
 
 from __future__ import annotations
@@ -75,10 +74,7 @@ class Turning:
 
 
 def log_turning(log: Log) -> Turning:
-    """Return the rotation of a log from its gyro or, without one, from its angles.
-
-    InputError if it has neither, or hardly any values of them.
-    """
+    """Return the rotation of a log from its gyro or, without one, from its angles; InputError if it has neither."""
     if has_gyro(log):
         return Turning.of_rates(log.t, _columns(log, GYRO_NAMES)[0])
     if not all(name in log for name in ANGLE_NAMES):
@@ -294,8 +290,7 @@ class MotionFit:
 def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tuple[MotionFit, Clock | None]:
     """Return the most likely clock and rotation, and the clock of another fit that is nearly as likely.
 
-    `least_share` is the least common share of the rotation in the same run. InputError if the two are of different
-    runs, or turn about one axis only.
+    InputError if log and cameras share less than `least_share` of the rotation, or turn about one axis only.
     """
     fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
     fits.sort(key=lambda fit: -fit.gain)
@@ -452,12 +447,7 @@ def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:
-    """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least.
-
-    If all motion is about one axis, a rotation about it hardly changes the residuals, which clustered errors do not
-    show. The motion about the other two axes that log and cameras have in common determines it, as the singular values
-    of their covariance show. One independent increment is counted for each `SPAN`.
-    """
+    """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least."""
     turned = _centred(turned)
     U, shared, Vt = np.linalg.svd((turned - _centred(residuals)).T @ turned / len(turned))
     across = shared[1] + shared[2] * np.sign(np.linalg.det(U) * np.linalg.det(Vt))

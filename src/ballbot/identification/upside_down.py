@@ -30,11 +30,10 @@ from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_
 from ballbot.fitting.fit import fit
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import correlation, discrepancy
-from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
-from ballbot.identification.result import ParameterTable
-from ballbot.identification.verdict import Verdict, verdict_of
+from ballbot.identification.result import ParameterTable, Verdict, verdict_of
+from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
@@ -136,11 +135,7 @@ class BallWindows:
 
 
 def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
-    """Cut logs into windows of a duration [s], without gaps, missing values and rows at a limit.
-
-    InputError if there is no log, a column is missing, the sample times differ, or the duration is invalid or longer
-    than every log.
-    """
+    """Cut logs into complete windows of a duration [s] without rows at a limit; InputError if there are none."""
     sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
     initial, torques, measured, spans = [], [], [], []
@@ -176,10 +171,7 @@ def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def momentum_balance(
     robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]
 ) -> Residuals:
-    """Return the experiment on windows of a duration [s], end to end, `without` some of them.
-
-    Its residuals [N m s] are of pieces of `PIECE` seconds in which a wheel turns and no row is missing or at a limit.
-    """
+    """Return the experiment on windows of a duration [s], `without` some; residuals [N m s] of turning pieces."""
     ball, h = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
     A, J, n = ball.A, robot.ball.inertia * np.eye(3), robot.wheel_count
     # ball.inertia is J + (j_w + j_r) A^T A

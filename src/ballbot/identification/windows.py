@@ -2,13 +2,12 @@
 
 The plant is unstable, so an open-loop prediction is meaningful for a fraction of a second only. A window of m samples
 starts at row k: the torques are rows k .. k + m - 1, each held until the next, and states k + 1 .. k + m are compared.
-Windows with a missing or corrupted value (`ballbot.log.checks.values`), an uneven sampling interval or a lean past
-recovery are left out. The measured initial state is not smoothed: over 35 to 75 ms, which is not causal, that changed
-no state's error on other windows by more than 1 %.
+The measured initial state is not smoothed: over 35 to 75 ms, which is not causal, that changed no state's error on
+other windows by more than 1 %.
 
-Hold-out. Intervals of 8 s in every 28 s of each log are held out: neighbouring windows share a swing of the limit
-cycle, and a closed-loop validation needs seconds on end. As 28 s is not a multiple of the 8 s or 32 s with which
-references often repeat, the intervals cover different parts of the path.
+Hold-out. Intervals of 8 s in every 28 s of each log: neighbouring windows share a swing of the limit cycle, and a
+closed-loop validation needs seconds on end. As 28 s is not a multiple of the 8 s or 32 s with which references often
+repeat, the intervals cover different parts of the path.
 
 Back-EMF. A motor on a duty d gives u = n k_t (d V - k_e n w) / R = u_0 - b_e w, with the torque at standstill
 u_0 = n k_t V d / R and b_e = n^2 k_t k_e / R. A mapped log has u by the measured speed; in a prediction, the back-EMF
@@ -45,10 +44,7 @@ _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
 
 
 def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
-    """Return the log with the standstill torques u_0 in place of u.
-
-    `back_emf` is b_e [N m s/rad], the same for every motor; InputError if it is negative or not finite.
-    """
+    """Return the log with u_0 in place of u; InputError if b_e, `back_emf` [N m s/rad], is negative or not finite."""
     if not (math.isfinite(back_emf) and back_emf >= 0.0):
         raise InputError(f"back_emf is {back_emf!r}; it must be n^2 k_t k_e / R in N m s/rad, zero or more.")
     speeds = measured_wheel_speeds(log, robot)
@@ -57,10 +53,7 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
 
 
 def back_emf_of(mappings: Sequence[str | Path]) -> float:
-    """Return b_e [N m s/rad] of the motors in mapping files; zero if the logs have torques or currents.
-
-    InputError if a file cannot be read or is not a mapping, or the mappings have different b_e.
-    """
+    """Return b_e [N m s/rad] of the motors in mapping files, zero without duties; InputError if they differ."""
     drives = [read_mapping(mapping).input for mapping in mappings]
     values = {round(drive.back_emf if isinstance(drive, DutyTable) else 0.0, 12) for drive in drives}
     if len(values) > 1:
@@ -125,12 +118,11 @@ def cut_windows(
     history: int = 0,
     spins: Sequence[NDArray[np.float64]] | None = None,
 ) -> Windows:
-    """Cut logs, with the ten state columns and u1 .. un, into windows that lie end to end.
+    """Cut logs into windows that lie end to end; InputError if a log lacks a column, or the sample times differ.
 
-    The duration of a window [s] is rounded to samples, and to a multiple of `COMPARISONS` samples if it has more. A
-    window needs `history` rows of torques before its start; `spins` has the ball's spin (N,) [rad/s] in the rows of
-    each log. InputError if there is no log, a column is missing or empty, the sample times differ, or the duration is
-    invalid.
+    The duration of a window [s] is rounded to samples, and to a multiple of `COMPARISONS` samples if it has more.
+    Windows with a missing or corrupted value, an uneven sampling interval or a lean past recovery are left out. A window
+    needs `history` rows of torques before its start; `spins` has the ball's spin (N,) [rad/s] in the rows of each log.
     """
     sample_time = common_sample_time(logs, duration=duration)
     names = (*STATE_NAMES, *torque_names(wheel_count))
@@ -173,10 +165,7 @@ def cut_windows(
 
 
 def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
-    """Return the common sample time [s] of logs to be cut into windows of this duration [s].
-
-    InputError if there is no log, a log has one row, the sample times differ, or the duration is invalid.
-    """
+    """Return the common sample time [s] of logs to be cut into windows; InputError if there is none."""
     if not logs:
         raise InputError("Identification needs at least one log.")
     for number, log in enumerate(logs, start=1):

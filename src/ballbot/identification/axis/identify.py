@@ -2,18 +2,13 @@
 
 The experiment (`axis_experiment`) minimises the output error: simulated less recorded positions over windows of the
 records, under the recorded force. Position and speed at the start of a window are its states, which the fit eliminates,
-so that noise there does not count as friction. Their prior is the filtered record, with the noise of the position and
-`_START_SPEED` of the record's usual speed as standard deviations. Windows last `WINDOW`: over much shorter ones the
-noise of the start hides the friction, and the parameters follow variations within a tenth of a second; over much longer
-ones a single moment of sticking determines all that follows.
+so that noise there does not count as friction. Windows last `WINDOW`: over much shorter ones the noise of the start
+hides the friction; over much longer ones a single moment of sticking determines all that follows.
 
-1. The inverse model (`motion`) gives start values.
-2. Nested models are fitted: gravity, friction under load, and a friction law. Each is kept if it predicts held-out
-   blocks of time better than the simpler one and its own parameters are determined.
-3. Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to
-   each record by itself.
-
-Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
+Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
+is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
+Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
+record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
 
 from __future__ import annotations
