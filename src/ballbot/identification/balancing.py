@@ -57,8 +57,8 @@ _PIECE, _SETS = 64, 4
 class Cost:
     """The cost that identification minimises: the mean over states of ln(error / error without friction).
 
-    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of each
-    state is one over its residuals' variance. Below 1e-6 of the error without friction it is level.
+    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of
+    each state is one over its residuals' variance. Below 1e-6 of the error without friction it is level.
     """
 
     reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows

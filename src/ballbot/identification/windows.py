@@ -121,7 +121,7 @@ def cut_windows(
     """Cut logs into windows that lie end to end; InputError if a log lacks a column, or the sample times differ.
 
     The duration of a window [s] is rounded to samples, and to a multiple of `COMPARISONS` samples if it has more.
-    Windows with a missing or corrupted value, an uneven sampling interval or a lean past recovery are left out. A window
+    Windows with a missing or corrupted value, an uneven sampling interval or a lean past recovery are left out. One
     needs `history` rows of torques before its start; `spins` has the ball's spin (N,) [rad/s] in the rows of each log.
     """
     sample_time = common_sample_time(logs, duration=duration)
