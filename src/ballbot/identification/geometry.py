@@ -160,8 +160,7 @@ class GeometryQuantity:
     standard_error: float
     in_file: float  #: value in the robot's file, or one that follows from it
     unit: str  #: "m", "rad", "s" or "1"
-    #: of its logs: "upside down", "balancing" or "both"
-    kind: str = field(metadata=key("from"))
+    kind: str = field(metadata=key("from"))  #: "upside down", "balancing" or "both"
 
     @reported
     def deviation(self) -> float:
@@ -303,8 +302,7 @@ class Geometry:
     """A robot's geometry from its logs."""
 
     measured: tuple[GeometryQuantity, ...]
-    #: r_b / r_w of each wheel by itself; empty without logs upside down
-    wheel_ratios: tuple[GeometryQuantity, ...] = ()
+    wheel_ratios: tuple[GeometryQuantity, ...] = ()  #: r_b / r_w of each by itself
     #: delay of the camera upside down [s], and the share of the lean that the encoders show; play hides the rest
     others: tuple[GeometryQuantity, ...] = ()
 

@@ -141,8 +141,7 @@ class HoldoutResult:
 
     name: str  #: of the log
     errors: WindowErrors
-    #: empty if the log is shorter than the longest horizon everywhere
-    horizons: tuple[FrictionAtHorizon, ...]
+    horizons: tuple[FrictionAtHorizon, ...]  #: empty if the log is too short
     causal: bool  #: whether they start from causal states instead of the log's rows
     findings: tuple[Finding, ...]  #: states that friction does not help to predict, and reasons
 

@@ -92,12 +92,9 @@ class IdentificationOptions(FitOptions):
     formulation: Formulation = "exact"  #: of the equations of motion
     held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
-    #: b_e of motors driven by voltage [N m s/rad], if the logged torques contain their back-EMF
-    back_emf: float = 0.0
-    #: Gauss-Newton starts from its values if they predict better than the end of the search
-    warm_start: Identification | None = None
-    #: a sweep of the free wheels, whose b and c of each wheel are combined with the logs'
-    sweep: StageEstimate | None = None
+    back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
+    warm_start: Identification | None = None  #: Gauss-Newton starts there if it predicts better
+    sweep: StageEstimate | None = None  #: of the free wheels, combined with the logs
     step: float = INNER_STEP  #: longest integration step [s]
 
     def __post_init__(self) -> None:

@@ -293,8 +293,7 @@ class WindowErrors:
 
     spans: tuple[Span, ...]  #: (w,), the windows
     window_samples: int  #: samples compared in each window
-    #: (w, 10), sums of squared errors in each window with friction
-    squares_with: NDArray[np.float64]
+    squares_with: NDArray[np.float64]  #: (w, 10), sums of squared errors with friction
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property

@@ -102,19 +102,15 @@ class Quantity:
     name: str  #: in options and files
     symbol: str  #: in results
     unit: str
-    #: default bounds of each of its numbers, as shares of `share_of(robot)` if that is given
-    bounds: Limits
+    bounds: Limits  #: of each number, as shares of `share_of(robot)` if that is given
     meaning: str
-    #: "" for one number, "wheels" for one a wheel, or letters, as "xyz", for one each
-    each: str = ""
+    each: str = ""  #: one a number, "wheels", or letters, as "xyz"
     scale: Scale = "signed"
     _: KW_ONLY
     #: the robot's own values; None for an input or a sensor, whose nominal values are neutral
     own: Callable[[Robot], Sequence[float]] | None = None
     share_of: Callable[[Robot], Sequence[float]] | None = None
-    #: other effects in its estimate from balancing; empty for a physical quantity, None if not measured. From
-    #: `campaigns.between_logs.effective`, on the twin with single faults on and off
-    stands_for: str | None = None
+    stands_for: str | None = None  #: other effects in its estimate from balancing; None if not measured
     lines: tuple[str, ...] = ()  #: keys in a robot file
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:

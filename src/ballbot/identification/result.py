@@ -55,20 +55,17 @@ ParameterTable = dict[str, list[float] | float]
 class Identification:
     """The identified parameters of a robot, friction's 3 n + 3 first."""
 
-    #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
-    robot: Robot
+    robot: Robot  #: with the friction found
     predictor: Predictor  #: predicts windows by any such parameters
     uncertainty: Uncertainty  #: of the estimate, including the variation between logs
-    #: (p,), parameters without influence on the logs, or that these do not excite
-    unknown: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]  #: (p,), without influence on the logs, or not excited by them
     variation: Variation  #: between logs, and intervals of the estimate from another log
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the held-out windows
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
-    #: best cost after each generation of a genetic search, on the windows drawn for it
-    evolution_cost: tuple[float, ...]
+    evolution_cost: tuple[float, ...]  #: best cost after each generation of a genetic search
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
     other: OtherOptimum | None = None

@@ -241,9 +241,7 @@ class UpsideDown:
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     verdict: Verdict  #: whether the friction is usable
     estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
-    #: root mean square error (3,) [rad/s] of Omega on held-out windows: with the friction "found", with that of the
-    #: "robot file" if it has any, and with "none"
-    held_out: Mapping[str, NDArray[np.float64]]
+    held_out: Mapping[str, NDArray[np.float64]]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of a window [s]

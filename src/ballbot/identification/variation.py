@@ -78,8 +78,7 @@ class Variation:
     factor: float  #: variation, relative to that of the simulated robots
     #: between logs, SI units, by label; only of quantities that vary
     deviations: Mapping[str, float] = field(metadata=key("standard_deviations"))
-    #: 95 % intervals of the estimate from another log as long as these, by label
-    predictions: Mapping[str, Interval] = field(metadata=key("next_log_intervals_95"))
+    predictions: Mapping[str, Interval] = field(metadata=key("next_log_intervals_95"))  #: by label
 
 
 def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:

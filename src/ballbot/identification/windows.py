@@ -82,8 +82,7 @@ class Windows:
     torques: NDArray[np.float64]  #: (w, m, n) [N m]
     measured: NDArray[np.float64]  #: (w, m, 10), states after each sample
     earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the start
-    #: (w,), the ball's spin about the vertical at the start [rad/s]; NaN if not measured
-    spin: NDArray[np.float64]
+    spin: NDArray[np.float64]  #: (w,), of the ball about the vertical at the start [rad/s], or NaN
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
 

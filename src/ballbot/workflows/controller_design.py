@@ -47,10 +47,7 @@ class GainOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PartOptions:
-    """What the controller has besides its gain.
-
-    InputError if the factor on the compensated friction is negative or not finite.
-    """
+    """What the controller has besides its gain; InputError if the factor on the friction is not possible."""
 
     compensation: Compensation | None = None
     """none; full (all friction); partial (only while friction works against the intended motion). If not given, the

@@ -123,10 +123,9 @@ def record_runs(
     workers: Executor = ALL_CORES,
     progress: ProgressCallback = ignore_progress,
 ) -> dict[str, Mapping[str, object]]:
-    """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
+    """Record a run for each seed into folders seed_0001 and so on; runs that are there are kept.
 
-    Return the results of each run by the name of its folder, in the order of the seeds. InputError if the folder holds
-    runs of other settings, or a run cannot be made.
+    Return the results of each run by the name of its folder. InputError if the folder holds runs of other settings.
     """
     texts = {name: text for name, text in settings(job).items() if name != "record.toml"}
     options = {"experiment": job.experiment, "duration": job.duration, "format": job.log_format}

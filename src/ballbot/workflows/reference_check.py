@@ -184,15 +184,13 @@ class ReferenceMargins:
     """How much of the robot's limits a reference uses, and how it is followed in closed loop."""
 
     name: str  #: of the reference
-    #: when [s] and by how much [m or rad]; a path with jumps cannot be followed exactly
-    jumps: tuple[tuple[float, float], ...]
+    jumps: tuple[tuple[float, float], ...]  #: when [s] and by how much [m or rad]
     uses: tuple[Use, ...]  #: of the path followed exactly; of the closed loop if the path jumps
     peak_power: float  #: mechanical, of all motors, likewise [W]
     supply_voltage: float = field(metadata=left_out)  #: [V]
     ended: float  #: when the robot falls in closed loop [s]; infinity if it does not
     peak_error: float  #: largest distance from the reference in closed loop [m]
-    #: share of the time in which a wheel's torque is at its limit in closed loop
-    share_at_torque_limit: float
+    share_at_torque_limit: float  #: share of the time with a wheel's torque at its limit
 
     @reported
     def can_be_followed(self) -> bool:
@@ -253,11 +251,7 @@ def check_reference(
     duration: float,
     name: str = "the reference",
 ) -> ReferenceMargins:
-    """Return which share of a robot's limits a reference uses, and how it is followed in closed loop.
-
-    The closed loop has the nominal scenario's sensors, delay and noise; the worst of five runs counts. InputError if
-    the reference has a lean or a rate, or no lean can follow it.
-    """
+    """Return which share of a robot's limits a reference uses, and how the closed loop follows it in five runs."""
     sample_time = controller.sample_time
     loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])

@@ -283,8 +283,7 @@ class AxisIdentification:
     forces: dict[str, Gain]  #: gains of gravity and load, if they were selected
     window: float  #: length of the windows [s]
     law: str  #: that was selected or requested
-    #: the fitted laws: all, or the requested and a simpler one; the errors of `law` include differences between methods
-    by_law: dict[str, AxisEstimate]
+    by_law: dict[str, AxisEstimate]  #: the fitted laws; the errors of `law` include differences of methods
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
 
