@@ -48,7 +48,7 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import Condition, LoopRobot, grid_runs, run_grid
-from ballbot.workflows.metrics import lean_of, true_place
+from ballbot.workflows.metrics import lean_angle, true_place
 
 #: the laws whose parameters an experiment can be designed for
 Law = Literal["viscous", "coulomb", "stribeck"]
@@ -81,7 +81,7 @@ class Extent:
     def of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> Extent:
         """Return that of states (N, 10) and torques (N, n), of a run that begins at the origin."""
         return Extent(
-            lean=float(lean_of(states[:, 2], states[:, 3]).max()),
+            lean=float(lean_angle(states[:, 2], states[:, 3]).max()),
             floor=float(np.hypot(states[:, 0], states[:, 1]).max()),
             torque=float(np.abs(torques).max()),
         )

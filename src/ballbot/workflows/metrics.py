@@ -61,10 +61,10 @@ def heading_error(log: Log) -> NDArray[np.float64]:
 def leans(log: Log) -> NDArray[np.float64]:
     """Return the angle between the robot's axis and the vertical (N,) [rad]."""
     truth = true_place(log)
-    return lean_of(truth["theta"], truth["phi"])
+    return lean_angle(truth["theta"], truth["phi"])
 
 
-def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
+def lean_angle(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the angle between an axis of these leans and the vertical [rad]."""
     return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
@@ -348,7 +348,7 @@ class Performance:
             peak_error=float(error.max()) if len(error) else np.nan,
             rms_error=rms(error) if len(error) else np.nan,
             roughness=rms_torque_change(seen),
-            lean=float(lean_of(seen["theta"], seen["phi"]).max()),
+            lean=float(lean_angle(seen["theta"], seen["phi"]).max()),
             torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
         )
 

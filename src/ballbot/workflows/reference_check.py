@@ -36,7 +36,7 @@ from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.limits import Loop, lost_lean
-from ballbot.workflows.metrics import lean_of
+from ballbot.workflows.metrics import lean_angle
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -300,7 +300,7 @@ def _uses(model: Model, controller: Controller, path: Demand) -> tuple[Use, ...]
     for quantity, values, limit, unit in (
         ("torque", np.abs(path.torques), left, "N m"),
         ("wheel speed", np.abs(path.wheel_speeds), top, "rad/s"),
-        ("lean", lean_of(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
+        ("lean", lean_angle(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
         ("grip", needed, _GRIP, ""),
     ):
         limits = np.broadcast_to(limit, values.shape)
