@@ -311,12 +311,8 @@ def prepare(
         counted=options.counted,
         executor=run.executor,
     )
-    return Prepared(
-        experiment=experiment,
-        drawn=drawn,
-        held_out=windows.take(held_rows),
-        excitation=excitation,
-    )
+    held_out = windows.take(held_rows)
+    return Prepared(experiment=experiment, drawn=drawn, held_out=held_out, excitation=excitation)
 
 
 #: fixed starts of friction, scaled: of amounts, and of v_s and delta
@@ -326,15 +322,15 @@ _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
     """Return the scaled points (s, p) from which the search starts; quantities other than friction are nominal."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
-    points = []
+    points, own_amounts = [], ("viscous", "coulomb", "stribeck", "rolling")
     for amount, shape in product(_AMOUNTS, _SHAPES):
+        starts = dict.fromkeys(own_amounts, amount) | dict.fromkeys(
+            ("stribeck_speed", "stribeck_exponent"), shape
+        )
+        for name in coordinates.layout.own:
+            starts[name] = shape if BY_NAME[name].scale == "ratio" else amount
         point = own.copy()
-        for name, value in {
-            **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
-            "stribeck_speed": shape,
-            "stribeck_exponent": shape,
-            **{name: shape if BY_NAME[name].scale == "ratio" else amount for name in coordinates.layout.own},
-        }.items():
+        for name, value in starts.items():
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, other) for other in points):
             points.append(point)
@@ -402,11 +398,8 @@ def _uncertainty(
     uncertainty, findings = uncertainty_of_each(coordinates, uncertainty), ()
     if options.sweep is not None:  # it does not vary between logs
         uncertainty, findings = with_sweep(coordinates, uncertainty, options.sweep)
-    return (
-        uncertainty,
-        varied,
-        [*findings, *discrepancy_finding(estimate.discrepancy), *variation_findings(varied)],
-    )
+    others = [*discrepancy_finding(estimate.discrepancy), *variation_findings(varied)]
+    return uncertainty, varied, [*findings, *others]
 
 
 #: number of groups of windows by speed
@@ -483,13 +476,12 @@ def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Se
     """Return findings on effects that the model lacks: corrupted rows, play, and a ball that pivots."""
     robot = predictor.robot
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
-    chatter = [chatter_findings(log, robot, name) for log, name in zip(logs, names, strict=True)]
-    shares = [share_shown(log, robot) for log, found in zip(logs, chatter, strict=True) if not found]
-    return [
-        *(finding for log, name in zip(logs, names, strict=True) for finding in _corrupted(log, robot, name)),
-        *(finding for found in chatter for finding in found),
-        *heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra),
-    ]
+    by_name = list(zip(names, logs, strict=True))
+    corrupted = [finding for name, log in by_name for finding in _corrupted(log, robot, name)]
+    chatter = {name: chatter_findings(log, robot, name) for name, log in by_name}
+    shares = [share_shown(log, robot) for name, log in by_name if not chatter[name]]
+    pivoting = heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra)
+    return [*corrupted, *(finding for findings in chatter.values() for finding in findings), *pivoting]
 
 
 def _corrupted(log: Log, robot: Robot, name: str) -> list[Finding]:

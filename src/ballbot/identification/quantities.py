@@ -79,11 +79,9 @@ def _body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Body:
         S = S * np.outer(ratio, ratio)
         np.fill_diagonal(S, quantities["second_moment"])
     J = np.trace(S) * np.eye(3) - S
-    height = (
-        float(quantities["center_of_mass"][0])
-        if "center_of_mass" in quantities
-        else robot.body.center_of_mass
-    )
+    height = robot.body.center_of_mass
+    if "center_of_mass" in quantities:
+        height = float(quantities["center_of_mass"][0])
     if robot.body.inertia_about == "ball_center":
         J = J + robot.body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
     xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()

@@ -31,12 +31,13 @@ _UNCHANGED = 1e-12
 def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float]]:
     """Return the interval, or else the bounds, of each estimated parameter without a standard error, by index."""
     space, ends = uncertainty.coordinates, dict[int, tuple[float, float]]()
-    values = space.physical(uncertainty.point)
-    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(uncertainty.standard_errors)).tolist():
+    values, errors = space.physical(uncertainty.point), uncertainty.standard_errors
+    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(errors)).tolist():
         known = uncertainty.intervals.get(space.labels[i])
-        low, high = (-np.inf, np.inf) if known is None else (known.lower, known.upper)
-        least, most = max(low, float(space.lower[i])), min(high, float(space.upper[i]))
-        ends[i] = (min(least, float(values[i])), max(most, float(values[i])))
+        least, most, value = float(space.lower[i]), float(space.upper[i]), float(values[i])
+        if known is not None:
+            least, most = max(known.lower, least), min(known.upper, most)
+        ends[i] = (min(least, value), max(most, value))
     return ends
 
 

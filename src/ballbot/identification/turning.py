@@ -186,10 +186,8 @@ def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
 def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the mean turning speeds (k,) [rad/s] around times (k,), and 1 where they are known, else 0."""
     start, end = t - 0.5 * _MEAN, t + 0.5 * _MEAN
-    known = turning.covers(start, end)
-    return np.where(known, np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, 0.0), known.astype(
-        np.float64
-    )
+    known = turning.covers(start, end).astype(np.float64)
+    return known * np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, known
 
 
 def _scores(
@@ -308,13 +306,9 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
             "known. Balance and turn the heading in the same run."
         )
     middle = np.array(0.5 * (log.t[0] + log.t[-1]))
+    likely = [fit.clock for fit in fits[1:] if fit.gain > _RIVAL * best.gain]
     here = best.clock.to_cameras(middle)
-    rivals = (
-        fit.clock
-        for fit in fits[1:]
-        if abs(fit.clock.to_cameras(middle) - here) > _SAME and fit.gain > _RIVAL * best.gain
-    )
-    return best, next(rivals, None)
+    return best, next((clock for clock in likely if abs(clock.to_cameras(middle) - here) > _SAME), None)
 
 
 #: changes of clock and rotation from the start of the fit, and the bias of the gyro
@@ -368,9 +362,7 @@ class _Pairs:
         offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
         return Clock(offset=float(offset), rate=float(rate))
 
-    def _at(
-        self, x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return start and end (n,) on the log's clock, and the cameras' increments (n, 3) in its frame."""
         clock = self.clock_of(x)
         rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
@@ -422,6 +414,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     # the offset at the log's zero, from that in the middle and the rate
     to_zero = np.array([1.0, -pairs.middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
+    every = float(np.median(np.diff(pairs.start)))
     return MotionFit(
         clock=pairs.clock_of(x),
         body_marker=body_marker,
@@ -433,9 +426,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         error=float(np.sqrt(np.mean(residuals**2))),
         motion=float(np.sqrt(np.mean(_centred(pairs.turned) ** 2))),
         increments=len(pairs.start),
-        axis_error=_axis_error(
-            body_marker.apply(pairs.turned), residuals, float(np.median(np.diff(pairs.start)))
-        ),
+        axis_error=_axis_error(body_marker.apply(pairs.turned), residuals, every),
     )
 
 
