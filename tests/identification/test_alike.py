@@ -7,8 +7,8 @@ import pytest
 
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
-from ballbot.identification import alike as motors
 from ballbot.identification import identify
+from ballbot.identification import variation as motors
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.variation import WHEELS_APART, inseparable, uncertainty_of_each
