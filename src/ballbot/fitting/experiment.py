@@ -164,11 +164,10 @@ RowsOfBlocks = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.in
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """An experiment defined by a function that returns its errors.
+    """An experiment defined by a function that returns its errors, all of the same weight.
 
-    All errors have the same weight, and their noise is their root mean square. Derivatives are finite differences
-    unless they are given. A block may have n states, each with an expected value: a deviation by one standard deviation
-    counts as an error of `state_weight`.
+    Their noise is their root mean square. Derivatives are finite differences unless they are given. A block may have n
+    states, each with an expected value: a deviation by one standard deviation counts as an error of `state_weight`.
     """
 
     coordinates: ParameterSpace  #: the parameters, with their bounds

@@ -5,23 +5,19 @@ descends in the parameters and the states of the blocks together. Each step trie
 Levenberg and Marquardt's form, and compares the least costs over the states before and after. When the descent has
 converged, the states are searched again in case they lie in a poorer minimum (`Experiment.renew`).
 
-A parameter without influence gets no value. Some parameters act only through others: v_s and delta shape how s fades,
-and have no effect without s. If s is zero, a fit still ends at some s of the size of chance, with v_s and delta that
-suit it, and their standard errors there are meaningless (R. Davies, Hypothesis testing when a nuisance parameter is
-present only under the alternative, Biometrika 64 (1977) 247-254). So they count as identified only if the fit with s is
-better than the best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N
-n_s counts the residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the
-chi-squared quantile of as many parameters as the fit with s has more.
+Some parameters act only through others: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
+fit still ends at some s of the size of chance, with v_s and delta that suit it, and their standard errors there are
+meaningless (R. Davies, Hypothesis testing when a nuisance parameter is present only under the alternative, Biometrika
+64 (1977) 247-254). So they count as identified only if the fit with s is better than the best one without by more than
+chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the residuals, lambda corrects for
+their dependence, and q is the chi-squared quantile of as many parameters as the fit with s has more.
 
 A profile shows how far a parameter can move, all others refitted, before the fit is worse than chance explains. The
 cost of n_s states over N residuals each is, up to a constant, minus the log-likelihood divided by N n_s. Residuals
-within a block are not independent, so twice the rise of the log-likelihood is not a chi-squared variable. For one
-parameter it is that variable times
-
-    lambda = (clustered variance) / [H^-1]_ii
-
-(L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21 (2011)
-129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being Student's quantile.
+within a block are not independent, so for one parameter twice the rise of the log-likelihood is a chi-squared variable
+times lambda = (clustered variance) / [H^-1]_ii (L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio
+statistics, Statistica Sinica 21 (2011) 129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being
+Student's quantile.
 """
 
 from __future__ import annotations
@@ -236,10 +232,7 @@ class SearchResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
-    """Options of a fit.
-
-    InputError if there is no such search, or a count is too small.
-    """
+    """Options of a fit; InputError if there is no such search, or a count is too small."""
 
     search: Search = "multistart"
     generations: int = 150  #: of a genetic search, at most
@@ -434,10 +427,7 @@ class Fit(Generic[At]):
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """Errors and 95 % intervals, widened where groups of blocks disagree.
-
-        The stage "intervals" is reported after each profile.
-        """
+        """Errors and 95 % intervals, widened where groups of blocks disagree; the stage "intervals" is reported."""
         finished, widen = self.finished, self.discrepancy.factor
         errors = Errors(
             point=finished.point,
@@ -565,10 +555,7 @@ def _optima(
     most_steps: int,
     run: Run,
 ) -> tuple[Descended[At], OtherOptimum | None]:
-    """Return the end of the descent from the better of two points (p,), and the other optimum if there is one.
-
-    They are compared before the states are renewed, which gains more than optima differ by and takes longest.
-    """
+    """Return the end of the descent from the better of two points (p,), before renewal, and the other optimum."""
     free = experiment.coordinates.free
     if also is None:
         return descend(experiment, start, free=free, most_steps=most_steps, run=run), None
@@ -587,13 +574,11 @@ def _optima(
 def _as_before(
     experiment: Experiment[At], point: NDArray[np.float64], no_influence: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well.
-
-    It may not: any friction above some size holds a wheel that never turns, and no friction does not.
-    """
+    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well."""
     own = experiment.coordinates.scaled(experiment.coordinates.nominal)
     before = np.where(no_influence, own, point)
     costs = experiment.costs(np.stack([point, before]))
+    # it may not: any friction above some size holds a wheel that never turns, and no friction does not
     return before if costs[1] < costs[0] + LARGEST_LOSS else point
 
 
@@ -662,8 +647,7 @@ def held_out_squares(
 ) -> NDArray[np.float64]:
     """Return the mean square error (w,) of each block by a fit that did not see it.
 
-    The groups of blocks are divided into `folds` parts, and the fit is repeated without each. `end` is the end of the
-    fit to all blocks; every block is in one group.
+    The fit is repeated without each of `folds` parts of the groups of blocks; `end` is the end of the fit to all.
     """
     squares, count = np.empty(len(end.states)), len(end.states)
     for fold in range(folds):
