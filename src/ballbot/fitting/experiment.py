@@ -222,10 +222,6 @@ class Residuals:
         """Return each block's equations, with the states eliminated."""
         return self.linearize(at).equations
 
-    def mean_squares(self, at: BlockErrors) -> NDArray[np.float64]:
-        """Return the mean square error of each block (w,)."""
-        return np.nan_to_num(np.bincount(self.block, at.errors**2) / np.bincount(self.block), nan=np.inf)
-
     @property
     def _numbers(self) -> NDArray[np.int64]:
         return np.arange(len(self.block_log)) if self.numbers is None else self.numbers

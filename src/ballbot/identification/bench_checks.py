@@ -68,8 +68,11 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
     if findings or not all(name in log for name in names):
         return findings
     omega, torques = (np.column_stack([log[name] for name in group]) for group in (BALL_NAMES, names))
-    rows, h = _pieces(omega, torques, log.sample_time), log.sample_time
-    if len(rows) < _LEAST_PIECES:
+    h = log.sample_time
+    length = max(2, round(_PIECE / h))
+    rows = np.arange(0, len(omega) - length, length)[:, None] + np.arange(length + 1)
+    rows = rows[np.isfinite(np.concatenate([omega[rows], torques[rows]], axis=2)).all(axis=(1, 2))]
+    if len(rows) < _LEAST_PIECES or not (np.any(torques) and np.any(omega)):
         return findings
     x, u = omega[rows], torques[rows]
     w = x[:, :-1] @ ball.A.T
@@ -132,14 +135,6 @@ def encoder_findings(
             "azimuths that differ from the robot file."
         )
     return (*frozen, error("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(A))))
-
-
-def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray[np.int64]:
-    """Return the rows (k, m) of pieces without a missing value; no pieces if nothing moves."""
-    rows = max(2, round(_PIECE / h))
-    within = np.arange(0, len(x) - rows, rows)[:, None] + np.arange(rows + 1)
-    complete = np.isfinite(np.concatenate([x[within], u[within]], axis=2)).all(axis=(1, 2))
-    return within[complete & bool(np.any(u) and np.any(x))]
 
 
 def _of_torques(

@@ -34,7 +34,7 @@ from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
 from ballbot.identification.stages import StageEstimate, file_findings
-from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time
+from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
@@ -105,37 +105,19 @@ def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
     return [np.concatenate([missing, slope, missing]) for slope in slopes]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallWindows:
-    """w windows of m samples each."""
-
-    initial: NDArray[np.float64]  #: (w, 3), initial Omega [rad/s]
-    torques: NDArray[np.float64]  #: (w, m, n) [N m]
-    measured: NDArray[np.float64]  #: (w, m, 3), Omega after each sample [rad/s]
-    spans: tuple[Span, ...]  #: (w,)
-    sample_time: float  #: [s]
-
-    def __len__(self) -> int:
-        return len(self.initial)
-
-    def take(self, rows: NDArray[np.int64]) -> BallWindows:
-        """Return the windows in these rows."""
-        columns = {name: getattr(self, name)[rows] for name in ("initial", "torques", "measured")}
-        return replace(self, **columns, spans=tuple(self.spans[row] for row in rows))
-
-    def predicted(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
-        """Return the predicted Omega (w, m, 3) [rad/s] with a friction."""
-        return simulate_balls(
-            ClampedBall.of_robot(robot),
-            friction=friction,
-            initial=self.initial,
-            torques=self.torques,
-            sample_time=self.sample_time,
-        )
+def predicted_velocity(windows: Windows, robot: Robot, friction: Friction) -> NDArray[np.float64]:
+    """Return the ball's predicted Omega (w, m, 3) [rad/s] with a friction."""
+    return simulate_balls(
+        ClampedBall.of_robot(robot),
+        friction=friction,
+        initial=windows.initial,
+        torques=windows.torques,
+        sample_time=windows.sample_time,
+    )
 
 
-def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
-    """Cut logs into complete windows of a duration [s] without rows at a limit; InputError if there are none."""
+def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> Windows:
+    """Cut logs into complete windows of Omega [rad/s] without rows at a limit; InputError if there are none."""
     sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
     initial, torques, measured, spans = [], [], [], []
@@ -152,10 +134,12 @@ def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> B
             f"No log has {duration:g} s without a gap, a missing value or a row at the limit of speed or torque; "
             "choose a shorter window."
         )
-    return BallWindows(
+    return Windows(
         initial=np.array(initial),
         torques=np.array(torques),
         measured=np.array(measured),
+        earlier=np.empty((len(spans), 0, robot.wheel_count)),
+        spin=np.full(len(spans), np.nan),
         spans=tuple(spans),
         sample_time=sample_time,
     )
@@ -376,7 +360,7 @@ def identify_upside_down(
     if robot.friction == frictions["none"]:
         del frictions["robot file"]
     squares = {
-        name: ((kept.predicted(robot, friction) - kept.measured) ** 2).mean(axis=1)
+        name: ((predicted_velocity(kept, robot, friction) - kept.measured) ** 2).mean(axis=1)
         for name, friction in frictions.items()
     }
     verdict = verdict_of(squares["found"], squares["none"], kept.spans)

@@ -109,12 +109,6 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
     return record_balance(twin, job.controller, reference, duration=duration, seed=seed, progress=progress)
 
 
-def recording_results(job: RecordJob, recording: Recording) -> dict[str, object]:
-    """Return the numbers of a run; a run on the bench has few."""
-    own = run_results(recording.run) if job.experiment == "balance" else {}
-    return {**own, **recording.results}
-
-
 def record_runs(
     job: RecordJob,
     seeds: Sequence[int],
@@ -144,7 +138,8 @@ def record_runs(
 def _made(job: RecordJob) -> dict[str, bytes]:
     """Return the files of a run; a worker need not see the folder that they are for."""
     recording = record_run(job)
-    texts = {**settings(job), "results.json": results_text(recording_results(job, recording))}
+    results = {**(run_results(recording.run) if job.experiment == "balance" else {}), **recording.results}
+    texts = {**settings(job), "results.json": results_text(results)}
     files = {name: text.encode() for name, text in texts.items()}
     with TemporaryDirectory() as name:
         for log_name, log in recording.logs.items():
