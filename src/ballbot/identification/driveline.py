@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +30,7 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
-from ballbot.summary import Summary, estimated, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, summarized
 
 #: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
@@ -155,7 +151,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DrivelineFit:
+class DrivelineFit(Plotted):
     """One driveline's friction."""
 
     wheel: int  #: from 1
@@ -185,10 +181,6 @@ class DrivelineFit:
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
             rows=(*rows, ("error of the speed", errors)),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the friction over speed."""
-        return plotted(self)
 
 
 def classical(values: NDArray[np.float64]) -> Classical:

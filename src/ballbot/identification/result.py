@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +39,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits
-from ballbot.summary import Summary, counted, estimated, first_texts, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, counted, estimated, first_texts, summarized
 
 #: logs disagree if the dry friction varies between them by more than this share of it (standard deviation)
 WIDELY = 0.5
@@ -52,7 +49,7 @@ ParameterTable = dict[str, list[float] | float]
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
+class Identification(Plotted):
     """The identified parameters of a robot, friction's 3 n + 3 first."""
 
     robot: Robot  #: with the friction found
@@ -193,10 +190,6 @@ class Identification:
             rows=(*rows, ("prediction error", error), ("windows", windows)),
             sentences=first_texts([*self.log_findings, *self.findings]),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of each wheel's identified friction over its speed, with a 95 % band."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""

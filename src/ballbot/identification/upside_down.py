@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +41,7 @@ from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
-from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, first_texts, listed, summarized
 
 #: the initial state of a window is the mean over so many samples on either side of its first
 NEIGHBOURS = 4
@@ -219,7 +215,7 @@ def momentum_balance(
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class UpsideDown:
+class UpsideDown(Plotted):
     """Friction of drivelines and ball-wheel contacts without the robot's weight on the ball; p = 3 n + 1 parameters."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
@@ -264,10 +260,6 @@ class UpsideDown:
             rows=(*rows, ("windows", windows)),
             sentences=(self.verdict.sentence, *first_texts(self.findings)),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of each wheel's friction over its speed."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""

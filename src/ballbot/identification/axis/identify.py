@@ -18,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +41,7 @@ from ballbot.identification.axis.motion import (
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
-from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
 
 #: length of a window [s]; shorter if the records would have fewer than `_LEAST_WINDOWS`
 WINDOW = 1.0
@@ -275,7 +271,7 @@ _NOTHING: Mapping[str, float] = MappingProxyType({})
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AxisIdentification:
+class AxisIdentification(Plotted):
     """Result of `identify_axis`."""
 
     records: tuple[str, ...]  #: names of the fitted records
@@ -306,10 +302,6 @@ class AxisIdentification:
             rows=(*rows, ("error elsewhere", expected)),
             sentences=first_texts(self.findings),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the gain of each law on held-out blocks over the simpler law."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
