@@ -53,33 +53,6 @@ _LOST = 1e150
 _PIECE, _SETS = 64, 4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cost:
-    """The cost that identification minimises: the mean over states of ln(error / error without friction).
-
-    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of
-    each state is one over its residuals' variance. Below 1e-6 of the error without friction it is level.
-    """
-
-    reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
-    counted: NDArray[np.bool_]  #: (10,), the states that it counts
-
-    def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
-        floor = self._floor()
-        ratios = (square_sums + floor) / (self.reference + floor)
-        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
-        return np.where(np.isfinite(cost), cost, np.inf)
-
-    def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
-        """Return the weights of states' residuals (10,), one over their deviation, from sums of `compared` squares."""
-        # the floor of the cost, and for a state that nothing moves any weight will do
-        return np.sqrt(compared / (square_sums + self._floor()))
-
-    def _floor(self) -> NDArray[np.float64]:
-        return 1e-12 * self.reference + np.finfo(float).tiny
-
-
 @dataclass(kw_only=True, eq=False)
 class _Slopes:
     """Derivatives of the residuals of n windows; those by parameters are computed when they are first needed."""
@@ -145,7 +118,12 @@ def _squares(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Balancing:
-    """The experiment: windows, and parameters to fit."""
+    """The experiment: windows, and parameters to fit.
+
+    The cost is the mean over states of ln(error / error without friction), errors being root mean squares over windows
+    and time. Its gradient is that of least squares in which the weight of each state is one over its residuals'
+    variance. Below 1e-6 of the error without friction it is level.
+    """
 
     predictor: Predictor
     windows: Windows
@@ -160,15 +138,22 @@ class Balancing:
     dependences = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
 
     @cached_property
-    def cost(self) -> Cost:
-        """The cost that a fit minimises."""
+    def _relative_to(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The sums of squares (10,) that the cost is relative to, and its floor."""
         reference = self.reference
         if reference is None:
             before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
             none = self.predictor.layout.without_friction(before)[None]
             every = self.windows.comparison_interval
             reference = self.predictor.square_sums(none, self.windows, every=every)[0]
-        return Cost(reference=reference, counted=self.counted)
+        return reference, 1e-12 * reference + np.finfo(float).tiny
+
+    def _cost(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
+        reference, floor = self._relative_to
+        ratios = (square_sums + floor) / (reference + floor)
+        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
+        return np.where(np.isfinite(cost), cost, np.inf)
 
     @property
     def block_log(self) -> NDArray[np.int64]:
@@ -201,7 +186,7 @@ class Balancing:
         squares = self.executor(_called, self._work, pieces)
         for first in range(0, len(squares), len(self._rows)):
             of_group = np.concatenate(squares[first : first + len(self._rows)], axis=1)
-            costs.append(self.cost(of_group.sum(axis=1)))
+            costs.append(self._cost(of_group.sum(axis=1)))
         return np.concatenate(costs)
 
     def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
@@ -319,7 +304,8 @@ class Balancing:
         others: NDArray[np.float64],
     ) -> WindowsIterate:
         squares = (residuals**2).sum(axis=(0, 1))
-        by_state = self.cost.weights(squares, self.compared)
+        # the floor of the cost: for a state that nothing moves any weight will do
+        by_state = np.sqrt(self.compared / (squares + self._relative_to[1]))
         weights = np.tile(np.where(self.counted, by_state, 0.0), (residuals.shape[1], 1))
         weights[0] = by_state  # otherwise nothing would determine the start of a state that does not count
         return WindowsIterate(
@@ -327,7 +313,7 @@ class Balancing:
             starts=starts,
             residuals=residuals,
             weights=weights,
-            cost=float(self.cost(squares)),
+            cost=float(self._cost(squares)),
             slopes=slopes,
             ties=ties,
             others=others,
