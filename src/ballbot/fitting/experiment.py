@@ -27,7 +27,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, ParameterSpace
+from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.uncertainty import WindowEquations
 
 
@@ -303,7 +303,7 @@ class Residuals:
 def residuals_without_states(
     residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     *,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FitParameter],
     block: NDArray[np.int64],
     block_log: NDArray[np.int64] | None = None,
     derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,

@@ -39,7 +39,7 @@ from ballbot.findings import Finding, note
 from ballbot.fitting.experiment import BlockErrors, residuals_without_states
 from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
@@ -177,9 +177,9 @@ class GeometryQuantity:
         return abs(self.in_file - self.value + turn) > max(CLEAR * self.standard_error, self.slip)
 
 
-def _azimuths(robot: Robot) -> list[Parameter]:
+def _azimuths(robot: Robot) -> list[FitParameter]:
     return [
-        Parameter.about(f"wheels.azimuths[{i}]", azimuth, "rad", within=0.5 * math.pi)
+        FitParameter.about(f"wheels.azimuths[{i}]", azimuth, "rad", within=0.5 * math.pi)
         for i, azimuth in enumerate(robot.wheels.azimuths)
     ]
 
@@ -192,7 +192,7 @@ _LARGEST_CONDITION = 1e10
 
 def _fitted(
     kind: str,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FitParameter],
     residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     clusters: NDArray[np.int64],
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
@@ -252,10 +252,10 @@ def _of_rolling(
 
     length = robot.wheels.radius / math.cos(robot.wheels.tilt)
     parameters = [
-        Parameter.about("wheels.radius / cos(wheels.tilt)", length, "m", factor=2.0),
+        FitParameter.about("wheels.radius / cos(wheels.tilt)", length, "m", factor=2.0),
         *_azimuths(robot),
-        Parameter.about("leaning seen", 1.0, "1", within=2.0),
-        Parameter.about("delay of the encoders", 0.0, "s", within=0.5),
+        FitParameter.about("leaning seen", 1.0, "1", within=2.0),
+        FitParameter.about("delay of the encoders", 0.0, "s", within=0.5),
     ]
     return _fitted(BALANCING, parameters, residuals, clusters)
 
@@ -278,12 +278,12 @@ def _of_upside_down(
         return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axles(p[2 : 2 + n], p[1]).T
 
     parameters = [
-        Parameter.about("ball.radius / wheels.radius", ratio, "1", factor=2.0),
-        Parameter.about("wheels.tilt", robot.wheels.tilt, "rad", within=0.5),
+        FitParameter.about("ball.radius / wheels.radius", ratio, "1", factor=2.0),
+        FitParameter.about("wheels.tilt", robot.wheels.tilt, "rad", within=0.5),
         *_azimuths(robot),
-        Parameter.about("camera tilt about x", 0.0, "rad", within=1.0),
-        Parameter.about("camera tilt about y", 0.0, "rad", within=1.0),
-        Parameter.about("camera delay", 0.0, "s", within=0.5),
+        FitParameter.about("camera tilt about x", 0.0, "rad", within=1.0),
+        FitParameter.about("camera tilt about y", 0.0, "rad", within=1.0),
+        FitParameter.about("camera delay", 0.0, "s", within=0.5),
     ]
     quantities, common_fit = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
     # without assuming a wheel's direction: the length of its row of G (n, 3) in wheels = turns G^T

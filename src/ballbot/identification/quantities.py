@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
-from ballbot.fitting.parameter import Limits, Parameter, ParameterSpace, Scale
+from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
 from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
@@ -117,9 +117,9 @@ class Quantity:
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
-    def parameter(self, label: str, bounds: Limits, default: float) -> Parameter:
+    def parameter(self, label: str, bounds: Limits, default: float) -> FitParameter:
         """Return its number with that label as a parameter of a fit."""
-        return Parameter(
+        return FitParameter(
             name=self.name,
             symbol=label,
             unit=self.unit,

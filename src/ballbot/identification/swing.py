@@ -34,7 +34,7 @@ from ballbot.findings import Finding, error, finding, finding_results, note, war
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
@@ -192,12 +192,12 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     viscous = omega * math.log(1.0 / _SMALLEST) / (math.pi * _LEAST_SWINGS)
     dry = omega**2 * amplitude / (4.0 * _LEAST_SWINGS)
     parameters = (
-        Parameter.about("omega_n^2", omega**2, "1/s^2", factor=4.0),
-        Parameter.about("beta", 0.0, "1/s", within=viscous),
-        Parameter.about("kappa", 0.0, "1/s^2", within=dry),
-        Parameter.about("first angle", 0.0, "rad", within=4.0),
-        Parameter.about("first rate", 0.0, "rad/s", within=4.0 * omega),
-        Parameter.about("zero", 0.0, "rad" if angular else "rad/s", within=abs(zero) + 4.0 * size),
+        FitParameter.about("omega_n^2", omega**2, "1/s^2", factor=4.0),
+        FitParameter.about("beta", 0.0, "1/s", within=viscous),
+        FitParameter.about("kappa", 0.0, "1/s^2", within=dry),
+        FitParameter.about("first angle", 0.0, "rad", within=4.0),
+        FitParameter.about("first rate", 0.0, "rad/s", within=4.0 * omega),
+        FitParameter.about("zero", 0.0, "rad" if angular else "rad/s", within=abs(zero) + 4.0 * size),
     )
     block = np.minimum((swing.t - swing.t[0]) // swing.period, swing.swings // 1.0 - 1.0).astype(np.int64)
     experiment = residuals_without_states(

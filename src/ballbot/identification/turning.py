@@ -28,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
 from ballbot.log.pose import Poses
 
@@ -313,10 +313,10 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
 
 #: changes of clock and rotation from the start of the fit, and the bias of the gyro
 _PARAMETERS = (
-    Parameter.about("offset in the middle", 0.0, "s", within=2.0),
-    Parameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
-    *(Parameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
-    *(Parameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
+    FitParameter.about("offset in the middle", 0.0, "s", within=2.0),
+    FitParameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
+    *(FitParameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
+    *(FitParameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
 )
 
 

@@ -28,7 +28,7 @@ from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
-from ballbot.fitting.parameter import Parameter, ParameterSpace
+from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
@@ -113,7 +113,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
     )
 
 
-def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[Parameter, ...]:
+def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[FitParameter, ...]:
     """Return the parameters, with bounds from the largest force, speed and acceleration in the records."""
     force, speed, acceleration = (
         max(float(np.abs(values).max()) for values in column)
