@@ -21,6 +21,7 @@ from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
+from tests.workflows.test_excite import assert_errors_are_those_expected
 
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
 #: an inner step of 2.5 ms changes a cost by 1e-4, and takes 2.5 times less work; profiles have tests of their own
@@ -54,6 +55,11 @@ def test_known_friction_is_found_within_its_standard_errors(found):
     )  # 8 s of every 28 s, and windows across the edges
 
 
+@pytest.mark.slow
+def test_errors_are_those_that_excite_expects(found):
+    assert_errors_are_those_expected(found, balancing_log())
+
+
 def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> Identification:
     return identify(
         alten(),
@@ -61,12 +67,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         bounds=bounds,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(
-            search_windows=24,
-            most_steps=4,
-            step=2.5e-3,
-            most_profiles=0,
-        ),
+        options=IdentificationOptions(search_windows=24, most_steps=4, step=2.5e-3, most_profiles=0),
         run=run,
     )
 
