@@ -52,7 +52,7 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     if findings:
         return tuple(findings)
     gains, explained = np.zeros(len(sweeps)), np.zeros(len(sweeps))
-    for i in np.flatnonzero([np.any(sweep.speed) for sweep in sweeps]):
+    for i in np.flatnonzero([np.any(sweep.speed) for sweep in sweeps]).tolist():
         inverse = inverse_model([motion_of(sweeps[i].record())], AxisModel(law="coulomb"))
         explained[i] = max(inverse.explained, 0.0)
         # without relation between torque and motion there is no gain

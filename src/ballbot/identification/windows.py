@@ -131,8 +131,8 @@ def cut_windows(
     spans = list[Span]()
     for number, log in enumerate(logs):
         values = np.column_stack([log[name] for name in names])
-        for name, known in zip(names, np.isfinite(values).any(axis=0), strict=True):
-            if not known:
+        for name, column in zip(names, values.T, strict=True):
+            if not np.isfinite(column).any():
                 raise InputError(
                     f"{_named(number + 1, logs)}'s column {name} has no value in any row; identification needs it."
                 )
