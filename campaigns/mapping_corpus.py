@@ -12,8 +12,6 @@ asked    something is asked for, or the log is refused
 wrong    anything else
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections import Counter

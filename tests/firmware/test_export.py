@@ -112,11 +112,6 @@ def test_gain_of_another_robot_is_refused():
         export_controller(Controller(ROBOT, -controller.gain))
 
 
-def test_number_beyond_single_precision_is_refused():
-    with pytest.raises(InputError, match=r"parameters\.law\.torque_limit is 1e\+40"):
-        export_controller(Controller(ROBOT, nominal_controller(ROBOT).gain, torque_limit=1e40))
-
-
 def test_policy_too_large_for_firmware_is_refused():
     with pytest.raises(InputError, match="has 65 units in a hidden layer; firmware can have up to 64"):
         export_controller(with_policy(nominal_controller(ROBOT), units=65))

@@ -1,13 +1,11 @@
 """Start states estimated together with the parameters: the equations, and what they are good for."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from ballbot.fitting.fit import descend, profile
 from ballbot.fitting.run import Threads
-from ballbot.fitting.uncertainty import WindowEquations, block_length, bootstrap, covariance, resamples
+from ballbot.fitting.uncertainty import WindowEquations, covariance
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Bounds, scale_between
@@ -104,21 +102,6 @@ def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(prob
     assert normal.scores.sum(axis=0)[3] == pytest.approx(expected, rel=0.1)
 
 
-@pytest.mark.sample
-def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
-    free, count = problem.coordinates.free, len(problem.windows)
-    errors = bootstrap(finished.equations, free, seed=1).std(axis=0)
-    shifts = bootstrap(finished.equations, free, seed=0, repeats=1)
-    drawn = resamples(count, block=block_length(count), repeats=1, seed=0)
-    for times, shift in zip(drawn, shifts, strict=True):
-        rows = np.repeat(np.arange(count), times.astype(int))
-        resampled = replace(problem, windows=problem.windows.take(rows))
-        anew = descend(resampled, finished.point, free=free, most_steps=40)
-        # curvature: second order in shifts of a standard error or two
-        np.testing.assert_allclose(shift / errors, (anew.point - finished.point) / errors, atol=1.0)
-        assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
-
-
 @pytest.mark.slow
 def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     problem = problem_of(seed=2, bounds=HELD)
@@ -132,14 +115,3 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     # rise = ((p - p^) / error)^2, found to a tenth, which is a twentieth of the distance; sticking bends the rest
     assert found.point[place] - lower == pytest.approx(2.0 * independent, rel=0.15)
     assert upper - found.point[place] == pytest.approx(2.0 * independent, rel=0.15)
-
-
-def test_slopes_that_are_known_are_not_taken_again():
-    problem = problem_of(seed=2, duration=20.0)
-    point = problem.coordinates.scaled(1.2 * TRUTH)
-    some, own = problem.begin(point), problem.linearize(problem.begin(point))
-    # windows are worked on 64 at a time: none of the first ones lacks its slopes
-    some.slopes.known[:64] = True
-    of_some = problem.linearize(some)
-    assert len(own.g) > 64
-    np.testing.assert_array_equal(of_some.g[64:], own.g[64:])

@@ -10,7 +10,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.learning.lanes import TaskLanes
-from ballbot.learning.learn import base_controller, confirm, learn, policy_of
+from ballbot.learning.learn import base_controller, confirm, film, learn, policy_of
 from ballbot.learning.ppo import Training, forward, new_layers
 from ballbot.learning.tasks import task_named
 from ballbot.twin.scenario import Scenario
@@ -88,6 +88,20 @@ def test_stopped_by_the_user_it_keeps_what_it_has():
     learned = learn(ROBOTS, task_named("drive"), training=SMALL, run=Run(seed=0, progress=stop))
     assert learned.stopped
     assert len(learned.curve) == 1
+
+
+def test_film_has_the_robot_after_the_seconds_of_learning(monkeypatch):
+    clock = iter([0.0, 4.0, 9.0, 14.0, 20.0, 25.0, 30.0])
+    monkeypatch.setattr("ballbot.learning.learn.monotonic", lambda: next(clock))
+    learned = learn(ROBOTS, task_named("balance"), training=replace(SMALL, updates=6))
+    assert list(learned.stages) == [0.0, 4.0, 9.0, 30.0]
+    np.testing.assert_array_equal(learned.stages[30.0].packed, learned.controller.packed)
+    # before the first update it gives hardly any torque
+    state = np.array([0.0, 0.0, 0.1, *7 * [0.0]])
+    assert np.abs(learned.stages[0.0].update(0.0, state, np.zeros(10))).max() < 0.1
+    runs = film(learned, KNOWN, Scenario.named("nominal", KNOWN))
+    assert list(runs) == [f"after {seconds} s" for seconds in (0, 4, 9, 30)]
+    assert runs["after 0 s"].ended
 
 
 def test_policy_for_another_sample_time_is_refused():

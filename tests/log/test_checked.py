@@ -9,7 +9,6 @@ from ballbot import Log
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification import identify
-from ballbot.log.checks import CheckedLogs, checked_logs
 from tests.support.identification_examples import alten, balancing_log, noisy
 from tests.support.validation_examples import true_robot
 
@@ -78,18 +77,3 @@ def test_python_functions_check_their_logs(good, bad):
         ballbot.validate(true_robot(), bad)
     with pytest.raises(InputError, match=r"^bad: .*accept=\['sign'\]"):
         ballbot.study(alten(), {"good": good, "bad": bad})
-
-
-def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):
-    calls = []
-
-    def count(logs, *, robot):
-        calls.append((logs, robot))
-        return ()
-
-    monkeypatch.setattr("ballbot.log.checks.check_logs", count)
-    checked = checked_logs(alten(), good)
-    assert checked_logs(alten(), checked) is checked
-    assert len(calls) == 1
-    checked_logs(alten(), CheckedLogs.simulated(good))
-    assert len(calls) == 1
