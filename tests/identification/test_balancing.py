@@ -22,7 +22,7 @@ STEP = 2.5e-3  # [s], inner step of the fits; it moves a cost by 1e-4 of itself
 def problem_of(*, seed: int, bounds: Bounds | None = None, duration: float = DURATION) -> Balancing:
     """Return the fit of a noisy log; where there are bounds, of what they free, the rest held at the truth."""
     coordinates = scale_between(alten(), bounds=bounds)
-    predictor = Predictor(robot=alten(), formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
+    predictor = Predictor(robot=alten(), step=STEP, layout=coordinates.layout, threads=1)
     log = noisy(balancing_log(duration=duration), seed=seed)
     windows = cut_windows([log], wheel_count=3, duration=0.25)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1))
