@@ -16,7 +16,7 @@ from ballbot.arrays import MOST_CELLS, MOST_ROWS, rows_between
 from ballbot.cli.main import main
 from ballbot.files import read_text
 from ballbot.identification.quantities import read_bounds
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.stages import read_sweep
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
