@@ -58,21 +58,9 @@ class RunFolder(Generic[Made, Finished]):
     ) -> dict[str, Finished]:
         """Make the missing runs, and return all runs by name, in the order of `runs`.
 
-        Parameters
-        ----------
-        make : callable
-            Makes a run from its piece; see `ballbot.fitting.run.Executor.each`.
-        runs : mapping
-            The piece of each run by the name of its file in the folder.
-        workers : Executor
-        stage : str
-            Name of the stage for the progress, which is reported after each run.
-        progress : callable, optional
-
-        Raises
-        ------
-        InputError
-            If the folder holds runs with other inputs, or a run cannot be made or written.
+        `make` makes a run from its piece (`ballbot.fitting.run.Executor.each`), and `runs` has the piece of each run by
+        the name of its file. Progress is reported after each run. InputError if the folder holds runs with other
+        inputs, or a run cannot be made or written.
         """
         self._check(runs)
         found = {name: run for name in runs if (run := self.read(self.path / name)) is not None}
