@@ -193,26 +193,26 @@ def identify(
     known: dict[str | None, LawCandidate] = {}
     for candidate in LAWS:
         inner = over = known.get(candidate.within)
-        found = fitted(candidate.name, inner and inner.found)
+        by_law = fitted(candidate.name, inner and inner.found)
         while over and not over.accepted:
             over = known.get(over.law.within)
         known[candidate.name] = LawCandidate(
             law=candidate,
-            found=found,
-            gain=_gain(found, inner),
+            found=by_law,
+            gain=_gain(by_law, inner),
             over=over and over.law.name,
-            gain_over=_gain(found, over),
-            error=1.0 - _gain(found, None).share,
+            gain_over=_gain(by_law, over),
+            error=1.0 - _gain(by_law, None).share,
         )
     selection = LawSelection(candidates=tuple(known.values()))
     return replace(selection.best.found, selection=selection)
 
 
-def _gain(found: Identification, other: LawCandidate | None) -> Gain:
+def _gain(own: Identification, other: LawCandidate | None) -> Gain:
     """Return the gain over another law, or over no friction."""
-    theirs = found.held_out.squares_without if other is None else other.found.held_out.squares_with
-    ours, counted = found.held_out.squares_with, found.counted
-    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(found.held_out.spans))
+    theirs = own.held_out.squares_without if other is None else other.found.held_out.squares_with
+    ours, counted = own.held_out.squares_with, own.counted
+    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(own.held_out.spans))
 
 
 def _identified(
