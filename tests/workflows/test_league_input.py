@@ -204,9 +204,7 @@ def test_the_benchmark_can_be_run_on_every_preset(preset):
 
 def test_a_course_with_an_unknown_metric_is_refused(tmp_path):
     (tmp_path / "courses.toml").write_text(COURSE + 'metrics = ["peak_leen"]')
-    with pytest.raises(
-        InputError, match=r"\[mine.one\]: There is no metric 'peak_leen'; did you mean 'peak_lean'"
-    ):
+    with pytest.raises(InputError, match=r"\[mine.one\]: .* no metric 'peak_leen'; did you mean 'peak_lean'"):
         choose_courses(str(tmp_path / "courses.toml"), alten(), "model")
 
 
