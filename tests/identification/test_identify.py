@@ -214,7 +214,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     assert np.isfinite([*known[:9], known[11]]).all()
 
 
-PREDICTOR = Predictor(robot=Robot.load("alten"), formulation="exact", step=1e-3)
+PREDICTOR = Predictor(robot=Robot.load("alten"), step=1e-3)
 #: b, c, s of three wheels and C_rr are amounts of friction; v_s and delta are its form
 AMOUNTS = np.array([*range(9), 11])
 
