@@ -4,8 +4,6 @@
 .venv/bin/python -m campaigns.killed_policies 1000000      with at least so many episodes: half an hour of two cores
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle
@@ -120,20 +118,8 @@ def campaign(episodes: int = EPISODES) -> Section:
         before=f"{len(TASKS)} tasks x {len(KINDS)} randomisations x {len(runs) // (len(TASKS) * len(KINDS))} seeds, "
         f"each policy trained by {UPDATES} updates in episodes of {EPISODE:g} s, first in one process, then by a Dask "
         "LocalCluster of 2 workers, of which one is killed with SIGKILL while it works, again and again.",
-        columns=[
-            "policies",
-            "episodes",
-            "workers killed",
-            "files of the same bytes",
-        ],
-        rows=[
-            [
-                str(len(runs)),
-                f"{ended:,}",
-                str(killed),
-                f"{same} of {len(runs)}",
-            ]
-        ],
+        columns=["policies", "episodes", "workers killed", "files of the same bytes"],
+        rows=[[str(len(runs)), f"{ended:,}", str(killed), f"{same} of {len(runs)}"]],
         after="`python -m campaigns.killed_policies 1000000` does the same with a million episodes.",
     )
 

@@ -8,8 +8,6 @@ identification, or uniform boxes. Then each does its task on the true robot. Wha
 build/randomisation.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,11 +38,7 @@ TASKS = ("balance", "drive")
 #: nothing was developed on these twins, and the spread between logs was not fitted to them
 HELD_OUT = UNSEEN[:10]
 #: what robots a policy is trained on, in words
-KINDS = {
-    "none": "as identified",
-    "boxes": "boxes",
-    "found": "drawn from the identification",
-}
+KINDS = {"none": "as identified", "boxes": "boxes", "found": "drawn from the identification"}
 #: half as long as usual: no episode falls any more after 15 to 25 updates
 TRAINING = Training(updates=30)
 #: runs of a policy on the true robot, on the loop and on the twin (True), and their length [s]
@@ -52,16 +46,7 @@ RUNS, DURATION = {False: 20, True: 1}, 15.0
 #: a velocity's error counts so long after another one is asked for [s]
 _REACHED = 2.0
 _RESAMPLED = 10_000
-PACKAGES = (
-    "mechanics",
-    "simulation",
-    "control",
-    "estimation",
-    "robot",
-    "twin",
-    "learning",
-    "identification",
-)
+PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "learning", "identification")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,13 +104,7 @@ def tried(run: PolicyRun) -> dict[bool, list[Trial]]:
     controller, found = learned(run).controller, dict[bool, list[Trial]]()
     for twin, count in RUNS.items():
         conditions = fresh_conditions(
-            run.of,
-            controller.robot,
-            drawn(run.seed),
-            runs=count,
-            duration=DURATION,
-            seed=run.seed,
-            twin=twin,
+            run.of, controller.robot, drawn(run.seed), runs=count, duration=DURATION, seed=run.seed, twin=twin
         )
         runs = [GridRun(candidate=run.kind, controller=controller, condition=each) for each in conditions]
         answers = run_grid(runs, partial(_trial, run.task), workers=Threads(count=1), threads=1).answers
