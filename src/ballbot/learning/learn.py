@@ -335,7 +335,7 @@ def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAU
     """Return runs on the loop of what had been learned after some seconds, each from the same start until it falls."""
     (condition,) = _conditions(learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed)
     runs = [
-        GridRun(candidate=f"after {seconds:.0f} s", controller=controller, condition=condition)
+        GridRun(candidate=f"{seconds:.0f} s", controller=controller, condition=condition)
         for seconds, controller in learned.stages.items()
     ]
     logs = run_grid(runs, lambda _, log: log, run=run).answers
