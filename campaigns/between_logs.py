@@ -10,8 +10,6 @@ which the statistics were developed too; the robots judged are others. Logs and 
 that an interrupted campaign continues; delete the folder after a change of the measurement.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

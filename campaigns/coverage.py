@@ -5,8 +5,6 @@
 Finished repeats are kept in build/coverage and are not repeated: an interrupted campaign continues.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

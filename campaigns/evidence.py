@@ -4,8 +4,6 @@
 .venv/bin/python -m campaigns.evidence convergence     these only; the other sections stay as they are
 """
 
-from __future__ import annotations
-
 import platform
 import re
 import sys

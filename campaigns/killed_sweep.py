@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.evidence killed_sweep
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile

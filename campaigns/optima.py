@@ -7,8 +7,6 @@ campaigns/course_robot.py); all twelve parameters of friction are estimated from
 followed by the same descent on all windows.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Sequence

@@ -9,8 +9,6 @@ C. Gwerder, Modeling and Control of a Ballbot, ETH Zurich, 2010. Of ROB 311 and 
 published; CMU's planar equations are public (alpha, beta, gamma below) and with massless wheels they must be ours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

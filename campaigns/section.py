@@ -1,7 +1,5 @@
 """What campaigns share: a section of docs/generated/evidence.md, figures of documents, the folder of public data."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

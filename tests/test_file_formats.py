@@ -106,9 +106,7 @@ def test_file_of_the_present_format_reads_as_one_without_it(kind: Kind, tmp_path
         ("courses", "[mine.one]\nunlike = { mass = 1.1 }", "mine.one.unlike: call it mismatch"),
     ],
 )
-def test_key_of_an_earlier_version_is_refused_with_what_to_write(
-    kind: Kind, lines: str, sentence: str, tmp_path: Path
-) -> None:
+def test_key_of_an_earlier_version_is_refused_with_what_to_write(kind, lines, sentence, tmp_path):
     path = tmp_path / "old.toml"
     path.write_text(lines, encoding="utf-8")
     with pytest.raises(InputError, match=sentence):
@@ -145,9 +143,7 @@ def test_file_of_another_kind_is_refused(kind: Kind, tmp_path: Path) -> None:
         READERS[kind](path)
 
 
-def test_results_state_their_format_and_the_version(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_results_state_their_format_and_the_version(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     smooth_log(rows=400).write(tmp_path / "log.csv")
     assert main(["check-log", "log.csv", "--out", "out", "--json"]) == 0

@@ -89,12 +89,8 @@ REFUSALS = [
 
 @pytest.mark.parametrize(("line", "sentence"), REFUSALS)
 def test_bad_command_line_is_answered_in_one_sentence_before_any_work(
-    line: str,
-    sentence: str,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    line, sentence, capsys, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     smooth_log(rows=400).write(tmp_path / "log.csv")
     assert main(line.split()) == 2

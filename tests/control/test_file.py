@@ -82,20 +82,12 @@ def file_of_every_part() -> str:
     ("good", "bad", "sentence"),
     [
         ("sample_time = 0.005", "", "sample_time is missing"),
-        (
-            "sample_time = 0.005",
-            "sample_time = -0.005",
-            "sample_time is -0.005; it must be above 0",
-        ),
+        ("sample_time = 0.005", "sample_time = -0.005", "sample_time is -0.005; it must be above 0"),
         ("sample_time = 0.005", "sample_time = nan", "sample_time is nan"),
         ("sample_time = 0.005", "sample_time = 0.005\ngains = 3", "gains is not a key of a controller file"),
         ('compensation = "full"', 'compensation = "most"', "compensation is 'most'"),
         ("gain = [\n  [", "gain = [\n  [1.0, ", r"gain\[1\] has 11 entries; it must have at most 10"),
-        (
-            "gain = [\n",
-            "gain = [\n  [0, 0, 0, 0, 0, 0, 0, 0, 0, 0],\n",
-            "gain has 4 rows; .* has 3 wheels",
-        ),
+        ("gain = [\n", "gain = [\n  [0, 0, 0, 0, 0, 0, 0, 0, 0, 0],\n", "gain has 4 rows; .* has 3 wheels"),
         ("gain = [\n", 'gain = [\n  ["much"],\n', r"gain\[1\]"),
         ("viscous = [0.014", "viscous = [-0.014", r"friction.viscous\[0\] is -0.014"),
         ("rolling = 0.007", "rolling = 0.007\nstatic = 3", "friction.static is not a key"),

@@ -1,7 +1,5 @@
 """The estimators in C against those in Python, on readings with and without gaps."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

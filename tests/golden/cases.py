@@ -5,8 +5,6 @@ A case runs in a working folder that all cases share, and writes into the folder
 before it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

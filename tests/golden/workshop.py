@@ -1,7 +1,5 @@
 """Runs cases in a working folder of their own, each once, and keeps goldens."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil

@@ -92,9 +92,7 @@ def test_a_fit_of_motors_as_one_says_so_and_has_one_number_for_them(monkeypatch)
         noisy(balancing_log(), seed=4).between(6.0, 10.0),
         law="coulomb",
         window=0.1,
-        options=IdentificationOptions(
-            generations=8, population=12, gauss_newton_steps=4, step=2.5e-3, most_profiles=0
-        ),
+        options=IdentificationOptions(gauss_newton_steps=4, step=2.5e-3, most_profiles=0),
     )
     assert next(one.text for one in found.findings if one.code == "motors-alike").startswith("Motors alike: ")
     for symbol in ("b", "c"):

@@ -21,13 +21,12 @@ from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
+from tests.workflows.test_excite import assert_errors_are_those_expected
 
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
 #: an inner step of 2.5 ms changes a cost by 1e-4, and takes 2.5 times less work; profiles have tests of their own
 #: (test_balancing.py, tests/fitting/test_intervals.py)
-BRIEF = IdentificationOptions(
-    generations=10, population=14, evolution_windows=24, step=2.5e-3, most_profiles=0
-)
+BRIEF = IdentificationOptions(evolution_windows=24, step=2.5e-3, most_profiles=0)
 #: v_s and delta held at the truth where others are looked at: the search follows their long valley in half of its steps
 HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
 
@@ -56,6 +55,11 @@ def test_known_friction_is_found_within_its_standard_errors(found):
     )  # 8 s of every 28 s, and windows across the edges
 
 
+@pytest.mark.slow
+def test_errors_are_those_that_excite_expects(found):
+    assert_errors_are_those_expected(found, balancing_log())
+
+
 def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> Identification:
     return identify(
         alten(),
@@ -64,12 +68,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         window=0.1,
         seed=3,
         options=IdentificationOptions(
-            generations=12,
-            population=12,
-            evolution_windows=24,
-            gauss_newton_steps=4,
-            step=2.5e-3,
-            most_profiles=0,
+            evolution_windows=24, gauss_newton_steps=4, step=2.5e-3, most_profiles=0
         ),
         run=run,
     )

@@ -70,13 +70,7 @@ def ladder() -> LawSelection:
             window=0.1,
             seed=3,
             options=IdentificationOptions(
-                warm_start=start,
-                generations=3,
-                population=8,
-                evolution_windows=16,
-                gauss_newton_steps=4,
-                most_profiles=0,
-                step=5e-3,
+                warm_start=start, evolution_windows=16, gauss_newton_steps=4, most_profiles=0, step=5e-3
             ),
         )
 

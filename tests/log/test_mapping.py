@@ -13,9 +13,8 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, quaternion_angles
 from ballbot.log.mapping import DutyTable, read_mapping
-from ballbot.log.pose import with_position
+from ballbot.log.pose import wheel_speeds_of_states, with_position
 from ballbot.log.signals import without_holes, without_resets
-from ballbot.log.wheel_speeds import wheel_speeds_of_states
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 

@@ -10,14 +10,7 @@ from ballbot.errors import InputError
 from ballbot.log import proposal as proposal_module
 from ballbot.log.mapping import DutyTable, parse_mapping
 from ballbot.log.mapping_search.motion import Stated, _continued
-from ballbot.log.proposal import (
-    MOST_LINES,
-    Evaluation,
-    answer_lines,
-    contradictions,
-    evaluate,
-    propose,
-)
+from ballbot.log.proposal import MOST_LINES, Evaluation, answer_lines, contradictions, evaluate, propose
 from campaigns.foreign_logs import Habits
 from tests.support.foreign_log_examples import (
     COURSE,

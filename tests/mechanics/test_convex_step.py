@@ -1,7 +1,5 @@
 """The convex step: its minimiser against Clarabel's and its conditions, friction's work, break-away, rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -68,9 +66,7 @@ def test_the_minimiser_of_friction_by_direction_is_clarabel_s(shape: tuple[int, 
 
 @given(shapes, st.integers(0, 2**32 - 1), st.sampled_from(KINDS))
 @settings(max_examples=80, deadline=None)
-def test_friction_s_power_is_that_of_its_limits_and_never_drives(
-    shape: tuple[int, bool], seed: int, kind: Kind
-) -> None:
+def test_friction_s_power_is_that_of_its_limits_and_never_drives(shape, seed, kind):
     """M (nu_free - nu)/h . nu = sum g_i |C_i nu| + rho |nu_xy| >= 0: what the law takes, from an impulse that is."""
     rng = np.random.default_rng(seed)
     problem = random_problem(rng, wheel_count=shape[0], pivoting=shape[1], kind=kind)
@@ -139,9 +135,7 @@ def test_the_engine_s_step_meets_the_optimality_conditions(wheel_count: int, piv
     st.booleans(),
 )
 @settings(max_examples=60, deadline=None)
-def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(
-    limits: list[float], shares: list[float], wheel: int, direction: float, excess: float, beyond: bool
-) -> None:
+def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(limits, shares, wheel, direction, excess, beyond):
     """Upright at rest, the others under torques they hold: nothing moves up to c + s, and beyond it the wheel does."""
     friction = replace(
         FRICTION,

@@ -1,7 +1,5 @@
 """The one page of every command: what it shows, what it escapes, and that it stays small and whole."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

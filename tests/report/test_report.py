@@ -1,7 +1,5 @@
 """The report's texts and figures; its whole page is tested with the study."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from xml.etree import ElementTree

@@ -131,9 +131,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("old", "new", "says"), MISTAKES)
-def test_each_mistake_raises_one_sentence_naming_the_file(
-    old: str, new: str, says: str, tmp_path: Path
-) -> None:
+def test_each_mistake_raises_one_sentence_naming_the_file(old, new, says, tmp_path):
     assert old in TEXT
     with pytest.raises(InputError, match=says) as caught:
         read(TEXT.replace(old, new, 1), tmp_path)

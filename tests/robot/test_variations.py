@@ -149,6 +149,19 @@ class TestPropagation:
             )
         assert all(one.ball == ALTEN.ball for one in drawn)
 
+    def test_further_errors_are_added_and_those_of_one_number_are_the_same(self):
+        friction = replace(ALTEN.friction, coulomb=(0.2, 0.2, 0.2))
+        one = Correlation(of=("friction.coulomb[0]", "friction.coulomb[1]"), lower=((1.0,), (1.0, 1.0)))
+        known = ALTEN.replace(friction=friction).annotated(
+            standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)}, correlation=one
+        )
+        further = {f"friction.coulomb[{wheel}]": 0.02 for wheel in range(3)}
+        drawn = np.array([each.friction.coulomb for each in draw_robots(known, 400, seed=1, further=further)])
+        # of 400, a standard deviation has a standard error of 3.5 %
+        assert drawn.std(axis=0) == pytest.approx(math.hypot(0.01, 0.02), rel=0.12)
+        assert np.array_equal(drawn[:, 0], drawn[:, 1])
+        assert abs(np.corrcoef(drawn[:, 1:].T)[0, 1]) < 0.2
+
     def test_draws_that_are_no_robot_are_drawn_again_or_refused(self):
         slight = known_to({"ball.inertia": 0.001})  # a third lies beyond a thin shell's, with its margin
         assert max(one.ball.inertia for one in draw_robots(slight, 200, seed=0)) <= 1.05 * 0.0242

@@ -9,8 +9,6 @@ solves the step as a second-order cone program. It ends at a duality gap, here 1
 square of the distance to the minimiser: its velocities are good to 1e-9, or 1e-6 at times.
 """
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 import clarabel

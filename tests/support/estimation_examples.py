@@ -4,8 +4,6 @@ The body sways as prescribed; the ball's speed follows from the momentum about t
 (the filter has it in the heading's); the wheels see A (R^T Omega - w).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Processes that tests start: no wait for one is without a limit, and none is left behind when its test ends."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

@@ -1,7 +1,5 @@
 """Any two models side by side: which is called better, by what names, and from the command line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

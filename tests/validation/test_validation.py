@@ -1,7 +1,5 @@
 """Validation against logs whose truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

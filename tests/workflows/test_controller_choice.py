@@ -1,7 +1,5 @@
 """The choice of a controller: its rule, its plants and its statistics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

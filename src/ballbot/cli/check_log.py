@@ -100,15 +100,13 @@ def _column_names(columns: str | None) -> list[str] | None:
     """Return the names of --columns; names of unknown columns get a number, so that all differ."""
     if columns is None:
         return None
-    names = [name.strip() for name in columns.split(",")]
-    named = [
-        name if any(map(str.isalnum, name)) else f"unused_{column}"
-        for column, name in enumerate(names, start=1)
-    ]
-    for name in named:
-        if named.count(name) > 1:
+    names = list[str]()
+    for number, word in enumerate(columns.split(","), start=1):
+        name = word.strip() if any(map(str.isalnum, word)) else f"unused_{number}"
+        if name in names:
             raise InputError(f"--columns has the name {name} twice.")
-    return named
+        names.append(name)
+    return names
 
 
 def _check(
@@ -183,11 +181,5 @@ def _problem(evaluated: Sequence[Evaluation], surest: Proposal) -> str:
                 f"The columns of {evaluation.proposal.base.path} differ from those of {surest.base.path}: the logs "
                 "agree, but each needs its own mapping. Check them one by one."
             )
-    return next(
-        (
-            f"{evaluation.proposal.base.path}: {evaluation.refusal}"
-            for evaluation in evaluated
-            if evaluation.refusal
-        ),
-        "",
-    )
+    refused = [evaluation for evaluation in evaluated if evaluation.refusal]
+    return f"{refused[0].proposal.base.path}: {refused[0].refusal}" if refused else ""

@@ -86,19 +86,15 @@ def learn(
     with open_result(out, doing=f"learning to {task}", writes=_WRITTEN, seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         learned = learn_task(robots, wanted, base=base, training=Training(updates=updates), run=run)
-        without, tries = base or base_controller(known), [(runs, False)]
-        tries += [(confirm_on_twin, True)] if confirm_on_twin else []
         tried = []
-        for controller in (learned.controller, without):
+        for controller in (learned.controller, base or base_controller(known)):
             result.report(Progress(stage="trying it"))
-            tried.append(
-                tuple(
-                    confirm(
-                        controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run
-                    )
-                    for count, twin in tries
-                )
+            confirmed = (
+                confirm(controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run)
+                for count, twin in ((runs, False), (confirm_on_twin, True))
+                if count
             )
+            tried.append(tuple(confirmed))
         learned = replace(learned, confirmed=tried[0], baseline_confirmed=tried[1])
         path = result.path("controller.toml")
         result.write(

@@ -14,7 +14,7 @@ from cyclopts import App, Parameter
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.context import Content, open_result
 from ballbot.cli.controllers import read_others
-from ballbot.cli.output import emit, notice, standard_output
+from ballbot.cli.output import emit, notice, print_parts, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
@@ -182,7 +182,7 @@ def balance(
             "--tune terminal and --reference keyboard both read the terminal; give a file to one."
         )
     lines = None if tune is None else command_lines(tune)
-    exported, gains, then = None, None, f"identify {link.name} LOG --out identified"
+    exported, then = None, f"identify {link.name} LOG --out identified"
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
@@ -190,7 +190,6 @@ def balance(
         others = read_others(mixed, link.described)
         read = read_controller(controller, link.described)
         exported = export_controller(read, others, described=link.described, lean=lean)
-        gains = exported.gains
         study = controller.with_name("results.json")
         results = read_results(study) if study.exists() else None
         if isinstance(results, dict) and results.get("prediction"):  # a design's or a training's has none
@@ -208,7 +207,7 @@ def balance(
             robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         own = robot.parameters["law"]["tuning"][0]
-        tuner = Tuner(lines, own, gains=gains, say=notice) if lines else None
+        tuner = Tuner(lines, own, gains=exported and exported.gains, say=notice) if lines else None
         commander = FollowReference(driven, sample_time=robot.sample_time, tuner=tuner)
         changes = tuner.changes if tuner else ()
         _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp, changes=changes)
@@ -232,12 +231,11 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
         robot = connection.robot
         lines = robot.parameter_lines()
         emit({"parameters": lines})
-        for line in lines:
-            console.print(line, soft_wrap=True)
+        print_parts(lines, console)
         with _monitor().shown() as monitor:
             robot.watch(connection.states_shown(monitor), duration=duration)
-        console.print(f"The robot sent its sensors for {duration:g} s; no torque was applied.")
-        console.print(f"Next: `ballbot run wiring {port or '--emulated'}`", soft_wrap=True)
+        end = f"The robot sent its sensors for {duration:g} s; no torque was applied."
+        print_parts([end, f"Next: `ballbot run wiring {port or '--emulated'}`"], console)
 
 
 @run.command
@@ -265,10 +263,9 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
             result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
-            console.print("Every motor turns its own encoder forward: the self-test passed.")
-            console.print(
-                f"Next: `ballbot run {port or '--emulated'} --duration 30 --out run`", soft_wrap=True
-            )
+            step = f"Next: `ballbot run {port or '--emulated'} --duration 30 --out run`"
+            end = "Every motor turns its own encoder forward: the self-test passed."
+            print_parts([end, step], console)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
 
@@ -362,7 +359,7 @@ def compare(
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
     exported = [export_controller(controller, lean=lean) for controller in controllers]
-    weights = next((one.weights for one in exported if one.weight_bytes), "")
+    weights = next((firmware.weights for firmware in exported if firmware.weight_bytes), "")
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
@@ -377,12 +374,8 @@ def compare(
                 connection.robot.use_parameters(exported[k % 2].parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
-                live_run = connection.run(
-                    commander,
-                    _monitor(),
-                    duration=predicted.course.duration,
-                    recording=out / f"{name}{SUFFIX}",
-                )
+                recording, duration = out / f"{name}{SUFFIX}", predicted.course.duration
+                live_run = connection.run(commander, _monitor(), duration=duration, recording=recording)
                 _finish(connection, live_run)
                 result.console.print(live_run.ending.text, soft_wrap=True)
                 logs.append(live_run.whole_log())

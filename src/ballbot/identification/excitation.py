@@ -33,8 +33,8 @@ from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.identification.windows import Windows, ball_spin
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import turning_points
-from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.summary import counted

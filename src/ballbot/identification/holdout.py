@@ -29,8 +29,7 @@ from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
-from ballbot.log.pose import without_encoder_lag
-from ballbot.log.wheel_speeds import measured_wheel_speeds
+from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.results import key
 from ballbot.rounding import plus_minus

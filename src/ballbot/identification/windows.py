@@ -61,7 +61,7 @@ from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.mapping import DutyTable, read_mapping
-from ballbot.log.wheel_speeds import measured_wheel_speeds
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 

@@ -1,7 +1,7 @@
 """Propose how a foreign log becomes one of Ballbot's: its mapping file, open questions, and the log that it makes.
 
-The user states the kind of the command, names say which columns there are and in which units; the search finds from the
-motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once, in the mapping
+The user states the kind of the command; columns and units are read from the names. The order and signs of wheels and
+commands and the mounting of the IMU are estimated from the motion. All questions are asked at once, in the mapping
 file, whose comments are the evidence.
 """
 
@@ -46,28 +46,27 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
 
-#: standard error of the IMU's turn above which the user is asked [rad]: of four turns of the campaign's logs of 4 to 6
-#: degrees one is off by 15, of 140 below 4 none by more than 9
+#: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
+#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9
 CLEAR_TURN = math.radians(4.0)
-#: the size of the lean's response, whose angle is the turn, over the robot's, in either direction, from which the turn
-#: is asked for: what makes it so wrong turns it, too. 1.0 to 1.4 on real logs of one robot
+#: the turn is the angle of the lean's response to the wheels; if its size is this many times the robot's, or the
+#: inverse, the turn is asked for, because what changes the size changes the angle. 1.0 to 1.4 on real logs of one robot
 CLEAR_GAIN = 1.5
-#: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
+#: size of that response over the robot's beyond which it is another robot
 GAIN_RANGE = (0.5, 2.0)
 #: the wheels do not explain the lean if the best placement leaves more of its acceleration than this share
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
-#: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
-#: on a real log), and one that is told: masses and torque constants of robot files are this uncertain
+#: the largest ratio of torques, in either direction, that friction outside the law explains in a weak motion (2.8 on a
+#: real log), and one that is reported: masses and torque constants of robot files are this uncertain
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
-#: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
-#: names them again, and not the mapping
+#: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
-#: shares of the torques by which a likely dead band that nobody states makes them wrong: it is asked for, or reported
+#: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares
 LARGEST_BAND, NOTABLE_BAND = 0.2, 0.1
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
-#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): of a sine of fewer than 8
+#: rows a period neither the time at which a torque acts nor the back-EMF is known
 MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError
@@ -295,7 +296,7 @@ def turning_points(values: Floats, least_turn: float) -> list[int]:
     return [0, *turns[first:], len(listed) - 1]
 
 
-#: a lean beyond this [rad] is a fall, or hands on the robot
+#: a lean beyond this [rad] is a fall, or somebody holds the robot
 FALLEN = 0.3
 #: excluded before and after a fall [s]
 AROUND_A_FALL = 0.5
@@ -351,10 +352,15 @@ def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
     return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest
 
 
+def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the starts and the lengths of the runs of equal rows of values (N,) or (N, k)."""
+    rows = values.reshape(len(values), -1)
+    starts = np.concatenate(([0], np.flatnonzero(np.any(rows[1:] != rows[:-1], axis=1)) + 1))
+    return starts, np.diff(np.append(starts, len(rows)))
+
+
 def longest_repeat(values: Floats) -> tuple[int, int]:
     """Return the first and the last row of the longest stretch in which values (N,) or (N, k) repeat themselves."""
-    rows = values.reshape(len(values), -1)
-    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
-    edges = np.concatenate([[0], changes, [len(rows)]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1]) - 1
+    starts, lengths = runs_of(values)
+    longest = int(np.argmax(lengths))
+    return int(starts[longest]), int(starts[longest] + lengths[longest]) - 1

@@ -261,7 +261,7 @@ def _twin_section(twin: League) -> Section:
 def _course_section(league: League, course: Course, index: int) -> Section:
     caption = (
         f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, "
-        "seed by seed, with its 95 % interval; a star where the interval leaves zero out."
+        "seed by seed, with its 95 % interval; a star marks an interval that excludes zero."
     )
     until = ", or until the robot falls" if course.until_fall else ""
     first, count = league.seeds[0], len(league.seeds)

@@ -129,7 +129,6 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
     wheels = _wheel_table(checked.wheels) if checked.wheels else None
-    robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
     return Result(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
@@ -139,7 +138,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
-            *([] if robot else [robotless]),
+            "" if robot else "Whether wheels, signs and units are a robot's: name it with --robot.",
             *(finding.text for finding in findings if finding.code in ("use", "physics")),
             "Errors that a robot of other masses, gains or friction would make as well.",
         ],
@@ -158,7 +157,7 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
     use = f" for {every(uses)}" if uses else ""
     if warnings:
-        return f"The log can be used{use}; {counted(warnings, 'warning')} below must be known first."
+        return f"The log can be used{use}; read the {counted(warnings, 'warning')} below first."
     return f"A good log{use}." if use else "No problems were found."
 
 
@@ -178,7 +177,7 @@ def proposal_report(
         sections=[
             section("What was found", answers, _placement_table(proposal) if proposal.tested else None),
             section("The mapping file", Verbatim(evaluation.text)),
-            section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
+            section("The log that it makes", *(over_time(log, robot) if (log := evaluation.log) else ())),
         ],
         undecided=[f"{capital(question.text)}." for question in proposal.questions],
         findings=evaluation.findings,
@@ -207,28 +206,29 @@ def _placement_table(proposal: Proposal) -> Sheet:
 
 def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
-    proposal, tested = evaluation.proposal, evaluation.proposal.tested
+    proposal, log = evaluation.proposal, evaluation.log
+    motion, tested = proposal.motion, proposal.tested
     return {
         "file": str(proposal.base.path),
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.base.time,
-        "wheel_unit": proposal.motion.units[1] if proposal.motion else None,
+        "wheel_unit": motion and motion.units[1],
         "lean_unit": proposal.lean,
-        "gyro": proposal.motion.gyro if proposal.motion else None,
-        "placements": [] if tested is None else tested.placements,
-        "margin": None if tested is None else tested.margin,
-        "confidence": None if tested is None else tested.confidence,
-        "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
-        "lean_lag": None if tested is None else tested.lag,
-        "disturbance": None if tested is None else tested.disturbance,
-        "heading": None if tested is None else tested.heading,
+        "gyro": motion and motion.gyro,
+        "placements": tested.placements if tested else [],
+        "margin": tested and tested.margin,
+        "confidence": tested and tested.confidence,
+        "phase_deg": tested and math.degrees(tested.placements[0].phase),
+        "lean_lag": tested and tested.lag,
+        "disturbance": tested and tested.disturbance,
+        "heading": tested and tested.heading,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,
         "questions": proposal.questions,
         "refusal": evaluation.refusal,
-        "rows": None if evaluation.log is None else len(evaluation.log),
-        "columns": [] if evaluation.log is None else list(evaluation.log.names),
+        "rows": None if log is None else len(log),
+        "columns": log.names if log else [],
         "findings": evaluation.findings,
     }

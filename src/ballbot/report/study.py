@@ -197,7 +197,7 @@ def study_report(study: Study) -> Result:
         sections=[
             section("The controllers", *_comparison_blocks(study)),
             details("Why this controller", Bullets(_reasons(study)), gain_sheet(controller.gain), limit),
-            stiffness and _stiffness_section(stiffness),
+            *([_stiffness_section(stiffness)] if stiffness else []),
             details("What the next log should show", *_prediction_blocks(study)),
             details("Friction found", *parameter_blocks(fit, [entry.log for entry in study.logs])),
             replace(first, blocks=(findings, *first.blocks), folded=True),
