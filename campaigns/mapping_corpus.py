@@ -29,7 +29,7 @@ from ballbot.fitting.run import Processes
 from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
-from ballbot.log.proposal import Evaluation, evaluate, propose
+from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
@@ -90,18 +90,18 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tup
         table = columns_of(truth, habits, robot, dead_band=dead_band)
         path, given = write(Path(folder) / "log", table, habits)
         try:
-            evaluation = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)), robot)
+            proposal = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)))
         except InputError as error:
             return "asked", str(error)[:160].replace(str(path), "")
         except Exception as error:  # a user would see a traceback
             return "wrong", f"crash: {error!r}"
-    if evaluation.log is None or evaluation.refusal:
-        return "asked", evaluation.refusal[:200]
-    wrong = differences(evaluation, truth, robot, habits, _less_friction(truth, robot, dead_band))
+    if proposal.log is None or proposal.refusal:
+        return "asked", proposal.refusal[:200]
+    wrong = differences(proposal, truth, robot, habits, _less_friction(truth, robot, dead_band))
     return ("wrong" if wrong else "right"), wrong
 
 
-def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
+def differences(proposal: Proposal, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
     """Return how the mapped log differs from the truth under the best of the transformations; empty if it does not.
 
     The transformations leave every measured signal and the robot's dynamics unchanged:
@@ -117,7 +117,7 @@ def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits
     wheels turn the way their duties drive them. The torques are compared with the truth's less these (M, n),
     `unstated`, so that what wheels that turn against their duties make of it is an error.
     """
-    log = evaluation.log
+    log = proposal.log
     if log is None:
         return "no log"
     t = log.t - habits.time_offset
