@@ -74,7 +74,6 @@ from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
@@ -89,7 +88,6 @@ class IdentificationOptions(FitOptions):
     most_steps: int = 75  #: of each descent by Gauss-Newton
     search_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
     accept: Collection[str] = ()  #: codes of errors in the logs to ignore; see `ballbot.findings.CODES`
-    formulation: Formulation = "exact"  #: of the equations of motion
     held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
     back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
@@ -291,7 +289,6 @@ def prepare(
     """
     predictor = Predictor(
         robot=robot,
-        formulation=options.formulation,
         step=options.step,
         layout=coordinates.layout,
         back_emf=options.back_emf,
