@@ -34,11 +34,21 @@ EPISODES = 20_000
 _KILLED_AFTER = (0.1, 0.5, 0.8)
 
 
+def two_workers() -> LocalCluster:
+    """Return a cluster of this computer that says nothing of workers and clients that are killed."""
+    return LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=60)  # pyright: ignore[reportArgumentType]
+
+
+def address_of(local: LocalCluster) -> str:
+    """Return where its scheduler is."""
+    return str(local.scheduler_address)  # pyright: ignore[reportAttributeAccessIssue]
+
+
 class KillingCluster(Cluster):
     """Workers of a local cluster, one of which is killed after each of some numbers of results."""
 
     def __init__(self, local: LocalCluster, after: Sequence[int]) -> None:
-        super().__init__(str(local.scheduler_address))  # pyright: ignore[reportAttributeAccessIssue]
+        super().__init__(address_of(local))
         self._local, self._after, self.killed = local, set(after), 0
 
     def each(
@@ -91,16 +101,8 @@ def killed_files(name: str, runs: Mapping[str, PolicyRun]) -> tuple[dict[str, by
     """Return the files of policies learned anew on a cluster, and how many of its workers were killed."""
     shutil.rmtree(section.BUILD / name, ignore_errors=True)
     after = sorted({max(1, round(share * len(runs))) for share in _KILLED_AFTER})
-    local = LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        dashboard_address=None,  # pyright: ignore[reportArgumentType]
-        silence_logs=60,  # of workers that are killed
-    )
-    with local:
-        cluster = KillingCluster(local, after)
-        with cluster:
-            return files_of(name, runs, workers=cluster), cluster.killed
+    with two_workers() as local, KillingCluster(local, after) as cluster:
+        return files_of(name, runs, workers=cluster), cluster.killed
 
 
 def campaign(episodes: int = EPISODES) -> Section:
