@@ -59,9 +59,8 @@ def log_file(path: Path, t: np.ndarray) -> Path:
 @pytest.mark.parametrize("place", [0, 812])
 def test_one_stray_time_is_reported(tmp_path, capsys, place):
     t = 0.005 * np.arange(813.0)
-    t = t + np.where(
-        np.arange(813) >= max(place, 1), 1.7e9, 0.0
-    )  # a clock that was set after the first row, or
+    # a clock that was set after the first row, or
+    t = t + np.where(np.arange(813) >= max(place, 1), 1.7e9, 0.0)
     said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", t))
     assert "log.csv: The log spans 54 years: t jumps from " in said
     assert f"at row {max(place, 1) + 1}. Correct that time" in said

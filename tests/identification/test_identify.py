@@ -50,9 +50,8 @@ def test_known_friction_is_found_within_its_standard_errors(found):
         {(span.log, span.start) for span in spans} for spans in (found.held_out.spans, found.fit.spans)
     )
     assert not fitted & held_out
-    assert (
-        0.2 < len(held_out) / len(fitted | held_out) < 0.4
-    )  # 8 s of every 28 s, and windows across the edges
+    # 8 s of every 28 s, and windows across the edges
+    assert 0.2 < len(held_out) / len(fitted | held_out) < 0.4
 
 
 @pytest.mark.slow

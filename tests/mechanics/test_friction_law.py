@@ -48,10 +48,7 @@ def test_every_term_but_the_shape_of_the_stribeck_curve_is_scaled():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (
-            {"coulomb_asymmetry": (0.0, 0.0, 0.2)},
-            "coulomb_asymmetry[2] is 0.2 N m; it must be from -0.12 to 0.12",
-        ),
+        ({"coulomb_asymmetry": (0.0, 0.0, 0.2)}, "asymmetry[2] is 0.2 N m; it must be from -0.12 to 0.12"),
         ({"stribeck_asymmetry": (-0.06, 0.0, 0.0)}, "stribeck_asymmetry[0] is -0.06 N m"),
         ({"load": (0.1, 0.1)}, "friction.load has 2 numbers"),
         ({"load": (1.1, 0.0, 0.0)}, "friction.load[0] is 1.1"),
