@@ -7,8 +7,6 @@ and the precise controller for that friction goes around with the same seed. Pri
 reference, once settled, of each.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 import ballbot

@@ -4,8 +4,6 @@ The study is of the nominal twin (`studied`). Each faulty twin differs from it b
 and in half of the cases by a second, mild one. Logs and the study are kept in build/controller_prediction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -5,8 +5,6 @@ bytes. In what is accepted, all values are finite (NaN marks a missing cell of a
 the same. With BALLBOT_EXAMPLES=exploring a thousand inputs of each loader are tried.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -59,14 +60,12 @@ def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
 def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
     lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)
-    np.testing.assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
+    assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    np.testing.assert_allclose(
-        about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
-    )
+    assert_allclose(about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12)
     turned = attitude_of_swing(lean, heading + turn)
-    np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
+    assert_allclose(lean_of(*turned), lean, atol=1e-9)
 
 
 def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:
@@ -76,8 +75,8 @@ def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> N
     lever = (4.37 / ball.radius + body.mass * body.center_of_mass) / whole
     pull = body.mass * body.center_of_mass * LIGHT.gravity / ball.radius / whole
     found = contact_momentum(LIGHT)
-    np.testing.assert_allclose(found.lever, [[0, lever, 0], [-lever, 0, 0]], atol=1e-9)
-    np.testing.assert_allclose(found.pull, pull * np.eye(2), atol=1e-9)
+    assert_allclose(found.lever, [[0, lever, 0], [-lever, 0, 0]], atol=1e-9)
+    assert_allclose(found.pull, pull * np.eye(2), atol=1e-9)
 
 
 def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None:
@@ -98,9 +97,7 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
     by_gravity = -H * (np.sum(leans_, axis=0) - 0.5 * (leans_[0] + leans_[-1]))
     # 0.3 s; the speed itself has changed by more; neglected: squares of lean and rates, up to 0.1^2
     assert np.linalg.norm(by_gravity) > 0.05
-    np.testing.assert_allclose(
-        momenta[-1] - momenta[0], by_gravity, atol=0.01 * float(np.linalg.norm(by_gravity))
-    )
+    assert_allclose(momenta[-1] - momenta[0], by_gravity, atol=0.01 * float(np.linalg.norm(by_gravity)))
     assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
 
 
@@ -150,7 +147,7 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     random = np.random.default_rng(seed)
     x, one = random.uniform(-0.1, 0.1, STATES), dense(random)
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
-    np.testing.assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
+    assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
 
     def expected(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return -one.seen(x, x[S : S + 2] - one.model.lever @ (one.gyro - x[BIAS : BIAS + 3]))[0]
@@ -158,7 +155,7 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     # rows are to first order: lean times ball's rate
     for lean, tolerance in ((0.0, 1e-6), (0.1, 0.1 * 2 * 3.0)):
         x[G : G + 2] = lean
-        np.testing.assert_allclose(one.seen(x, np.zeros(2))[1], numerical(expected, x), atol=tolerance)
+        assert_allclose(one.seen(x, np.zeros(2))[1], numerical(expected, x), atol=tolerance)
 
 
 def numerical(
@@ -233,7 +230,7 @@ def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
     assert np.abs(np.degrees(error[:, 4])).max() < 1.2  # 0.005 rad a root second would be 1.8
     assert np.abs(error[:, :2]).max() < 0.012  # that heading's over 0.5 m
     assert np.degrees(np.sqrt(np.mean(error[400:, 2:4] ** 2))) < 0.05
-    np.testing.assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
+    assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
     assert np.degrees(kalman._x[SHOWN_PSI] - kalman._x[PSI]) == pytest.approx(3.55, abs=1.2)
 
 
@@ -246,7 +243,7 @@ def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:
         assert (kalman._x == drifted).all()
     place = np.array([3.0, -1.0])
     kalman._take_fix(Fix(position=place, heading=drifted[PSI] + 0.3 + 4 * np.pi, heading_deviation=1e-3))
-    np.testing.assert_allclose(kalman._x[X : X + 2], place, atol=5.0)
+    assert_allclose(kalman._x[X : X + 2], place, atol=5.0)
     assert (np.diag(covariance_of(kalman))[:2] < 0.005**2).all()
     assert np.diag(covariance_of(kalman))[4] < 1e-3**2 < before[4, 4]
     assert kalman._x[PSI] == pytest.approx(drifted[PSI] + 0.3, abs=0.02)  # whole turns do not matter
@@ -276,7 +273,7 @@ def test_reset_restores_the_initial_state() -> None:
         one.reset(position=(1.0, 2.0))
     for reading in run.readings:
         assert (kalman.update(reading) == fresh.update(reading)).all()
-    np.testing.assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
+    assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
 
 
 def test_invalid_filter_parameters_are_refused() -> None:

@@ -16,13 +16,7 @@ from hypothesis.extra import numpy as hnp
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE
 from ballbot.log import Log
-from ballbot.log.formats import (
-    WRITTEN_SUFFIXES,
-    is_foreign,
-    read_columns,
-    read_variables,
-    write_columns,
-)
+from ballbot.log.formats import WRITTEN_SUFFIXES, is_foreign, read_columns, read_variables, write_columns
 from ballbot.log.formats.text import infer_text_table, read_text_table
 from tests.support.log_examples import smooth_log
 

@@ -4,8 +4,6 @@ Both engines give mass matrix and bias of the mechanism taken apart (`freed_mech
 NumPy (`constraint_elimination`), so that neither their soft contacts nor any equation of `ballbot` takes part.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 import numpy as np
@@ -36,9 +34,7 @@ def relative_difference(actual: NDArray[np.float64], expected: NDArray[np.float6
 @pytest.mark.parametrize("pivots", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("engine", list(ENGINES))
 @pytest.mark.parametrize("kind", ["alten", "3", "4"])
-def test_accelerations_floor_force_mass_matrix_and_energy_equal_the_engine_s(
-    engine: str, kind: str, pivots: bool
-) -> None:
+def test_accelerations_floor_force_mass_matrix_and_energy_equal_the_engine_s(engine, kind, pivots):
     """Of the thesis's robot, or of 20 random ones with so many wheels; the ball may have a spin of its own.
 
     The floor's force bears the robot. S^T M S with S the motions of unit rates, as an encoder sees them.

@@ -1,7 +1,5 @@
 """The transformation matrices against the thesis's printed numbers; rotations against what they must do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,11 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.mechanics.geometry import (
-    body_rates_matrix,
-    rotation,
-    transforms,
-)
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Friction, Robot
 from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
 

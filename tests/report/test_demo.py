@@ -1,7 +1,5 @@
 """`ballbot demo`: the recorded runs that ship with it, their file, the page, what the page shows of the friction."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

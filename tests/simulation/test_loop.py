@@ -198,16 +198,8 @@ def test_a_lag_is_the_first_order_filter_of_the_torques():
 @pytest.mark.parametrize(
     ("model", "imperfections", "words"),
     [
-        (
-            Model(ROBOT),
-            Imperfections(sensors=replace(SENSORS, sample_time=0.01)),
-            r"every 0\.01 s and the controllers",
-        ),
-        (
-            Model(ROBOT),
-            [Imperfections(backlash=PLAY), Imperfections()],
-            "all lanes of a batch have play or none",
-        ),
+        (Model(ROBOT), Imperfections(sensors=replace(SENSORS, sample_time=0.01)), r"every 0\.01 s and"),
+        (Model(ROBOT), [Imperfections(backlash=PLAY), Imperfections()], "of a batch have play or none"),
         (Model(ROBOT, "thesis"), Imperfections(sensors=SENSORS), "'thesis'"),
         (
             Model(ROBOT),
@@ -336,10 +328,7 @@ def test_friction_follows_the_force_on_the_wheels():
 def test_payload_and_floor_that_change_are_those_of_the_plant_called_one_sample_at_a_time():
     """Between two steps of a sample and in the middle of sticking, with play and a Kalman filter."""
     heavy = ROBOT.replace({"body.mass": 11.0, "friction.rolling": 0.02})
-    later = (
-        Later(time=0.1, model=Model(heavy), imbalance=(0.1, 0.05)),
-        Later(time=0.3, model=Model(ROBOT)),
-    )
+    later = (Later(time=0.1, model=Model(heavy), imbalance=(0.1, 0.05)), Later(time=0.3, model=Model(ROBOT)))
     bumpy = Roughness(height=5e-4, wavelength=0.1, seed=1)
     borne = replace(NOISY, backlash=PLAY, slope=(0.01, 0.0), known=ROBOT, later=later, roughness=bumpy)
     controller = precise_controller(ROBOT).with_estimator("kalman")

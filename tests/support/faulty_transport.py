@@ -1,7 +1,5 @@
 """A transport that loses, repeats, reorders, corrupts and delays frames, both ways, by a seed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -99,9 +99,7 @@ def test_torque_limit_holds_against_any_command() -> None:
         ({}, r"wheels\.inertia"),
     ],
 )
-def test_refuses_a_scenario_or_a_robot_that_does_not_fit(
-    change: dict[str, dict[str, object]], sentence: str
-) -> None:
+def test_refuses_a_scenario_or_a_robot_that_does_not_fit(change, sentence):
     nominal = Scenario.nominal(ALTEN)
     parts = {name: replace(getattr(nominal, name), **values) for name, values in change.items()}
     robot = ALTEN if change else ALTEN.replace(wheels=replace(ALTEN.wheels, inertia=1.0))

@@ -3,8 +3,6 @@
 The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names, for people to look at.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import numpy as np

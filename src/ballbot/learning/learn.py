@@ -53,6 +53,7 @@ class CurvePoint:
     reward: float  #: mean a second, with the noise of the exploration
     fallen: float  #: fraction of the episodes that ended, that fell; NaN if none ended
     length: float  #: mean of the episodes that ended [s]; NaN if none did
+    episodes: int  #: that ended since the update before
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,6 +240,7 @@ def _followed(
                     reward=update.reward,
                     fallen=update.fallen / ended if ended else math.nan,
                     length=update.length,
+                    episodes=ended,
                 )
             )
             if best is None or _worth(update) >= _worth(best):
@@ -316,7 +318,9 @@ def confirm(
 
     The scenario is as it is: on the twin with its own friction, rollers and play.
     """
-    conditions = _conditions(task, robot, scenario, runs=runs, duration=duration, seed=run.seed, twin=twin)
+    conditions = fresh_conditions(
+        task, robot, scenario, runs=runs, duration=duration, seed=run.seed, twin=twin
+    )
     tried = [
         GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
     ]
@@ -333,19 +337,24 @@ def confirm(
 
 def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> dict[str, Log]:
     """Return runs on the loop of what had been learned after some seconds, each from the same start until it falls."""
-    (condition,) = _conditions(learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed)
+    (condition,) = fresh_conditions(
+        learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed
+    )
     runs = [
-        GridRun(candidate=f"after {seconds:.0f} s", controller=controller, condition=condition)
+        GridRun(candidate=f"{seconds:.0f} s", controller=controller, condition=condition)
         for seconds, controller in learned.stages.items()
     ]
     logs = run_grid(runs, lambda _, log: log, run=run).answers
     return {str(shown.candidate): log for shown, log in zip(runs, logs, strict=True)}
 
 
-def _conditions(
+def fresh_conditions(
     task: Task, robot: Robot, scenario: Scenario, *, runs: int, duration: float, seed: int, twin: bool = False
 ) -> list[Condition]:
-    """Return runs on fresh robots that are asked for the most that a task asks for."""
+    """Return the conditions of runs that are asked for the most that a task asks for, each with a seed of its own.
+
+    The true robot is in the scenario, with its friction; `robot` is what the estimator knows.
+    """
     if task.impulse:
         times = np.arange(2.0, duration, task.interval)
         angles = 2.0 * np.pi * 0.618 * np.arange(len(times))  # of the golden section: every direction in turn
@@ -379,13 +388,15 @@ def _errors(_: GridRun, log: Log) -> tuple[float, float]:
     """Return the root mean squares of the errors of position and velocity; NaN after a fall."""
     if log.ended is not None:
         return math.nan, math.nan
-    place, h = true_place(log), log.sample_time
-    asked = [np.gradient(log[f"ref_{axis}"], h) for axis in "xy"]
-    # the place asked for may jump, which is no velocity
-    asked = [np.where(np.abs(v) > LARGEST_SPEED, 0.0, v) for v in asked]
-    velocity = [np.gradient(place[axis], h) for axis in "xy"]
-    error = np.hypot(velocity[0] - asked[0], velocity[1] - asked[1])
-    return _rms(position_error(log)), _rms(error)
+    place, asked = true_place(log), velocity_asked(log)
+    velocity = np.stack([np.gradient(place[axis], log.sample_time) for axis in "xy"], axis=1)
+    return _rms(position_error(log)), _rms(np.hypot(*(velocity - asked).T))
+
+
+def velocity_asked(log: Log) -> NDArray[np.float64]:
+    """Return the velocity of the place asked for (N, 2) [m/s]; a jump is none."""
+    asked = np.stack([np.gradient(log[f"ref_{axis}"], log.sample_time) for axis in "xy"], axis=1)
+    return np.where(np.abs(asked) > LARGEST_SPEED, 0.0, asked)
 
 
 def _rms(values: NDArray[np.float64]) -> float:
