@@ -23,6 +23,7 @@ SMALL = Training(lanes=40, decisions=8, updates=2, batches=2)
 def controller_of(lanes, actor, *, residual=False):
     base = base_controller(KNOWN)
     policy = policy_of(actor, lanes, torque_scale=3.0, residual=residual)
+    policy = replace(policy, largest_lean=lanes.task.fallen)  # so that it acts wherever it is tried here
     return base.with_parts(replace(base.parts, policy=policy))
 
 

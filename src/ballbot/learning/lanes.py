@@ -149,7 +149,8 @@ def _begin(draws, pool, task, commands, episodes, lane):
     if task.drive > 0.0:
         asked[0] += task.sample_time * asked[5]
         asked[1] += task.sample_time * asked[6]
-    for i in (0, 1, 4):  # a base controller is shown a pose alone, as on a course: with a velocity it would be a plan
+    # a base controller is shown a pose alone, as on a course: with a velocity it would be a plan
+    for i in (0, 1, 4):
         commands.references[lane, i] = asked[i]
     return True
 
