@@ -337,6 +337,13 @@ def confirm(
     )
 
 
+def _alone(controller: Controller, task: Task) -> Controller:
+    """Return a controller whose policy acts until the robot falls, with no law to catch it."""
+    policy = controller.parts.policy
+    assert policy is not None
+    return controller.with_parts(replace(controller.parts, policy=replace(policy, largest_lean=task.fallen)))
+
+
 def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> dict[str, Log]:
     """Return runs on the loop of what had been learned after some seconds, each from the same start until it falls."""
     (condition,) = fresh_conditions(
