@@ -16,14 +16,7 @@ from ballbot.log.checks import BALANCING, DRIVELINES
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.proposal import (
-    Proposal,
-    answer_lines,
-    contradictions,
-    evaluate,
-    propose,
-    surest,
-)
+from ballbot.log.proposal import Proposal, answer_lines, contradictions, evaluate, propose, surest
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
