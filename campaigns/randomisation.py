@@ -93,7 +93,7 @@ class PolicyRun:
 def identified(seed: int) -> dict[str, str]:
     """Return the files of the identification of a true robot from its logs, quickly."""
     options = IdentificationOptions(
-        generations=40, population=16, gauss_newton_steps=30, step=2.5e-3, most_profiles=0
+        generations=40, population=16, most_steps=30, step=2.5e-3, most_profiles=0
     )
     fit = identify(ROBOT, pair_log(seed, 0), seed=0, options=options, run=Run(executor=Threads(count=1)))
     return {

@@ -17,7 +17,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.files import read_text
 from ballbot.identification.quantities import read_bounds
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.stages import read_sweep
 from ballbot.log import Log
 from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot

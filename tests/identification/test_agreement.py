@@ -7,8 +7,8 @@ import numpy as np
 
 from ballbot import Robot
 from ballbot.control.overcompensation import certain_friction, stated_covariance
-from ballbot.identification.agreement import LEAST_P_VALUE, StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.quantities import FRICTION, Layout
+from ballbot.identification.stages import LEAST_P_VALUE, StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.variations import draw_robots
 

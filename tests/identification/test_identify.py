@@ -26,7 +26,7 @@ from tests.workflows.test_excite import assert_errors_are_those_expected
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
 #: an inner step of 2.5 ms changes a cost by 1e-4, and takes 2.5 times less work; profiles have tests of their own
 #: (test_balancing.py, tests/fitting/test_intervals.py)
-BRIEF = IdentificationOptions(evolution_windows=24, step=2.5e-3, most_profiles=0)
+BRIEF = IdentificationOptions(search_windows=24, step=2.5e-3, most_profiles=0)
 #: v_s and delta held at the truth where others are looked at: the search follows their long valley in half of its steps
 HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
 
@@ -67,9 +67,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         bounds=bounds,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(
-            evolution_windows=24, gauss_newton_steps=4, step=2.5e-3, most_profiles=0
-        ),
+        options=IdentificationOptions(search_windows=24, most_steps=4, step=2.5e-3, most_profiles=0),
         run=run,
     )
 
@@ -123,8 +121,8 @@ def test_progress_rises_and_the_cost_falls(search, stage, steps):
             search=search,
             generations=5,
             population=8,
-            evolution_windows=12,
-            gauss_newton_steps=2,
+            search_windows=12,
+            most_steps=2,
             step=2.5e-3,
             most_profiles=1,
         ),

@@ -16,8 +16,9 @@ from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.identify import IdentificationOptions, identify_by_law
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.identify import IdentificationOptions
+from ballbot.identification.identify import identify as identify_friction
+from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
@@ -101,7 +102,7 @@ def identify(
         open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
         cluster_or(cluster, Threads()) as executor,
     ):
-        fit, selection = identify_by_law(
+        fit = identify_friction(
             described,
             checked,
             free=estimate,
@@ -122,7 +123,7 @@ def identify(
             for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
         ]
         page = identification_report(
-            fit, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
+            fit, checked.logs, findings=checked.findings, selection=fit.selection, holdouts=holdouts
         )
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)

@@ -3,11 +3,7 @@
 The robot's numbers y follow from the estimated parameters p. With the covariance C of p and the derivatives G = dy/dp,
 the delta method gives the covariance G C G^T of y. A number that depends on a parameter without a standard error has
 none either: its standard deviation is infinite, and its interval is the range of its values over that parameter's
-interval or, without one, its bounds. A number that depends on no estimated parameter has no standard deviation,
-and counts as exact.
-
-A robot that is written and read again has the same covariance within the digits of its file: four digits of standard
-deviations, and five decimals of correlations.
+interval or, without one, its bounds. A number that depends on no estimated parameter counts as exact.
 """
 
 from __future__ import annotations
@@ -35,12 +31,13 @@ _UNCHANGED = 1e-12
 def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float]]:
     """Return the interval, or else the bounds, of each estimated parameter without a standard error, by index."""
     space, ends = uncertainty.coordinates, dict[int, tuple[float, float]]()
-    values = space.physical(uncertainty.point)
-    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(uncertainty.standard_errors)).tolist():
+    values, errors = space.physical(uncertainty.point), uncertainty.standard_errors
+    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(errors)).tolist():
         known = uncertainty.intervals.get(space.labels[i])
-        low, high = (-np.inf, np.inf) if known is None else (known.lower, known.upper)
-        least, most = max(low, float(space.lower[i])), min(high, float(space.upper[i]))
-        ends[i] = (min(least, float(values[i])), max(most, float(values[i])))
+        least, most, value = float(space.lower[i]), float(space.upper[i]), float(values[i])
+        if known is not None:
+            least, most = max(known.lower, least), min(known.upper, most)
+        ends[i] = (min(least, value), max(most, value))
     return ends
 
 

@@ -118,8 +118,7 @@ class PlannedMotion:
     states: NDArray[np.float64]  #: (N + 1, 10)
     accelerations: NDArray[np.float64]  #: (N + 1, 5)
     torques: NDArray[np.float64]  #: (N + 1, n) net [N m]
-    #: by which a per cent more of each limit would shorten it [s]
-    savings: dict[str, float]
+    savings: dict[str, float]  #: by which a per cent more of each limit would shorten it [s]
     factor: float  #: of the limits that were made as large as they must be; 1 if none was
 
     def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -342,10 +341,7 @@ _IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-6, "acceptab
 
 
 def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
-    """Keep the heading between those of the ends, as turning to and fro would gain a hundredth of the time.
-
-    Return a guess of x, y and psi (N + 1, 3).
-    """
+    """Keep the heading between those of the ends, and return a guess of x, y and psi (N + 1, 3)."""
     middle, half = 0.5 * (leg.end[4] + leg.start[4]), 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
     opti.subject_to(opti.bounded(middle - half, X[4, :], middle + half))
     free = leg.start + 0.5 * leg.time * np.roll(leg.start + np.nan_to_num(leg.end), -5)
@@ -369,10 +365,7 @@ def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> NDArray[np.floa
 
 
 def course_through(places: NDArray[np.float64], corridor: float) -> PlannedPath:
-    """Return the course through places x, y [m] and psi [rad] (k, 3); its corners are rounded within the corridor [m].
-
-    InputError if it has no length.
-    """
+    """Return the course through places (k, 3), rounded within a corridor [m]; InputError if it has no length."""
     import casadi as ca
 
     kept = np.concatenate([[True], np.abs(np.diff(places, axis=0)).max(axis=1) > _SAME])

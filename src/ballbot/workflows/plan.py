@@ -59,8 +59,7 @@ class Plan:
     what: str  #: "the move to [2 0 0]"
     t: NDArray[np.float64] = field(metadata=left_out)  #: (k,) [s]
     states: NDArray[np.float64] = field(metadata=left_out)  #: (k, 10)
-    #: (k, n) of the motors, with their friction [N m]
-    torques: NDArray[np.float64] = field(metadata=left_out)
+    torques: NDArray[np.float64] = field(metadata=left_out)  #: (k, n) of the motors [N m]
     used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
     duration: float  #: of what is to be fast: the move, or the stop [s]
     distance: float  #: over the floor in this time [m]
@@ -295,10 +294,7 @@ def follow(
     twin: bool = False,
     workers: Executor = ALL_CORES,
 ) -> Followed:
-    """Return how robots follow a plan, on the compiled loop or on the twin, each with a seed of its own.
-
-    The scenario's friction is replaced by the robot's.
-    """
+    """Return how robots follow a plan, on the loop or on the twin, each with a seed; friction is the robot's."""
     truth = with_identified(scenario, plan.robot.friction)
     plant = (
         TwinRobot(robot=plan.robot, scenario=truth, known=plan.robot)
