@@ -273,8 +273,8 @@ def campaign() -> Section:
         " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
         " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`. 15 s is what `docs/first_log.md` asks for. (Of 918 stretches of 5 to"
-        " 15 s, measured once at commit 2aa9aa1d, 526 were right and 3 wrong without a question.) Intervals are of 95 %"
-        " by Clopper and Pearson.",
+        " 15 s, measured once at commit 2aa9aa1d, 526 were right and 3 wrong, without a question.) Intervals are of 95"
+        " % by Clopper and Pearson.",
         columns=["duration", "variants", *RESULTS],
         rows=rows,
         after=f"Wrong: {'; '.join(wrong) or 'none'}. Asked most often: "

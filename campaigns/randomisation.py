@@ -8,8 +8,6 @@ identification, or uniform boxes. Then each does its task on the true robot. Wha
 build/randomisation.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,11 +38,7 @@ TASKS = ("balance", "drive")
 #: nothing was developed on these twins, and the spread between logs was not fitted to them
 HELD_OUT = UNSEEN[:10]
 #: what robots a policy is trained on, in words
-KINDS = {
-    "none": "as identified",
-    "boxes": "boxes",
-    "found": "drawn from the identification",
-}
+KINDS = {"none": "as identified", "boxes": "boxes", "found": "drawn from the identification"}
 #: half as long as usual: no episode falls any more after 15 to 25 updates
 TRAINING = Training(updates=30)
 #: runs of a policy on the true robot, on the loop and on the twin (True), and their length [s]
@@ -52,16 +46,7 @@ RUNS, DURATION = {False: 20, True: 1}, 15.0
 #: a velocity's error counts so long after another one is asked for [s]
 _REACHED = 2.0
 _RESAMPLED = 10_000
-PACKAGES = (
-    "mechanics",
-    "simulation",
-    "control",
-    "estimation",
-    "robot",
-    "twin",
-    "learning",
-    "identification",
-)
+PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "learning", "identification")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,9 +77,7 @@ class PolicyRun:
 
 def identified(seed: int) -> dict[str, str]:
     """Return the files of the identification of a true robot from its logs, quickly."""
-    options = IdentificationOptions(
-        generations=40, population=16, most_steps=30, step=2.5e-3, most_profiles=0
-    )
+    options = IdentificationOptions(most_steps=30, step=2.5e-3, most_profiles=0)
     fit = identify(ROBOT, pair_log(seed, 0), seed=0, options=options, run=Run(executor=Threads(count=1)))
     return {
         "robot.toml": robot_text(fit.robot),
@@ -119,13 +102,7 @@ def tried(run: PolicyRun) -> dict[bool, list[Trial]]:
     controller, found = learned(run).controller, dict[bool, list[Trial]]()
     for twin, count in RUNS.items():
         conditions = fresh_conditions(
-            run.of,
-            controller.robot,
-            drawn(run.seed),
-            runs=count,
-            duration=DURATION,
-            seed=run.seed,
-            twin=twin,
+            run.of, controller.robot, drawn(run.seed), runs=count, duration=DURATION, seed=run.seed, twin=twin
         )
         runs = [GridRun(candidate=run.kind, controller=controller, condition=each) for each in conditions]
         answers = run_grid(runs, partial(_trial, run.task), workers=Threads(count=1), threads=1).answers

@@ -50,9 +50,8 @@ def test_known_friction_is_found_within_its_standard_errors(found):
         {(span.log, span.start) for span in spans} for spans in (found.held_out.spans, found.fit.spans)
     )
     assert not fitted & held_out
-    assert (
-        0.2 < len(held_out) / len(fitted | held_out) < 0.4
-    )  # 8 s of every 28 s, and windows across the edges
+    # 8 s of every 28 s, and windows across the edges
+    assert 0.2 < len(held_out) / len(fitted | held_out) < 0.4
 
 
 @pytest.mark.slow
@@ -215,7 +214,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     assert np.isfinite([*known[:9], known[11]]).all()
 
 
-PREDICTOR = Predictor(robot=Robot.load("alten"), formulation="exact", step=1e-3)
+PREDICTOR = Predictor(robot=Robot.load("alten"), step=1e-3)
 #: b, c, s of three wheels and C_rr are amounts of friction; v_s and delta are its form
 AMOUNTS = np.array([*range(9), 11])
 

@@ -97,7 +97,7 @@ def problem_of(log: Log, law: str, *, step: float = 1e-3) -> Balancing:
     coordinates = estimated_parameters(
         alten(), free=("friction",), law=law, bounds=Bounds({"rolling": (0.007, 0.007)})
     )
-    predictor = Predictor(robot=alten(), formulation="exact", step=step, layout=coordinates.layout)
+    predictor = Predictor(robot=alten(), step=step, layout=coordinates.layout)
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates)
 

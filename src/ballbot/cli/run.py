@@ -17,6 +17,7 @@ from ballbot.cli.controllers import read_others
 from ballbot.cli.output import emit, notice, print_parts, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
+from ballbot.file_formats import read_results
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
 from ballbot.link.connection import Connection, LiveRun, Monitor, connect_emulated, connect_port
@@ -187,7 +188,9 @@ def balance(
         others = read_others(mixed, link.described)
         read = read_controller(controller, link.described)
         exported = export_controller(read, others, described=link.described, lean=lean)
-        if (study := controller.with_name("results.json")).exists():
+        study = controller.with_name("results.json")
+        results = read_results(study) if study.exists() else None
+        if isinstance(results, dict) and results.get("prediction"):  # a design's or a training's has none
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,

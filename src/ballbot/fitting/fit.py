@@ -116,19 +116,10 @@ def descend(
 ) -> Descended[At]:
     """Descend in the parameters and the states of the blocks together.
 
-    Parameters
-    ----------
-    begin : ndarray (p,) or iterate
-        A scaled point, from which the states start as measured, or the end of another descent.
-    free : ndarray (p,)
-        Which parameters the descent varies.
-    most_steps, most_renewals : int
-    moved : ndarray (p,), optional
-        Change of the parameters that are not free in the first step, whatever it costs.
-    target : float
-        The descent ends early if a few more gains as large as the last do not reach this cost.
-    run : Run, optional
-        The stage "gauss_newton" is reported after each step.
+    It begins at a scaled point (p,), from which the states start as measured, or at the end of another descent, and
+    varies the parameters `free` (p,). `moved` (p,) changes others in the first step, whatever it costs. The descent
+    ends early if a few more gains as large as the last do not reach the cost `target`. The stage "gauss_newton" is
+    reported.
     """
     at = experiment.begin(begin) if isinstance(begin, np.ndarray) else begin
     fixed = np.zeros(len(at.point)) if moved is None else moved
@@ -318,19 +309,11 @@ def evolve(
     population: int,
     run: Run,
 ) -> SearchResult:
-    """Minimise a cost over the unit cube, one batch a generation.
+    """Minimise a cost over the unit cube of `size` coordinates, one batch a generation.
 
-    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
-
-    Parameters
-    ----------
-    cost_of : callable
-        From a population (population, p) to its costs (population,).
-    size : int
-        Number of coordinates, p.
-    generations, population : int
-    run : Run
-        Its seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
+    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. `cost_of`
+    returns the costs (population,) of a population (population, p). The run's seed fixes the search bit for bit; the
+    stage "evolution" is reported after each generation.
     """
     from cmaes import CMA  # with scipy.stats, which takes half a second
 
@@ -692,16 +675,8 @@ def profile(
 ) -> tuple[float | None, float | None]:
     """Return the 95 % limits of one parameter, scaled; None on a side where the data set none before the bound.
 
-    Parameters
-    ----------
-    index : int
-        Of the parameter.
-    free : ndarray (p,)
-        Which parameters the fit varied.
-    error : float
-        Expected half width of the interval, scaled, for the first step.
-    rise : float
-        lambda t^2; see the module's text.
+    `free` (p,) are the parameters that the fit varied, `error` is the expected half width of the interval for the first
+    step, scaled, and `rise` is lambda t^2 of the module's text.
     """
     others = free & (np.arange(len(free)) != index)
     # each fit starts from the farthest one below the limit: windows that have begun to stick do not recover

@@ -54,38 +54,39 @@ _PIECE, _SETS = 64, 4
 
 
 @dataclass(kw_only=True, eq=False)
-class _Slopes:
-    """Derivatives of the residuals of n windows; those by parameters are computed when they are first needed."""
+class Starts:
+    """Starts of n windows, and what is known there; changed in place while they settle."""
 
-    values: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10)
-    starts: NDArray[np.float64]  #: (n, 10), the starts at which they are computed
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), at these starts
-    known: NDArray[np.bool_]  #: (n,), whether those by parameters are computed
+    rows: NDArray[np.int64]  #: (n,), the windows
+    starts: NDArray[np.float64]  #: (n, 10)
+    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
+    slopes: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10), by m free parameters and the start
+    slopes_at: NDArray[np.float64]  #: (n, 10), the starts at which the slopes are computed
+    slopes_from: NDArray[np.float64]  #: (n, 1 + k, 10), the residuals there
+    known: NDArray[np.bool_]  #: (n,), whether the slopes by parameters are computed yet
+    ties: NDArray[np.float64]  #: (n, m + 10, m + 10), of starts on kinks
+    others: NDArray[np.float64]  #: (n, o, 10), starts in other basins to try at the next point
 
     @staticmethod
-    def joined(pieces: Sequence[_Slopes]) -> _Slopes:
-        """Return the slopes of all pieces of windows."""
-        names = ("values", "starts", "residuals", "known")
-        return _Slopes(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in names})
+    def joined(pieces: Sequence[Starts]) -> Starts:
+        """Return the starts of all pieces."""
+        names = vars(pieces[0])
+        return Starts(**{name: np.concatenate([vars(piece)[name] for piece in pieces]) for name in names})
 
-    def put(self, rows: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
-        """Replace rows by the chosen rows of another."""
-        for own, new in zip(vars(self).values(), vars(other).values(), strict=True):
-            own[rows] = new[chosen]
+    def take_slopes(self, rows: NDArray[np.int64], other: Starts, chosen: NDArray[np.bool_]) -> None:
+        """Replace the slopes in rows by those in the chosen rows of another."""
+        for name in ("slopes", "slopes_at", "slopes_from", "known"):
+            vars(self)[name][rows] = vars(other)[name][chosen]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowsIterate:
-    """A point of a descent: parameters and starts, residuals, and their derivatives by both."""
+    """A point of a descent."""
 
     point: NDArray[np.float64]  #: (p,), scaled
-    starts: NDArray[np.float64]  #: (w, 10)
-    residuals: NDArray[np.float64]  #: (w, 1 + k, 10)
+    windows: Starts  #: settled there
     weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
     cost: float
-    slopes: _Slopes  #: by m free parameters and starts
-    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), of starts on kinks
-    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins to try at the next point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,57 +192,55 @@ class Balancing:
 
     def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
         """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
-        return self._settled(self._at(point, self.windows.initial if near is None else near.starts), point)
+        starts = self.windows.initial if near is None else near.windows.starts
+        weights, _ = self._weighed(self._residuals(point, starts))
+        return self._settled(point, weights, starts[None], np.zeros((0, *starts.shape)))
 
     def linearize(self, at: WindowsIterate) -> Linearized:
         """Return the equations about an iterate."""
-        columns, size, count = np.flatnonzero(self.coordinates.free), len(at.point), len(at.starts)
-        slopes, m = at.slopes, len(columns)
-        if not slopes.known.all():
+        known, m = at.windows, int(self.coordinates.free.sum())
+        if not known.known.all():
             about = _differences(self.coordinates, at.point, at.weights, _NARROW)
-            rows = [lacking for k in self._rows if len(lacking := k[~slopes.known[k]])]
+            rows = [lacking for k in self._rows if len(lacking := k[~known.known[k]])]
             derivatives = self._each(
                 _differences_of,
-                lambda k: (about, slopes.starts[k], k, slice(m), slopes.residuals[k]),
+                lambda k: (about, known.slopes_at[k], k, slice(m), known.slopes_from[k]),
                 rows,
             )
-            slopes.values[np.concatenate(rows), :m] = np.concatenate(derivatives)
-            slopes.known[:] = True
-        Z, r = _flat(slopes.values, at.weights), _flat(at.residuals, at.weights)
-        # so small that BLAS uses one thread, and the order of summation never changes
-        G, z = Z @ Z.transpose(0, 2, 1) + at.ties, (Z @ r[..., None])[..., 0]
-        H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
-        H[:, columns[:, None], columns] = G[:, :m, :m]
-        B[:, :, columns], g[:, columns] = G[:, m:, :m], z[:, :m]
-        return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
+            known.slopes[np.concatenate(rows), :m] = np.concatenate(derivatives)
+            known.known[:] = True
+        return self._linearized(known.slopes, known.residuals, at.weights, known.ties)
 
     def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
         """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
-        at = self._at(point, starts)
-        about = _differences(self.coordinates, point, at.weights, _WIDE, central=True)
+        residuals = self._residuals(point, starts)
+        weights, _ = self._weighed(residuals)
+        about = _differences(self.coordinates, point, weights, _WIDE, central=True)
         derivatives = self._each(_differences_of, lambda k: (about, starts[k], k, slice(None)))
-        known = np.ones(len(starts), dtype=bool)
-        values = _with_floor(about, np.concatenate(derivatives))
-        return self.linearize(replace(at, slopes=replace(at.slopes, values=values, known=known)))
+        return self._linearized(_with_floor(about, np.concatenate(derivatives)), residuals, weights, 0.0)
 
     def equations(self, at: WindowsIterate) -> WindowEquations:
         """Return each window's equations with the start eliminated, by wide central differences."""
-        return self.linearize_widely(at.point, at.starts).equations
+        return self.linearize_widely(at.point, at.windows.starts).equations
 
     def advance(self, at: WindowsIterate, about: Linearized, step: NDArray[np.float64]) -> WindowsIterate:
         """Return the iterate after a step (p,), with the starts settled there."""
-        ahead = at.starts + about.response @ step
-        return self._settled(at, at.point + step, np.stack([ahead, ahead + about.shift]))
+        starts, others = at.windows.starts, at.windows.others.transpose(1, 0, 2)
+        ahead = starts + about.response @ step
+        return self._settled(
+            at.point + step, at.weights, np.stack([starts, ahead, ahead + about.shift]), others
+        )
 
     def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
         """Return the same point with the best start of each window, also of those settled from random ones."""
         about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
-        slopes = at.slopes.values[:, -_STATES:]
+        now, slopes = at.windows, at.windows.slopes[:, -_STATES:]
+        others = now.others.transpose(1, 0, 2)
         renewed = self._each(
-            _renewed, lambda k: (about, at.starts[k], at.residuals[k], slopes[k], at.others[:, k], seed, k)
+            _renewed, lambda k: (about, now.starts[k], now.residuals[k], slopes[k], others[:, k], seed, k)
         )
         starts = np.concatenate(renewed, axis=1)
-        return self._settled(replace(at, starts=starts[0], others=starts[1:]), at.point)
+        return self._settled(at.point, at.weights, starts[:1], starts[1:])
 
     def _each(
         self,
@@ -263,61 +262,48 @@ class Balancing:
         count = len(self.windows)
         return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
 
-    def _at(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> WindowsIterate:
-        """Return the iterate at a point (p,) with starts (w, 10), without derivatives."""
+    def _residuals(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the residuals (w, 1 + k, 10) at a point (p,) with starts (w, 10)."""
         values = self.coordinates.physical(point[None])
-        residuals = np.concatenate(
-            self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1
-        )[0]
-        none, unknown = np.zeros((0, *starts.shape)), np.zeros(len(starts), dtype=bool)
-        slopes = _Slopes(values=none, starts=starts, residuals=residuals, known=unknown)
-        return self._weighed(point, starts, residuals, slopes=slopes, ties=0.0, others=none)
+        return np.concatenate(self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1)[0]
 
     def _settled(
         self,
-        near: WindowsIterate,
         point: NDArray[np.float64],
-        offered: NDArray[np.float64] | None = None,
-    ) -> WindowsIterate:
-        """Return the iterate at a point (p,), its starts settled from the best of `near` and `offered` (n, w, 10)."""
-        about = _differences(self.coordinates, point, near.weights, _NARROW)
-        starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
-        settled = self._each(_settled, lambda k: (about, starts[:, k], near.others[:, k], k))
-        lanes, ties, others = zip(*settled, strict=True)
-        return self._weighed(
-            point,
-            np.concatenate([lane.starts for lane in lanes]),
-            np.concatenate([lane.residuals for lane in lanes]),
-            slopes=_Slopes.joined([lane.slopes for lane in lanes]),
-            ties=np.concatenate(ties),
-            others=np.concatenate(others, axis=1),
-        )
-
-    def _weighed(
-        self,
-        point: NDArray[np.float64],
-        starts: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-        *,
-        slopes: _Slopes,
-        ties: NDArray[np.float64] | float,
+        weights: NDArray[np.float64],
+        offered: NDArray[np.float64],
         others: NDArray[np.float64],
     ) -> WindowsIterate:
+        """Return the iterate at a point (p,), settled from the best of the starts (n, w, 10) and others (o, w, 10)."""
+        about = _differences(self.coordinates, point, weights, _NARROW)
+        settled = Starts.joined(self._each(_settled, lambda k: (about, offered[:, k], others[:, k], k)))
+        weights, cost = self._weighed(settled.residuals)
+        return WindowsIterate(point=point, windows=settled, weights=weights, cost=cost)
+
+    def _weighed(self, residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return the weights (1 + k, 10) of residuals (w, 1 + k, 10), and their cost."""
         squares = (residuals**2).sum(axis=(0, 1))
         # the floor of the cost: for a state that nothing moves any weight will do
         by_state = np.sqrt(self.compared / (squares + self._relative_to[1]))
         weights = np.tile(np.where(self.counted, by_state, 0.0), (residuals.shape[1], 1))
         weights[0] = by_state  # otherwise nothing would determine the start of a state that does not count
-        return WindowsIterate(
-            point=point,
-            starts=starts,
-            residuals=residuals,
-            weights=weights,
-            cost=float(self._cost(squares)),
-            slopes=slopes,
-            ties=ties,
-            others=others,
-        )
+        return weights, float(self._cost(squares))
+
+    def _linearized(
+        self,
+        slopes: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        ties: NDArray[np.float64] | float,
+    ) -> Linearized:
+        columns, size, count = np.flatnonzero(self.coordinates.free), len(self.coordinates.free), len(slopes)
+        Z, r, m = _flat(slopes, weights), _flat(residuals, weights), len(columns)
+        # so small that BLAS uses one thread, and the order of summation never changes
+        G, z = Z @ Z.transpose(0, 2, 1) + ties, (Z @ r[..., None])[..., 0]
+        H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
+        H[:, columns[:, None], columns] = G[:, :m, :m]
+        B[:, :, columns], g[:, columns] = G[:, m:, :m], z[:, :m]
+        return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -365,23 +351,13 @@ def _differences(
     )
 
 
-@dataclass(kw_only=True, eq=False)
-class _SettlingStarts:
-    """Starts of windows while they settle; changed in place."""
-
-    rows: NDArray[np.int64]  #: (n,), the windows
-    starts: NDArray[np.float64]  #: (n, 10)
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
-    slopes: _Slopes
-
-
 def _lanes(
     work: Work,
     about: _Differences,
     starts: NDArray[np.float64],
     rows: NDArray[np.int64],
     residuals: NDArray[np.float64] | None = None,
-) -> _SettlingStarts:
+) -> Starts:
     """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals
     if here is None:
@@ -389,9 +365,17 @@ def _lanes(
     values = np.zeros((len(rows), m, *here.shape[1:]))
     derivatives = _differences_of(work, about, starts, rows, slice(m, None), here)
     values = _with_floor(about, np.concatenate([values, derivatives], axis=1))
-    unknown = np.zeros(len(rows), dtype=bool)
-    slopes = _Slopes(values=values, starts=starts.copy(), residuals=here.copy(), known=unknown)
-    return _SettlingStarts(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
+    return Starts(
+        rows=rows,
+        starts=starts.copy(),
+        residuals=here,
+        slopes=values,
+        slopes_at=starts.copy(),
+        slopes_from=here.copy(),
+        known=np.zeros(len(rows), dtype=bool),
+        ties=np.zeros((len(rows), m + _STATES, m + _STATES)),
+        others=np.zeros((len(rows), 0, _STATES)),
+    )
 
 
 def _with_floor(about: _Differences, derivatives: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -421,15 +405,13 @@ def _differences_of(
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
-def _complete(work: Work, about: _Differences, lanes: _SettlingStarts, rows: NDArray[np.int64]) -> None:
+def _complete(work: Work, about: _Differences, lanes: Starts, rows: NDArray[np.int64]) -> None:
     """Compute the derivatives by parameters of lanes that lack them."""
-    slopes, m = lanes.slopes, about.parameters
-    rows = rows[~slopes.known[rows]]
+    m, rows = about.parameters, rows[~lanes.known[rows]]
     if m and len(rows):
-        slopes.values[rows, :m] = _differences_of(
-            work, about, slopes.starts[rows], lanes.rows[rows], slice(m), slopes.residuals[rows]
-        )
-        slopes.known[rows] = True
+        at, before = lanes.slopes_at[rows], lanes.slopes_from[rows]
+        lanes.slopes[rows, :m] = _differences_of(work, about, at, lanes.rows[rows], slice(m), before)
+        lanes.known[rows] = True
 
 
 def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -447,8 +429,8 @@ def _settled(
     own: NDArray[np.float64],
     others: NDArray[np.float64],
     rows: NDArray[np.int64],
-) -> tuple[_SettlingStarts, NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's start, settled from the best of those offered, its ties, and starts in other basins."""
+) -> Starts:
+    """Return each window's start, settled from the best of those offered, and starts in other basins."""
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
     if len(offered) > 1:
@@ -459,7 +441,9 @@ def _settled(
         left = np.flatnonzero(chosen >= len(own))
         others[chosen[left] - len(own), left] = own[0, left]
     lanes = _lanes(work, about, starts, rows, residuals)
-    return lanes, _settle(work, about, lanes), others
+    lanes.others = others.transpose(1, 0, 2)
+    _settle(work, about, lanes)
+    return lanes
 
 
 #: a start has settled if a step promises less, in variances of a residual; steps at most
@@ -471,16 +455,15 @@ _HOLDS, _STRAIGHT = 0.5, 0.9
 _TIE = 1e6
 
 
-def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[np.float64]:
-    """Move each lane to the least cost over its start, and return the ties (n, m + 10, m + 10)."""
+def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
+    """Move each lane to the least cost over its start."""
     # Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
     # the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
     # the latter case.
-    m, W = about.parameters, about.weights
-    ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
+    m, W, ties = about.parameters, about.weights, lanes.ties
     active = np.arange(len(lanes.rows))
     for _ in range(_ROUNDS):
-        S, r = _flat(lanes.slopes.values[active, m:], W), _flat(lanes.residuals[active], W)
+        S, r = _flat(lanes.slopes[active, m:], W), _flat(lanes.residuals[active], W)
         A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
         own, A = A, A + ties[active][:, m:, m:]
         shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
@@ -504,7 +487,7 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
         _complete(work, about, lanes, active)
         _complete(work, about, ahead, np.arange(len(active)))
-        Z, Z_ahead = _flat(lanes.slopes.values[active], W), _flat(ahead.slopes.values, W)
+        Z, Z_ahead = _flat(lanes.slopes[active], W), _flat(ahead.slopes, W)
         r_ahead = _flat(ahead.residuals, W)
         normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
         n = normal[:, m:]
@@ -519,7 +502,7 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
         passed, kept = active[holds], active[~holds]
         lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
-        lanes.slopes.put(passed, ahead.slopes, holds)
+        lanes.take_slopes(passed, ahead, holds)
         ties[passed] = 0.0
         # earlier ties were at the right kinks only if the gain on this one is the expected one
         expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
@@ -528,7 +511,6 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         ties[kept] += ((weight * normal)[:, :, None] * normal[:, None])[~holds]
         nearer = ~holds & (gain_on_kink > 0.0)
         lanes.starts[active[nearer]], lanes.residuals[active[nearer]] = on_kink[nearer], residuals[nearer]
-    return ties
 
 
 def _kink(

@@ -152,7 +152,7 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrivelineFit(Plotted):
-    """One driveline's friction."""
+    """One driveline's friction; `plot()` shows it over speed."""
 
     wheel: int  #: from 1
     values: NDArray[np.float64]  #: (4,) b, c, s, v_s

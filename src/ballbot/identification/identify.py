@@ -74,7 +74,6 @@ from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
@@ -89,7 +88,6 @@ class IdentificationOptions(FitOptions):
     most_steps: int = 75  #: of each descent by Gauss-Newton
     search_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
     accept: Collection[str] = ()  #: codes of errors in the logs to ignore; see `ballbot.findings.CODES`
-    formulation: Formulation = "exact"  #: of the equations of motion
     held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
     back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
@@ -195,26 +193,26 @@ def identify(
     known: dict[str | None, LawCandidate] = {}
     for candidate in LAWS:
         inner = over = known.get(candidate.within)
-        found = fitted(candidate.name, inner and inner.found)
+        by_law = fitted(candidate.name, inner and inner.found)
         while over and not over.accepted:
             over = known.get(over.law.within)
         known[candidate.name] = LawCandidate(
             law=candidate,
-            found=found,
-            gain=_gain(found, inner),
+            found=by_law,
+            gain=_gain(by_law, inner),
             over=over and over.law.name,
-            gain_over=_gain(found, over),
-            error=1.0 - _gain(found, None).share,
+            gain_over=_gain(by_law, over),
+            error=1.0 - _gain(by_law, None).share,
         )
     selection = LawSelection(candidates=tuple(known.values()))
     return replace(selection.best.found, selection=selection)
 
 
-def _gain(found: Identification, other: LawCandidate | None) -> Gain:
+def _gain(own: Identification, other: LawCandidate | None) -> Gain:
     """Return the gain over another law, or over no friction."""
-    theirs = found.held_out.squares_without if other is None else other.found.held_out.squares_with
-    ours, counted = found.held_out.squares_with, found.counted
-    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(found.held_out.spans))
+    theirs = own.held_out.squares_without if other is None else other.found.held_out.squares_with
+    ours, counted = own.held_out.squares_with, own.counted
+    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(own.held_out.spans))
 
 
 def _identified(
@@ -291,7 +289,6 @@ def prepare(
     """
     predictor = Predictor(
         robot=robot,
-        formulation=options.formulation,
         step=options.step,
         layout=coordinates.layout,
         back_emf=options.back_emf,

@@ -41,7 +41,6 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import (
     COLUMN_SPEED_SCALE,
     COLUMNS,
-    Formulation,
     friction_columns,
     law_columns,
     pack,
@@ -64,7 +63,6 @@ class Predictor:
     """A robot with variable parameters."""
 
     robot: Robot  #: its parameters that the layout has are not used
-    formulation: Formulation
     step: float  #: longest integration step [s]
     #: which parameters vary; the ball pivots if "pivoting" is one of them
     layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
@@ -205,7 +203,7 @@ class Predictor:
         """Return the states (lanes, m // every, 10 or 11)."""
         law, wheels = self.robot.friction.own_law, self.robot.wheel_count
         return simulate_lanes(
-            selector(self.formulation, wheels, pivoting=self._pivots, law=law),
+            selector("exact", wheels, pivoting=self._pivots, law=law),
             lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
@@ -218,7 +216,7 @@ class Predictor:
         """Return the parameters as compiled code reads them (sets, size)."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(layout.with_rigid_body(robot, row), self.formulation) for row in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, row), "exact") for row in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -250,7 +248,7 @@ class Predictor:
     @cached_property
     def _own(self) -> NDArray[np.float64]:
         """The robot's own parameters as compiled code reads them."""
-        return pack(self.robot, self.formulation)
+        return pack(self.robot, "exact")
 
 
 def windows_for(

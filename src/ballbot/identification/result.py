@@ -50,7 +50,7 @@ ParameterTable = dict[str, list[float] | float]
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Identification(Plotted):
-    """The identified parameters of a robot, friction's 3 n + 3 first."""
+    """The identified parameters of a robot, friction's 3 n + 3 first; `plot()` shows it over speed, with a band."""
 
     robot: Robot  #: with the friction found
     predictor: Predictor  #: predicts windows by any such parameters

@@ -74,7 +74,7 @@ def found_robot(
 
 
 def with_uncertainty(
-    found: Robot,
+    robot: Robot,
     robot_of: Callable[[NDArray[np.float64]], Robot],
     values: NDArray[np.float64],
     covariance: NDArray[np.float64],
@@ -84,11 +84,11 @@ def with_uncertainty(
 ) -> Robot:
     """Return the robot with standard deviations, correlations and intervals of its parameters `names`, dotted.
 
-    `robot_of` returns the robot of estimated parameters (p,), SI units, and `found` that of `values`. `covariance`
+    `robot_of` returns the robot of estimated parameters (p,), SI units, and `robot` is that of `values`. `covariance`
     (p, p) is zero or NaN for parameters without a standard error, whose `ends` `ends_without_error` returns.
     """
-    names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
-    covariance, numbers = np.nan_to_num(covariance), _numbers(found, names)
+    names = [name for name in BY_NAME if name in set(names) and value_of(robot, BY_NAME[name]) != ()]
+    covariance, numbers = np.nan_to_num(covariance), _numbers(robot, names)
 
     def with_value(index: int, value: float) -> NDArray[np.float64] | None:
         """Return the numbers with another value of one parameter; None if no robot has it."""
@@ -118,7 +118,7 @@ def with_uncertainty(
     sizes[unknown] = np.inf
     stated, labels = dict[str, Value](), list[str]()
     for name in names:
-        value, first = value_of(found, BY_NAME[name]), len(labels)
+        value, first = value_of(robot, BY_NAME[name]), len(labels)
         labels += [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
         rounded = tuple(float(f"{size:.4g}") for size in sizes[first : len(labels)])
         if any(size > 0.0 for size in rounded):
@@ -127,9 +127,9 @@ def with_uncertainty(
     kept = np.flatnonzero((sizes > 0.0) & ~unknown)
     R = spread[np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
     related = np.flatnonzero((np.abs(R - np.diag(R.diagonal())) > 5e-6).any(axis=1))
-    return found.annotated(
-        standard_deviations={**found.standard_deviations, **stated},
-        intervals={**found.intervals, **intervals},
+    return robot.annotated(
+        standard_deviations={**robot.standard_deviations, **stated},
+        intervals={**robot.intervals, **intervals},
         correlation=Correlation.of_matrix([labels[i] for i in kept[related]], R[np.ix_(related, related)]),
     )
 

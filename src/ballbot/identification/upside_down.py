@@ -216,7 +216,7 @@ def momentum_balance(
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UpsideDown(Plotted):
-    """Friction of drivelines and ball-wheel contacts without the robot's weight on the ball; p = 3 n + 1 parameters."""
+    """Friction without the robot's weight on the ball, p = 3 n + 1 parameters; `plot()` shows it over speed."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     verdict: Verdict  #: whether the friction is usable

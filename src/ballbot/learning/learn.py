@@ -341,7 +341,7 @@ def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAU
         learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed
     )
     runs = [
-        GridRun(candidate=f"after {seconds:.0f} s", controller=controller, condition=condition)
+        GridRun(candidate=f"{seconds:.0f} s", controller=controller, condition=condition)
         for seconds, controller in learned.stages.items()
     ]
     logs = run_grid(runs, lambda _, log: log, run=run).answers

@@ -75,7 +75,7 @@ DEFAULT_GAIN, DEFAULT_PARTS = GainOptions(), PartOptions()
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControllerDesign(Plotted):
-    """A controller and how it was designed."""
+    """A controller and how it was designed; `plot()` is its loop's Bode diagram."""
 
     controller: Controller
     gain: LqrDesign

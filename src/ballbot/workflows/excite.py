@@ -207,9 +207,7 @@ _RIDGE = 1e-13
 def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
     """Return the least standard errors (f,) to expect from logs without noise, in shares of the bounds' width."""
     coordinates = task.coordinates
-    predictor = Predictor(
-        robot=task.robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
-    )
+    predictor = Predictor(robot=task.robot, step=INNER_STEP, layout=coordinates.layout, threads=1)
     windows = windows_for(predictor, coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
     off = replace(
@@ -372,7 +370,7 @@ def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)
     if not len(windows):
         raise InputError(f"The run is shorter than one window of {WINDOW:g} s; make it longer.")
-    predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
+    predictor = Predictor(robot=robot, step=1e-3, layout=coordinates.layout)
     residuals = predictor.residuals(coordinates.nominal[None], windows, every=windows.comparison_interval)
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 

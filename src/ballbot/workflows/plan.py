@@ -36,7 +36,7 @@ from ballbot.workflows.collocation import (
     Planner,
     course_through,
 )
-from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import position_error
 
 #: at the speed from which it is to stop [s]
@@ -306,13 +306,13 @@ def follow(
         Condition(plant=plant, reference=reference, duration=float(plan.t[-1]) + _AFTER, seed=seed)
         for seed in range(1, runs + 1)
     ]
-    tried = [GridRun(candidate="plan", controller=controller, condition=one) for one in conditions]
-    found = np.array(run_grid(tried, _errors, workers=workers).answers)
+    runs_of_plan = grid_runs({"plan": controller}, conditions)
+    errors = np.array(run_grid(runs_of_plan, _errors, workers=workers).answers)
     return Followed(
         runs=runs,
-        fell=int(np.isnan(found[:, 0]).sum()),
-        peak_error=float(np.nanmax(found[:, 0], initial=0.0)),
-        end_error=float(np.nanmax(found[:, 1], initial=0.0)),
+        fell=int(np.isnan(errors[:, 0]).sum()),
+        peak_error=float(np.nanmax(errors[:, 0], initial=0.0)),
+        end_error=float(np.nanmax(errors[:, 1], initial=0.0)),
     )
 
 
