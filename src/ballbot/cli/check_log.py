@@ -16,14 +16,7 @@ from ballbot.log.checks import BALANCING, DRIVELINES
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.proposal import (
-    Proposal,
-    answer_lines,
-    contradictions,
-    evaluate,
-    propose,
-    surest,
-)
+from ballbot.log.proposal import Proposal, answer_lines, contradictions, evaluate, propose, surest
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
@@ -40,7 +33,7 @@ def check_log(
     full_scale: options.Positive | None = None,
     counts_per_turn: options.Positive | None = None,
     columns: str | None = None,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
@@ -69,8 +62,6 @@ def check_log(
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
-    out
-        A folder for report.html, results.json and, for foreign files, the mapping and the converted log.
     """
     files, described = (file, *others), Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))

@@ -38,7 +38,7 @@ def identify(
     exclude_states: str = "",
     bounds: Path | None = None,
     sweep: Path | None = None,
-    window: float = 0.25,
+    window: options.Window = 0.25,
     search: Search = "multistart",
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
@@ -77,8 +77,6 @@ def identify(
     sweep
         results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
         their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
-    window
-        Length of the predicted windows [s].
     search
         How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
         thesis, which takes longer.

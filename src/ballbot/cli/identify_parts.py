@@ -88,7 +88,7 @@ def identify_upside_down(
     out: options.Out,
     mapping: options.Mapping = None,
     seed: options.Seed = 0,
-    window: float = 1.0,
+    window: options.Window = 1.0,
     accept: options.Accept = None,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
@@ -104,8 +104,6 @@ def identify_upside_down(
     ----------
     logs
         One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
-    window
-        Length of the predicted windows [s].
     """
     described, named = Robot.load(robot), read_logs(logs, mapping)
     by_path = dict(zip(map(str, logs), named.values(), strict=True))

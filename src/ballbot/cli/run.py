@@ -143,7 +143,7 @@ def balance(
     reference: str = "hold",
     duration: options.Positive = 30.0,
     ramp: float = 0.0,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
@@ -172,8 +172,6 @@ def balance(
         Longest time from arming on [s].
     ramp
         Time over which the torque limit rises from zero [s], for a first balance on a tether.
-    out
-        The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
     if mixed and controller is None:
         raise InputError("--with needs the controller whose gain it is mixed with: give --controller.")
@@ -239,17 +237,12 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
 
 
 @run.command
-def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
+def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: options.OptionalOut = None) -> None:
     """Check the wiring: IMU axes and encoders while you move the robot by hand, then each motor with its encoder.
 
     Example: ballbot run wiring /dev/ttyACM0 --out wiring
 
     Example: ballbot run wiring --emulated
-
-    Parameters
-    ----------
-    out
-        The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
     with link.connect(port, imu_checked=False) as connection:

@@ -157,7 +157,8 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
     use = f" for {every(uses)}" if uses else ""
     if warnings:
-        return f"The log can be used{use}; read the {counted(warnings, 'warning')} below first."
+        words = "warning" if warnings == 1 else f"{warnings} warnings"
+        return f"The log can be used{use}; read the {words} below first."
     return f"A good log{use}." if use else "No problems were found."
 
 
