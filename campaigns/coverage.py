@@ -83,7 +83,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         prepared.experiment,
         coordinates.scaled(BEGIN),
         refused=prepared.excitation.refused,
-        most_steps=options.gauss_newton_steps,
+        options=options,
         run=run,
     )
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)

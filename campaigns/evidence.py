@@ -32,6 +32,7 @@ CAMPAIGNS = {
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
     "randomisation": "campaigns.randomisation",
+    "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

@@ -4,8 +4,6 @@
 .venv/bin/python -m campaigns.killed_policies 1000000      with at least so many episodes: half an hour of two cores
 """
 
-from __future__ import annotations
-
 import math
 import os
 import pickle
@@ -36,11 +34,21 @@ EPISODES = 20_000
 _KILLED_AFTER = (0.1, 0.5, 0.8)
 
 
+def two_workers() -> LocalCluster:
+    """Return a cluster of this computer that says nothing of workers and clients that are killed."""
+    return LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=60)  # pyright: ignore[reportArgumentType]
+
+
+def address_of(local: LocalCluster) -> str:
+    """Return where its scheduler is."""
+    return str(local.scheduler_address)  # pyright: ignore[reportAttributeAccessIssue]
+
+
 class KillingCluster(Cluster):
     """Workers of a local cluster, one of which is killed after each of some numbers of results."""
 
     def __init__(self, local: LocalCluster, after: Sequence[int]) -> None:
-        super().__init__(str(local.scheduler_address))  # pyright: ignore[reportAttributeAccessIssue]
+        super().__init__(address_of(local))
         self._local, self._after, self.killed = local, set(after), 0
 
     def each(
@@ -93,16 +101,8 @@ def killed_files(name: str, runs: Mapping[str, PolicyRun]) -> tuple[dict[str, by
     """Return the files of policies learned anew on a cluster, and how many of its workers were killed."""
     shutil.rmtree(section.BUILD / name, ignore_errors=True)
     after = sorted({max(1, round(share * len(runs))) for share in _KILLED_AFTER})
-    local = LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        dashboard_address=None,  # pyright: ignore[reportArgumentType]
-        silence_logs=60,  # of workers that are killed
-    )
-    with local:
-        cluster = KillingCluster(local, after)
-        with cluster:
-            return files_of(name, runs, workers=cluster), cluster.killed
+    with two_workers() as local, KillingCluster(local, after) as cluster:
+        return files_of(name, runs, workers=cluster), cluster.killed
 
 
 def campaign(episodes: int = EPISODES) -> Section:
@@ -120,20 +120,8 @@ def campaign(episodes: int = EPISODES) -> Section:
         before=f"{len(TASKS)} tasks x {len(KINDS)} randomisations x {len(runs) // (len(TASKS) * len(KINDS))} seeds, "
         f"each policy trained by {UPDATES} updates in episodes of {EPISODE:g} s, first in one process, then by a Dask "
         "LocalCluster of 2 workers, of which one is killed with SIGKILL while it works, again and again.",
-        columns=[
-            "policies",
-            "episodes",
-            "workers killed",
-            "files of the same bytes",
-        ],
-        rows=[
-            [
-                str(len(runs)),
-                f"{ended:,}",
-                str(killed),
-                f"{same} of {len(runs)}",
-            ]
-        ],
+        columns=["policies", "episodes", "workers killed", "files of the same bytes"],
+        rows=[[str(len(runs)), f"{ended:,}", str(killed), f"{same} of {len(runs)}"]],
         after="`python -m campaigns.killed_policies 1000000` does the same with a million episodes.",
     )
 

@@ -82,7 +82,7 @@ def _after(result: AxisIdentification) -> str:
     )
     return (
         f"The windows last {result.window:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
-        f"{' '.join(texts(result.findings))} `python -m campaigns.one_axis --data DIR` prints this section."
+        f"{' '.join(texts(result.findings))}"
     )
 
 

@@ -134,8 +134,7 @@ def all_on_relative_speed(robot: Robot) -> Robot:
     n = robot.drive.gear_ratio
     total = robot.wheels.inertia + robot.drive.reflected_inertia
     return robot.replace(
-        wheels=replace(robot.wheels, inertia=0.0),
-        drive=replace(robot.drive, motor_inertia=total / n**2, gear_inertia=0.0),
+        {"wheels.inertia": 0.0, "drive.motor_inertia": total / n**2, "drive.gear_inertia": 0.0}
     )
 
 

@@ -8,8 +8,6 @@ identification, or uniform boxes. Then each does its task on the true robot. Wha
 build/randomisation.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -41,11 +39,7 @@ TASKS = ("balance",)
 #: nothing was developed on these twins, and the spread between logs was not fitted to them
 HELD_OUT = UNSEEN[:10]
 #: what robots a policy is trained on, in words
-KINDS = {
-    "none": "as identified",
-    "boxes": "boxes",
-    "found": "drawn from the identification",
-}
+KINDS = {"none": "as identified", "boxes": "boxes", "found": "drawn from the identification"}
 #: half as long as usual: no episode falls any more after 15 to 25 updates
 TRAINING = Training(updates=30)
 #: the twin of which only friction and play are the true robot's
@@ -87,9 +81,7 @@ class PolicyRun:
 
 def identified(seed: int) -> dict[str, str]:
     """Return the files of the identification of a true robot from its logs, quickly."""
-    options = IdentificationOptions(
-        generations=40, population=16, gauss_newton_steps=30, step=2.5e-3, most_profiles=0
-    )
+    options = IdentificationOptions(most_steps=30, step=2.5e-3, most_profiles=0)
     fit = identify(ROBOT, pair_log(seed, 0), seed=0, options=options, run=Run(executor=Threads(count=1)))
     return {
         "robot.toml": robot_text(fit.robot),

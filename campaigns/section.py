@@ -143,7 +143,7 @@ def _read_score(path: Path) -> Score | None:
 
 
 class DataMissingError(Exception):
-    """A campaign needs public data that are not part of Ballbot."""
+    """A campaign needs public data, or packages, that are not part of Ballbot."""
 
 
 def data_folder() -> Path:

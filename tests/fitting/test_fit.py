@@ -5,11 +5,11 @@ from numpy.testing import assert_allclose
 
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
-from ballbot.fitting.parameter import Limits, Parameter
+from ballbot.fitting.parameter import FitParameter, Limits
 
 
-def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> Parameter:
-    return Parameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
+def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> FitParameter:
+    return FitParameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
 
 
 def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:

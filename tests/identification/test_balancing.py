@@ -22,7 +22,7 @@ STEP = 2.5e-3  # [s], inner step of the fits; it moves a cost by 1e-4 of itself
 def problem_of(*, seed: int, bounds: Bounds | None = None, duration: float = DURATION) -> Balancing:
     """Return the fit of a noisy log; where there are bounds, of what they free, the rest held at the truth."""
     coordinates = scale_between(alten(), bounds=bounds)
-    predictor = Predictor(robot=alten(), formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
+    predictor = Predictor(robot=alten(), step=STEP, layout=coordinates.layout, threads=1)
     log = noisy(balancing_log(duration=duration), seed=seed)
     windows = cut_windows([log], wheel_count=3, duration=0.25)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1))
@@ -56,7 +56,7 @@ def finished(problem):
 def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
     truth = cut_windows([balancing_log(duration=DURATION)], wheel_count=3, duration=0.25).initial
     measured = np.sqrt(((problem.windows.initial - truth) ** 2).mean(axis=0))
-    freed = np.sqrt(((finished.end.starts - truth) ** 2).mean(axis=0))
+    freed = np.sqrt(((finished.end.windows.starts - truth) ** 2).mean(axis=0))
     np.testing.assert_allclose(measured, NOISE, rtol=0.35)  # 40 windows give a deviation to 11 %
     # eleven samples tie a start and its rate: on average over the states at least halved
     assert np.exp(np.log(freed / measured).mean()) < 0.6
@@ -86,7 +86,7 @@ def test_known_friction_is_found_within_its_errors_and_better_than_from_measured
 def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(problem, finished):
     point = finished.point.copy()
     point[3] += 0.01  # c1, off the optimum
-    starts = finished.end.starts
+    starts = finished.end.windows.starts
     for _ in range(3):  # let the starts settle there
         about = problem.linearize_widely(point, starts)
         starts = starts + about.shift

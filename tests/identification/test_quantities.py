@@ -35,7 +35,7 @@ def residuals(log: Log, extra: dict[str, list[float]], *, back_emf: float = 0.0)
     """Return the residuals of the log's windows under the true friction and these values."""
     layout = Layout(wheel_count=3, extra=names_in(list(extra)))
     values = np.concatenate([TRUTH, *(np.array(extra[name]) for name in layout.extra)])
-    predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=layout, back_emf=back_emf)
+    predictor = Predictor(robot=alten(), step=1e-3, layout=layout, back_emf=back_emf)
     windows = windows_for(predictor, values, [log], duration=0.25)
     return predictor.residuals(values[None], windows, every=1)[0]
 

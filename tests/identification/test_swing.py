@@ -56,7 +56,8 @@ def robot() -> Robot:
 def test_pendulum_motion_equals_scipys_integration(amplitude, viscous, dry, h):
     t = np.arange(0.0, 6.0, h)
     angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
-    angles, rates = pendulum_motion(STIFFNESS, viscous, dry, amplitude, 0.0, t)
+    p = np.array([STIFFNESS, viscous, dry, amplitude, 0.0])
+    angles, rates = pendulum_motion(p, t)
     np.testing.assert_allclose(angles, angle, atol=1e-5)
     # where it turns, the acceleration jumps by 0.6 / s^2 within a step of 0.03 / 3.9 s, of which the spline misses 4 %
     np.testing.assert_allclose(rates, rate, atol=2e-4)

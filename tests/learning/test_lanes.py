@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from ballbot import Controller, InputError, simulate_batch
-from ballbot.control.presets import nominal_controller
+from ballbot.control.law import MEMORY_SIZE, control_law
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots
@@ -72,6 +73,22 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
     assert_allclose(np.stack(torques, axis=1), expected.commanded, atol=1e-9)
     assert_allclose(np.stack(seen, axis=1), expected.seen, atol=1e-9)
     assert_allclose(np.stack(truths, axis=1), expected.next_states, atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_base_controller_is_shown_poses_as_on_a_course_and_its_torque_limit_holds():
+    base = precise_controller(ROBOTS[0].model.robot)
+    lanes, memory, expected = made("drive", base=base, repeat=1), np.zeros(MEMORY_SIZE), np.zeros(3)
+    lanes.start()
+    for action in [*100 * [0.0], *3 * [5.0]]:
+        seen = lanes.states[0].copy()
+        lanes.step(np.full((3, 3), action))
+        pose = np.where(np.isin(np.arange(10), (0, 1, 4)), lanes.references[0], 0.0)
+        control_law(base.packed, memory, seen, pose, expected)
+        expected = np.clip(expected + action, -base.torque_limit, base.torque_limit)
+        memory[:3] = expected  # the torques that act
+        assert_allclose(lanes._world.blocks.commanded[0], expected, atol=1e-9)
+    assert np.any(lanes.references[0, 5:7])
 
 
 @pytest.mark.slow

@@ -269,11 +269,7 @@ def test_host_says_that_the_robot_is_silent_and_stops_sending():
     with pytest.raises(LinkError, match=r"silent for \d+ ms"):
         session.poll(1.0)
     assert robot.clock() - began <= 0.05 + 2 * 0.01  # a wait may last 10 ms
-    for act in (
-        lambda: session.poll(),
-        lambda: session.send(Keep()),
-        lambda: session.set_torques(np.zeros(3)),
-    ):
+    for act in (session.poll, lambda: session.send(Keep()), lambda: session.set_torques(np.zeros(3))):
         with pytest.raises(LinkError, match="connect first"):
             act()
 

@@ -33,9 +33,7 @@ def bad_file(tmp_path, bad):
 
 
 @pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin"])
-def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
-    tmp_path, bad_file, capsys, command
-):
+def test_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(tmp_path, bad_file, capsys, command):
     out = tmp_path / "out"
     words = {
         "align": [str(bad_file), str(bad_file)],

@@ -37,11 +37,7 @@ class TestFile:
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "no errors can have"),
             ('"friction.rolling"', "[[1.0]]", r"correlation\.of is 'friction.rolling'; it must be a list"),
             ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]", "belong together"),
-            (
-                '["body.mass"]',
-                "[[1.0]]\n[intervals]\n'body.mass' = [0.0]",
-                "one entry; it must have at least 2",
-            ),
+            ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0]", "it must have at least 2"),
         ],
     )
     def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):
@@ -55,22 +51,14 @@ class TestFile:
         ("old", "new", "says"),
         [
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = -1', "it must be zero or more"),
-            (
-                '0.393, unit = "m"',
-                '0.393, unit = "m", standard_deviation = "1"',
-                "it must be a number or a list",
-            ),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "be a number or a list"),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviaton = 1',
                 "standard_deviaton is not a key of a parameter; did you mean",
             ),
             ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
-            (
-                "rows = { value = 2,",
-                "rows = { value = 2, standard_deviation = 1,",
-                "whole number and cannot have",
-            ),
+            ("rows = { value = 2,", "rows = { value = 2, standard_deviation = 1,", "number and cannot have"),
         ],
     )
     def test_mistakes_end_in_one_sentence(self, old: str, new: str, says: str, tmp_path: Path):

@@ -38,9 +38,8 @@ class TestClosedForms:
             wheel(law, CURVE), np.full(100, 5.0), sample_time=0.005, initial_speed=35.0
         )
         rate = 6.0 / 27.7 / J
-        np.testing.assert_allclose(
-            motion.speeds[:8], 27.7 + 7.3 * np.exp(-rate * motion.t[:8]), rtol=1e-4
-        )  # RK4, half a time constant a step
+        # RK4, half a time constant a step
+        np.testing.assert_allclose(motion.speeds[:8], 27.7 + 7.3 * np.exp(-rate * motion.t[:8]), rtol=1e-4)
 
 
 def event_driven(law: Classical, torques: np.ndarray, sample_time: float) -> np.ndarray:

@@ -198,16 +198,8 @@ def test_a_lag_is_the_first_order_filter_of_the_torques():
 @pytest.mark.parametrize(
     ("model", "imperfections", "words"),
     [
-        (
-            Model(ROBOT),
-            Imperfections(sensors=replace(SENSORS, sample_time=0.01)),
-            r"every 0\.01 s and the controllers",
-        ),
-        (
-            Model(ROBOT),
-            [Imperfections(backlash=PLAY), Imperfections()],
-            "all lanes of a batch have play or none",
-        ),
+        (Model(ROBOT), Imperfections(sensors=replace(SENSORS, sample_time=0.01)), r"every 0\.01 s and"),
+        (Model(ROBOT), [Imperfections(backlash=PLAY), Imperfections()], "of a batch have play or none"),
         (Model(ROBOT, "thesis"), Imperfections(sensors=SENSORS), "'thesis'"),
         (
             Model(ROBOT),

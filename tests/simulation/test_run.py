@@ -129,7 +129,5 @@ def test_controllers_that_cannot_work_fall_from_the_default_start(friction, seed
 def test_start_and_sample_time_that_a_caller_states_count():
     log = simulate("alten", "nominal", "hold", duration=0.1, initial_state=np.zeros(10))
     assert not log.states.any()
-    with pytest.raises(
-        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
-    ):
+    with pytest.raises(InputError, match=r"sample time is 5 s; .* at most 1 s; did you mean 0.005 s\?"):
         simulate("alten", Answering(lambda _: np.zeros(3), sample_time=5.0), "hold", duration=10.0)

@@ -43,9 +43,8 @@ from tests.support.prediction_examples import (
     predicted_log,
 )
 
-pytestmark = (
-    pytest.mark.slow
-)  # most need a run around the square with every part, whose forms are compiled first
+# most need a run around the square with every part, whose forms are compiled first
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

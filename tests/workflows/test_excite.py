@@ -126,7 +126,7 @@ def assert_errors_are_those_expected(found: Identification, log: Log) -> None:
 @pytest.mark.sample  # of another seed in tests/identification/test_identify.py
 @pytest.mark.parametrize("seed", [2, 3, 9])
 def test_errors_expected_are_the_least_that_identification_finds(seed):
-    options = IdentificationOptions(evolution_windows=24, step=2.5e-3, most_profiles=0)
+    options = IdentificationOptions(search_windows=24, step=2.5e-3, most_profiles=0)
     found = identify(alten(), noisy(balancing_log(), seed=seed), options=options)
     assert_errors_are_those_expected(found, balancing_log())
 

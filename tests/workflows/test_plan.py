@@ -158,9 +158,7 @@ def test_torques_reverse_gently():
 
 def test_missing_casadi_is_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(
-        InputError, match=r"A plan needs CasADi; install it with: pip install 'ballbot\[plan\]'"
-    ):
+    with pytest.raises(InputError, match=r"needs CasADi; install it with: pip install 'ballbot\[plan\]'"):
         ballbot.plan(rough(), to=(1.0, 0.0, 0.0))
 
 

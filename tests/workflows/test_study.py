@@ -43,7 +43,7 @@ SMALL = StudyOptions(
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
 #: profiles have tests of their own (tests/fitting/test_intervals.py)
-BRIEF = partial(IdentificationOptions, evolution_windows=32, most_profiles=0)
+BRIEF = partial(IdentificationOptions, search_windows=32, most_profiles=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

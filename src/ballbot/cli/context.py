@@ -38,7 +38,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
-    from ballbot.identification.verdict import Verdict
+    from ballbot.identification.result import Verdict
     from ballbot.report.blocks import Result
 
 _MAX_SEEDS = 100_000

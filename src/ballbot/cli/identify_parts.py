@@ -14,12 +14,12 @@ from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run, check_seed
 from ballbot.identification import axis
-from ballbot.identification.agreement import file_findings
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
+from ballbot.identification.stages import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
@@ -88,7 +88,7 @@ def identify_upside_down(
     out: options.Out,
     mapping: options.Mapping = None,
     seed: options.Seed = 0,
-    window: float = 1.0,
+    window: options.Window = 1.0,
     accept: options.Accept = None,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
@@ -104,8 +104,6 @@ def identify_upside_down(
     ----------
     logs
         One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
-    window
-        Length of the predicted windows [s].
     """
     described, named = Robot.load(robot), read_logs(logs, mapping)
     by_path = dict(zip(map(str, logs), named.values(), strict=True))

@@ -17,6 +17,7 @@ from ballbot.cli.controllers import read_others
 from ballbot.cli.output import emit, notice, print_parts, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
+from ballbot.file_formats import read_results
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
 from ballbot.link.connection import Connection, LiveRun, Monitor, connect_emulated, connect_port
@@ -142,7 +143,7 @@ def balance(
     reference: str = "hold",
     duration: options.Positive = 30.0,
     ramp: float = 0.0,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
@@ -171,8 +172,6 @@ def balance(
         Longest time from arming on [s].
     ramp
         Time over which the torque limit rises from zero [s], for a first balance on a tether.
-    out
-        The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
     if mixed and controller is None:
         raise InputError("--with needs the controller whose gain it is mixed with: give --controller.")
@@ -189,7 +188,9 @@ def balance(
         others = read_others(mixed, link.described)
         read = read_controller(controller, link.described)
         exported = export_controller(read, others, described=link.described, lean=lean)
-        if (study := controller.with_name("results.json")).exists():
+        study = controller.with_name("results.json")
+        results = read_results(study) if study.exists() else None
+        if isinstance(results, dict) and results.get("prediction"):  # a design's or a training's has none
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
@@ -236,17 +237,12 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
 
 
 @run.command
-def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
+def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: options.OptionalOut = None) -> None:
     """Check the wiring: IMU axes and encoders while you move the robot by hand, then each motor with its encoder.
 
     Example: ballbot run wiring /dev/ttyACM0 --out wiring
 
     Example: ballbot run wiring --emulated
-
-    Parameters
-    ----------
-    out
-        The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
     with link.connect(port, imu_checked=False) as connection:

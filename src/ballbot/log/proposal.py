@@ -99,7 +99,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """A proposed mapping of a foreign log, with its evidence."""
+    """A proposed mapping of a foreign log, with its evidence; `evaluate` adds its file and the log that it makes."""
 
     base: Columned
     lean: Unit | None
@@ -110,10 +110,17 @@ class Proposal:
     drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
     findings: tuple[Finding, ...] = ()
+    text: str = ""  #: the mapping file
+    log: Log | None = None  #: made by the mapping; None if something is open, or it makes none
+    refusal: str = ""  #: why the mapping cannot be used as it is: one sentence; empty if it can
 
     @property
     def roles(self) -> Roles:
         return self.base.roles
+
+    @property
+    def robot(self) -> Robot:
+        return self.base.robot
 
     @property
     def tested(self) -> LeanTest | None:
@@ -147,7 +154,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
     if roles.commands:
         try:
-            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
+            needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None
         except InputError:  # too short, or rows without a value
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
@@ -333,37 +340,27 @@ def _answers(proposal: Proposal) -> dict[str, object]:
     return answers
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
-    """A proposal's mapping file, the log that it makes, and the findings on both."""
-
-    proposal: Proposal
-    findings: tuple[Finding, ...]
-    text: str  #: the mapping file
-    log: Log | None  #: made by the mapping; None if something is open, or it makes none
-    refusal: str  #: why the mapping cannot be used as it is: one sentence; empty if it can
-
-
-def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
+def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-    asked = [len(evaluation.proposal.questions) + bool(evaluation.refusal) for evaluation in evaluated]
-    margins = [
-        evaluation.proposal.tested.margin if evaluation.proposal.tested else 0.0 for evaluation in evaluated
-    ]
-    return evaluated[min(range(len(evaluated)), key=lambda k: (asked[k], -margins[k]))]
+
+    def doubt(proposal: Proposal) -> tuple[int, float]:
+        asked = len(proposal.questions) + bool(proposal.refusal)
+        return asked, -proposal.tested.margin if proposal.tested else 0.0
+
+    return min(evaluated, key=doubt)
 
 
-def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
-    """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
+def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
+    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
 
     `common`, the surest of several logs of the same robot, answers what this log leaves open.
     """
     if common is not None:
         proposal = _answered(proposal, common)
-    findings, log, refusal = list(proposal.findings), None, _refusal(proposal, robot)
+    robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
     if not refusal:
         try:
-            log = mapped(proposal, robot)
+            log = mapped(proposal)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -371,7 +368,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        drive = parse_mapping(mapping_text(proposal, robot), source="the mapping").input
+        drive = parse_mapping(mapping_text(proposal), source="the mapping").input
         band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
         evidence = (
             f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
@@ -381,21 +378,21 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
             answers = f"{band:.2g}", "0, if the firmware adds none"
             question = Question(_BAND_KEY, "dead band of the firmware", answers, evidence)
             proposal, log = replace(proposal, questions=(*proposal.questions, question)), None
-            refusal = _refusal(proposal, robot)
+            refusal = _refusal(proposal)
         elif off > NOTABLE_BAND:
             findings.append(warning("dead-band", f"No dead band is stated: {evidence}."))
     if proposal.tested is not None:
         disturbance = proposal.tested.disturbance
         findings += judged("disturbance", [], disturbance, times=disturbance)
-    text = mapping_text(proposal, robot)
-    return Evaluation(proposal=proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
+    text = mapping_text(proposal)
+    return replace(proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
 
 
-def mapped(proposal: Proposal, robot: Robot) -> Log:
+def mapped(proposal: Proposal) -> Log:
     """Return the log that a proposal makes; one without a drive takes the commands for torques."""
-    text = mapping_text(replace(proposal, questions=()), robot)
+    text = mapping_text(replace(proposal, questions=()))
     log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
-    return with_odometry(log, robot) if proposal.roles.attitude else log
+    return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
 
 
 def _too_coarse(log: Log) -> str:
@@ -425,7 +422,7 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     return answered
 
 
-def _refusal(proposal: Proposal, robot: Robot) -> str:
+def _refusal(proposal: Proposal) -> str:
     """Return why a proposal makes no log of the robot; empty if it makes one."""
     if proposal.what == "IMU only":
         return (
@@ -441,9 +438,9 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
     gain = tested.placements[0].gain if tested and tested.confidence >= CONFIDENT else 1.0
     if proposal.what == "balancing" and not GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
         return (
-            f"the log contradicts the robot {robot.name}: the lean responds to the wheels {gain:.3g} times as strongly "
-            "as this robot's should: a unit, the counts per turn, a radius or the height of the centre of mass is "
-            "another."
+            f"the log contradicts the robot {proposal.robot.name}: the lean responds to the wheels {gain:.3g} times as "
+            "strongly as this robot's should: a unit, the counts per turn, a radius or the height of the centre of "
+            "mass is another."
         )
     names = ", ".join(f"{question.name} ({question.key})" for question in proposal.questions)
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
@@ -453,10 +450,11 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
 _BAND_KEY = "[input] dead_band"
 
 
-def mapping_text(proposal: Proposal, robot: Robot) -> str:
+def mapping_text(proposal: Proposal) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping`) that a proposal describes."""
+    file = printable_line(proposal.base.path.name)
     lines = [
-        f"# {printable_line(proposal.base.path.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
+        f"# {file} as a log of the robot {proposal.robot.name}, by `ballbot check-log`.",
         format_line("mapping"),
     ]
     if proposal.questions:
@@ -467,7 +465,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
         **_recording_lines(proposal),
         "[attitude]": _attitude_lines(proposal),
         "[wheels]": _wheel_lines(proposal),
-        "[input]": _input_lines(proposal, robot),
+        "[input]": _input_lines(proposal),
     }
     for table, entries in tables.items():
         lines += ["", table] if entries else []
@@ -560,8 +558,8 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
     ]
 
 
-def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
+def _input_lines(proposal: Proposal) -> list[str]:
+    names, drive, order, robot = proposal.roles.commands, proposal.drive, proposal.frame.order, proposal.robot
     if not names:
         return []
     columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
@@ -617,18 +615,17 @@ def _kind_lines(
     ]
 
 
-def answer_lines(evaluation: Evaluation) -> list[str]:
+def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
-    proposal = evaluation.proposal
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     lines = [
         f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s; "
         f"usable for {_USES[proposal.what]}{without}."
     ]
-    shown = evaluation.text.partition("\n\n[columns]")[2].splitlines()
+    shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]
     lines += [f"cannot determine: {question.text}" for question in proposal.questions]
-    lines += [f"{finding.severity}: {finding.text}" for finding in evaluation.findings]
+    lines += [f"{finding.severity}: {finding.text}" for finding in proposal.findings]
     more = len(lines) - MOST_LINES
     return lines if more <= 0 else [*lines[: MOST_LINES - 1], f"{more + 1} more in the report."]

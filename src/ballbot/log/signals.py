@@ -47,12 +47,12 @@ def local_fit(t: Floats, values: Floats, *, rows: int) -> tuple[Floats, Floats]:
     smooth, rates = np.empty_like(values), np.empty_like(values)
     for first in range(0, len(t), _AT_ONCE):
         block = every[first : first + _AT_ONCE]
-        places = np.clip(block[:, None] + offsets, 0, len(t) - 1)
-        powers = ((t[places] - t[block, None]) / scale)[..., None] ** np.arange(_LOCAL_DEGREE + 1)
+        near_rows = np.clip(block[:, None] + offsets, 0, len(t) - 1)
+        powers = ((t[near_rows] - t[block, None]) / scale)[..., None] ** np.arange(_LOCAL_DEGREE + 1)
         normal = np.einsum("nki,k,nkj->nij", powers, weights, powers)
         # rows at one time leave the slope undetermined; this makes it zero
         normal += 1e-9 * np.eye(_LOCAL_DEGREE + 1)
-        right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[block, None])
+        right = np.einsum("nki,k,nkc->nic", powers, weights, values[near_rows] - values[block, None])
         solution = np.linalg.solve(normal, right)
         smooth[block], rates[block] = values[block] + solution[:, 0], solution[:, 1] / scale
     return smooth, rates
@@ -162,9 +162,9 @@ def without_holes(t: Floats, values: Floats, *, held: bool = False) -> Floats:
     known = np.isfinite(values)
     if known.all() or known.sum() < 2:
         return values
-    places, every = np.flatnonzero(known), np.arange(len(values))
-    before = places[np.clip(np.searchsorted(places, every, side="right") - 1, 0, None)]
-    after = places[np.clip(np.searchsorted(places, every), None, len(places) - 1)]
+    rows, every = np.flatnonzero(known), np.arange(len(values))
+    before = rows[np.clip(np.searchsorted(rows, every, side="right") - 1, 0, None)]
+    after = rows[np.clip(np.searchsorted(rows, every), None, len(rows) - 1)]
     inside = ~known & (t[after] - t[before] <= max(LONGEST_HOLE, 2.5 * float(np.median(np.diff(t)))))
     inside &= (before < every) & (every < after)
     return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)

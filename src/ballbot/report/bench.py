@@ -13,7 +13,7 @@ from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
-from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
+from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
@@ -140,7 +140,7 @@ def prediction_series(fit: UpsideDown, log: Log) -> TimeSeries:
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
     frictions = fit.robot.friction, Friction.none(fit.robot.wheel_count)
-    predicted = np.array([windows.predicted(fit.robot, friction) for friction in frictions])
+    predicted = np.array([predicted_velocity(windows, fit.robot, friction) for friction in frictions])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in fit.held_out_windows}

@@ -65,9 +65,7 @@ def friction_report(log: Log, run: Run) -> Result:
     from ballbot.report.identification import friction_curve, identification_report
 
     part = log.without_truth().between(0.0, 20.0)
-    options = IdentificationOptions(
-        generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
-    )
+    options = IdentificationOptions(search_windows=24, most_steps=4, most_profiles=0)
     checked = CheckedLogs.simulated(part)
     fit = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
     report = identification_report(fit, {SOFT: part}, findings=(), selection=None, holdouts=())

@@ -23,9 +23,8 @@ from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import FrictionAtHorizon
-from ballbot.identification.laws import LawCandidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import represents_sentence
+from ballbot.identification.result import LawCandidate, LawSelection, represents_sentence
 from ballbot.log import Log
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction

@@ -78,7 +78,7 @@ def _tried(learned: Learned) -> Sheet:
 def _film(learned: Learned, film: Mapping[str, Log]) -> Section:
     """Return the runs side by side in three dimensions."""
     caption = (
-        "The same robot from the same start, under the best policy that the training had found by then. A robot that "
+        "The same robot from the same start, under the best policy after so many seconds of learning. A robot that "
         "falls stays where it fell. Drag to orbit."
     )
     return section("As it learned", Animation(replay_part(film, learned.controller.robot), caption))

@@ -18,7 +18,7 @@ from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.pose import with_position, with_rates
-from ballbot.log.proposal import Evaluation, Proposal, answer_lines
+from ballbot.log.proposal import Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.report.words import capital
@@ -157,34 +157,33 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
     use = f" for {every(uses)}" if uses else ""
     if warnings:
-        return f"The log can be used{use}; read the {counted(warnings, 'warning')} below first."
+        words = "warning" if warnings == 1 else f"{warnings} warnings"
+        return f"The log can be used{use}; read the {words} below first."
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(
-    evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
-) -> Result:
+def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: bool) -> Result:
     """Return the page of the mapping proposed for foreign files, from the surest of them; `kept`: it was written."""
-    file, proposal = evaluation.proposal.base.path, evaluation.proposal
+    file, robot = proposal.base.path, proposal.robot
     verdict = (
-        evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
+        proposal.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    answers = Verbatim("\n".join(answer_lines(evaluation)))
+    answers = Verbatim("\n".join(answer_lines(proposal)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
             section("What was found", answers, _placement_table(proposal) if proposal.tested else None),
-            section("The mapping file", Verbatim(evaluation.text)),
-            section("The log that it makes", *(over_time(log, robot) if (log := evaluation.log) else ())),
+            section("The mapping file", Verbatim(proposal.text)),
+            section("The log that it makes", *(over_time(log, robot) if (log := proposal.log) else ())),
         ],
         undecided=[f"{capital(question.text)}." for question in proposal.questions],
-        findings=evaluation.findings,
+        findings=proposal.findings,
         accepted=False,
         data={
             "files": [_proposal_data(candidate) for candidate in evaluated],
-            **({} if kept else {"mapping_file": evaluation.text}),
+            **({} if kept else {"mapping_file": proposal.text}),
         },
     )
 
@@ -204,10 +203,9 @@ def _placement_table(proposal: Proposal) -> Sheet:
     return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
-def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
+def _proposal_data(proposal: Proposal) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
-    proposal, log = evaluation.proposal, evaluation.log
-    motion, tested = proposal.motion, proposal.tested
+    motion, tested, log = proposal.motion, proposal.tested, proposal.log
     return {
         "file": str(proposal.base.path),
         "what": proposal.what,
@@ -227,8 +225,8 @@ def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
         "drive": proposal.drive,
         "keep": proposal.keep,
         "questions": proposal.questions,
-        "refusal": evaluation.refusal,
+        "refusal": proposal.refusal,
         "rows": None if log is None else len(log),
         "columns": log.names if log else [],
-        "findings": evaluation.findings,
+        "findings": proposal.findings,
     }
