@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 #: largest speed at which a policy acts [m/s]; beyond it the linear law does
 LARGEST_SPEED = 2.0
-#: torque of an output of 1, over the limit: of a policy alone, and of one that is added to a controller
-SCALE, RESIDUAL_SCALE = 0.5, 0.2
+#: torque of an output of 1, over that of an action: of a policy alone, and of one that is added to a controller
+SCALE, RESIDUAL_SCALE = 2.0, 0.8
 #: seconds of the loop in which a baseline's reward is measured, and robots
 _BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
 
