@@ -108,7 +108,7 @@ def candidates(robot: Robot) -> list[Friction]:
 def batched(robot: Robot, windows: Windows, frictions: list[Friction]) -> float:
     """Return seconds a window of the cost as identification computes it, 1 ms steps, one thread."""
     layout = Layout(wheel_count=robot.wheel_count)
-    predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=layout, threads=1)
+    predictor = Predictor(robot=robot, step=1e-3, layout=layout, threads=1)
     values = np.array([layout.nominal(robot.replace(friction=law)) for law in frictions])
     every = windows.comparison_interval
     seconds = shortest(lambda: predictor.square_sums(values, windows, every=every))
@@ -118,7 +118,7 @@ def batched(robot: Robot, windows: Windows, frictions: list[Friction]) -> float:
 def by_scipy(robot: Robot, windows: Windows) -> tuple[float, float]:
     """Return seconds a window of the same cost in a Python loop, and by how much its cost is off."""
     layout = Layout(wheel_count=robot.wheel_count)
-    fine = Predictor(robot=robot, formulation="exact", step=1e-4, layout=layout, threads=1)
+    fine = Predictor(robot=robot, step=1e-4, layout=layout, threads=1)
     seconds, off, frictions = 0.0, 0.0, candidates(robot)
     for friction, number in np.random.default_rng(3).integers(0, [[SETS, WINDOWS]] * SAMPLED):
         window, candidate = windows.take(np.array([number])), robot.replace(friction=frictions[friction])
@@ -137,7 +137,7 @@ def whole_fit(robot: Robot, windows: Windows) -> float:
     held = {"stribeck": (0.0, 0.0), "stribeck_speed": (friction.stribeck_speed,) * 2}
     held |= {"stribeck_exponent": (friction.stribeck_exponent,) * 2}
     coordinates = scale_between(robot, bounds=Bounds(wide | held))
-    predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout, threads=1)
+    predictor = Predictor(robot=robot, step=1e-3, layout=coordinates.layout, threads=1)
     experiment = Balancing(
         predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1)
     )

@@ -74,7 +74,7 @@ from ballbot.identification.identify import IdentificationOptions
 
 run = Run(seed=0, executor=Threads(count=1), progress=lambda _: None)
 logs = [ballbot.Log.read(path) for path in sys.argv[1:]]
-identify("alten", logs[:1], options=IdentificationOptions(gauss_newton_steps=3, generations=3), run=run)
+identify("alten", logs[:1], options=IdentificationOptions(most_steps=3), run=run)
 clock, processor = time.perf_counter(), time.process_time()
 found = identify("alten", logs, run=run)
 print(json.dumps({"clock": time.perf_counter() - clock, "processor": time.process_time() - processor,

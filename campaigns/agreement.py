@@ -9,14 +9,13 @@ The runs on the twin are some hours of work. They are kept in build/agreement, a
 AGREEMENT_RUNS=600 uses the first 600 of them only. The loop runs anew each time.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,7 +216,7 @@ class Both:
         median = median_with_interval(self.values(quantity, LOOP)).median
         return median < low or median > high
 
-    def orders(self, other: Both, quantity: str) -> int:
+    def orders(self, other: Self, quantity: str) -> int:
         """Return 1 if intervals put two controllers in the same order on both, -1 if not, 0 if they overlap on one."""
         order = 1
         for side in (LOOP, TWIN):

@@ -6,8 +6,6 @@ controller moves each machine along a sum of sines, from point to point or at ra
 coarse encoder, a noisy force, rows slower than the controller's or jittered.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal

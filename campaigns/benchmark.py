@@ -6,8 +6,6 @@ The presets state no friction: each robot has the nominal scenario's, on the loo
 finished are kept in build/benchmark.
 """
 
-from __future__ import annotations
-
 from ballbot.fitting.run import Threads
 from ballbot.report.comparison import course_sheet
 from ballbot.robot import Robot

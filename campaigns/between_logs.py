@@ -10,8 +10,6 @@ which the statistics were developed too; the robots judged are others. Logs and 
 that an interrupted campaign continues; delete the folder after a change of the measurement.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +21,7 @@ from scipy.optimize import minimize
 
 from ballbot.files import write_text
 from ballbot.fitting.between_logs import LogEstimates, log_evidence
-from ballbot.fitting.fit import FitOptions, fit
+from ballbot.fitting.fit import fit
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters, prepare
@@ -151,7 +149,10 @@ def fit_of(log: Log, name: str, *, law: str = "stribeck") -> FittedLog:
 
     def make() -> FittedLog:
         coordinates = estimated_parameters(ROBOT, free=("friction",), law=law, bounds=Bounds())
-        options, run = IdentificationOptions(step=STEP), Run(seed=0, executor=Threads(count=1))
+        options, run = (
+            IdentificationOptions(step=STEP, most_profiles=0),
+            Run(seed=0, executor=Threads(count=1)),
+        )
         prepared = prepare(ROBOT, coordinates, [log], window=0.25, options=options, run=run)
         begin = coordinates.scaled(np.where(coordinates.free, BEGIN, coordinates.nominal))
         estimate = fit(
@@ -159,8 +160,7 @@ def fit_of(log: Log, name: str, *, law: str = "stribeck") -> FittedLog:
             begin,
             refused=prepared.excitation.refused,
             groups=prepared.groups,
-            options=FitOptions(most_profiles=0),
-            most_steps=options.gauss_newton_steps,
+            options=options,
             run=run,
         )
         return FittedLog(

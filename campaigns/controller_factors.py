@@ -7,8 +7,6 @@ controller has. The friction is identified from two logs of the nominal twin, as
 build/controller_factors: a run that was interrupted goes on, and more `SEEDS` add their runs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial

@@ -9,8 +9,6 @@ controller, whose log is evaluated, and once without compensation, for the true 
 build/controller_prediction: an interrupted campaign continues.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

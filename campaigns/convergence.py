@@ -9,12 +9,10 @@ limit. At an event every combination of contacts at rest is tried for consistenc
 the model's; friction and sticking are written down here again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +33,7 @@ class Mode(NamedTuple):
     signs: tuple[int, ...]  #: +1 or -1 for a wheel that slides so, 0 for one that sticks
     rolls: bool  #: whether the ball moves
 
-    def with_sign(self, wheel: int, sign: int) -> Mode:
+    def with_sign(self, wheel: int, sign: int) -> Self:
         """Return the mode with another sign of one wheel."""
         return self._replace(signs=(*self.signs[:wheel], sign, *self.signs[wheel + 1 :]))
 

@@ -8,8 +8,6 @@ a mapping for each, with the commands stated as duties, as the course's firmware
 and for the third log the delay at which the lean fits the wheels best.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass
 from itertools import permutations

@@ -5,8 +5,6 @@
 Finished repeats are kept in build/coverage and are not repeated: an interrupted campaign continues.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -85,7 +83,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
         prepared.experiment,
         coordinates.scaled(BEGIN),
         refused=prepared.excitation.refused,
-        most_steps=options.gauss_newton_steps,
+        options=options,
         run=run,
     )
     numbers = zip(coordinates.labels, estimate.values.tolist(), estimate.unknown, strict=True)

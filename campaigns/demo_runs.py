@@ -1,4 +1,4 @@
-"""Record the runs that `ballbot demo` shows, into src/ballbot/report/demo_runs.npz.
+"""Record the runs that `ballbot demo` shows, as log files in src/ballbot/report.
 
 .venv/bin/python -m campaigns.demo_runs
 
@@ -7,14 +7,7 @@ and the precise controller for that friction goes around with the same seed. Pri
 reference, once settled, of each.
 """
 
-from __future__ import annotations
-
-import io
-from collections.abc import Mapping
-from pathlib import Path
-
 import numpy as np
-from numpy.typing import NDArray
 
 import ballbot
 from ballbot import Log, Robot
@@ -22,7 +15,9 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import square
 from ballbot.estimation import named_estimator
+from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.report import demo
+from ballbot.robot.derived import encoder_step
 from ballbot.twin import Scenario, Twin
 from ballbot.workflows.metrics import score
 
@@ -37,16 +32,20 @@ def recorded(robot: Robot, controller: Controller) -> Log:
     return ballbot.simulate(twin, controller, square(side=0.5, period=32.0), duration=DURATION, seed=SEED)
 
 
-def runs_file(runs: Mapping[str, Log]) -> bytes:
-    """Return the content of the file with these runs, each with its true states."""
-    arrays: dict[str, NDArray[np.int32]] = {}
-    for run, log in runs.items():
-        for name, step in demo.steps().items():
-            whole = np.rint(log[name] / step).astype(np.int64)
-            arrays[f"{demo.KEYS[run]} {name}"] = np.diff(whole, prepend=0).astype(np.int32)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
+def rounded(log: Log, robot: Robot) -> Log:
+    """Return the columns of a run that its file has, rounded to a tenth of the sensors' noise or to an encoder's step.
+
+    The noise is 0.01 N m of the torques, 1.7e-3 rad of the lean and 1.9e-3 rad/s of the gyro; references are exact.
+    """
+    counts, time = robot.sensors.encoder_counts, robot.sensors.sample_time
+    turn = encoder_step(encoder_counts=counts, gear_ratio=robot.drive.gear_ratio) / time
+    steps = {
+        **dict.fromkeys((*torque_names(3), "ref_x", "ref_y", "ref_psi"), 1e-3),
+        **dict.fromkeys((*STATE_NAMES[2:5], *STATE_NAMES[7:]), 1e-4),
+        **{TRUE_PREFIX + name: 1e-5 for name in POSITION_NAMES},
+        **dict.fromkeys(wheel_speed_names(3), turn),
+    }
+    return Log({"t": log.t} | {name: step * np.rint(log[name] / step) for name, step in steps.items()})
 
 
 def main() -> None:
@@ -55,12 +54,11 @@ def main() -> None:
     soft = recorded(robot, nominal_controller(robot))
     identified = ballbot.identify(robot, soft.without_truth()).robot
     precise = recorded(robot, precise_controller(identified))
-    path = Path(demo.__file__).with_name("demo_runs.npz")
-    path.write_bytes(runs_file({demo.SOFT: soft, demo.PRECISE: precise}))
-    print(f"{path}: {path.stat().st_size} bytes")
     for name, log in ((demo.SOFT, soft), (demo.PRECISE, precise)):
-        identified_score = score(log)
-        print(f"{name}: at most {1000.0 * identified_score.peak_position_error:.1f} mm off once settled")
+        path = demo.FILES[name]
+        rounded(log, robot).write(path)
+        print(f"{path}: {path.stat().st_size} bytes")
+        print(f"{name}: at most {1000.0 * score(log).peak_position_error:.1f} mm off once settled")
 
 
 if __name__ == "__main__":

@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.evidence estimation
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace

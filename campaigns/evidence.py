@@ -4,8 +4,6 @@
 .venv/bin/python -m campaigns.evidence convergence     these only; the other sections stay as they are
 """
 
-from __future__ import annotations
-
 import platform
 import re
 import sys
@@ -33,6 +31,7 @@ CAMPAIGNS = {
     "benchmark": "campaigns.benchmark",
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
+    "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
     "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",

@@ -6,8 +6,6 @@ The robot has the nominal scenario's friction and the precise controller; simula
 noise and play. The twin's wheels have rollers and slip. Motions that are finished are kept in build/fast_moves.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

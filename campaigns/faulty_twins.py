@@ -4,10 +4,9 @@ The study is of the nominal twin (`studied`). Each faulty twin differs from it b
 and in half of the cases by a second, mild one. Logs and the study are kept in build/controller_prediction.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,9 +54,6 @@ class FaultyTwin:
     torque_scale: tuple[float, ...] = (1.0, 1.0, 1.0)  #: what the motors give of the torques commanded
 
 
-Fault = Callable[[FaultyTwin, np.random.Generator, float], FaultyTwin]
-
-
 def asymmetric(friction: Friction, fraction: float) -> Friction:
     """Return friction whose dry terms are (1 + fraction) times as large forward, (1 - fraction) times backward."""
     return replace(
@@ -67,121 +63,102 @@ def asymmetric(friction: Friction, fraction: float) -> Friction:
     )
 
 
-def _friction(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
-    factor = random.choice([max(1.0 - 0.4 * size, 0.1), 1.0 + 0.6 * size])
-    return replace(s, friction=scaled_friction(s.friction, factor))
+#: kinds of faults in the order in which they take turns
+KINDS = (
+    *(
+        "delay",
+        "other friction",
+        "grip",
+        "gyro bias",
+        "torque scale",
+        "mass and height",
+        "asymmetric friction",
+    ),
+    *(
+        "lean error",
+        "late sensors",
+        "payload",
+        "tilted floor",
+        "carpet",
+        "sensor noise",
+        "slow current",
+        "wheels",
+    ),
+    *("load-dependent friction", "soft ball", "compliance", "supply sag"),
+)
 
 
-def _asymmetry(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
-    fraction = float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9))
-    return replace(s, friction=asymmetric(s.friction, fraction))
+def with_fault(twin: FaultyTwin, kind: str, random: np.random.Generator, size: float) -> FaultyTwin:
+    """Return a twin with a fault more, of a size: 1 is what a robot still has in use."""
+    if kind == "mass and height":
+        mass, height = 1.0 + 0.15 * size * random.choice([-1.0, 1.0], 2)
+        body = scaled_body(twin.robot.body, mass=mass, height=height)
+        return replace(twin, robot=twin.robot.replace(body=body))
+    if kind == "torque scale":
+        factor = float(random.choice([max(1.0 - 0.5 * size, 0.2), 1.0 + 0.6 * size]))
+        scale = [factor] * 3
+        if random.random() < 0.5:
+            scale = [1.0] * 3
+            scale[random.integers(3)] = factor
+        return replace(twin, torque_scale=tuple(scale))
+    return replace(twin, scenario=replace(twin.scenario, **_changes(twin.scenario, kind, random, size)))
 
 
-def _carpet(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
-    friction = replace(s.friction, rolling=s.friction.rolling * (1.0 + 2.0 * size))
-    floor = Roughness(height=2e-4 * size, wavelength=0.1, seed=int(random.integers(1000)))
-    return replace(s, friction=friction, roughness=floor)
-
-
-def _payload(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
-    x, y = _any_way(random, 0.05)
-    return replace(s, payload=Payload(mass=2.0 * size, position=(x, y, 0.6)))
-
-
-def _wheels(s: Scenario, random: np.random.Generator, size: float) -> Scenario:
-    rollers = s.rollers
-    if random.random() < 0.5:
-        return replace(s, rollers=replace(rollers, rows=1, per_row=2 * rollers.per_row))
-    wide = rollers.row_spacing + min(size, 1.5) * (0.022 - rollers.row_spacing)
-    return replace(s, rollers=replace(rollers, row_spacing=wide))
-
-
-def _soft_ball(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    return replace(s, softness=Softness(stiffness=3e4 / float(np.clip(size, 0.3, 1.5)), damping=200.0))
-
-
-def _compliance(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    return replace(s, compliance=Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1))
-
-
-def _late_sensors(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    return replace(s, sensor_faults=SensorFaults(latency=SAMPLE_TIME * max(1, round(3.0 * size))))
-
-
-def _grip(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    grip = max(0.8 - 0.5 * size, 0.1)
-    return replace(s, roller_grip=grip, floor_grip=grip)
-
-
-def _gyro_bias(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    return replace(s, sensor_faults=SensorFaults(gyro_bias=0.02 * size, gyro_bias_walk=0.002 * size))
-
-
-def _noise(s: Scenario, _: np.random.Generator, size: float) -> Scenario:
-    given, factor = s.sensors, 1.0 + 6.0 * size
-    noisy = replace(given, gyro_noise=factor * given.gyro_noise, attitude_noise=factor * given.attitude_noise)
-    return replace(s, sensors=noisy)
+def _changes(s: Scenario, kind: str, random: np.random.Generator, size: float) -> dict[str, Any]:
+    """Return the fields of a scenario that a fault changes."""
+    friction, sensors, rollers = s.friction, s.sensors, s.rollers
+    match kind:
+        case "delay":
+            return {"timing": Timing(delay=max(1, round(4.0 * size)))}
+        case "other friction":
+            factor = random.choice([max(1.0 - 0.4 * size, 0.1), 1.0 + 0.6 * size])
+            return {"friction": scaled_friction(friction, factor)}
+        case "grip":
+            return dict.fromkeys(("roller_grip", "floor_grip"), max(0.8 - 0.5 * size, 0.1))
+        case "gyro bias":
+            return {"sensor_faults": SensorFaults(gyro_bias=0.02 * size, gyro_bias_walk=0.002 * size)}
+        case "asymmetric friction":
+            return {
+                "friction": asymmetric(friction, float(random.choice([-1.0, 1.0]) * min(0.4 * size, 0.9)))
+            }
+        case "lean error":
+            return {"sensor_faults": SensorFaults(lean_error=0.015 * size, lean_error_time=10.0)}
+        case "late sensors":
+            return {"sensor_faults": SensorFaults(latency=SAMPLE_TIME * max(1, round(3.0 * size)))}
+        case "payload":
+            return {"payload": Payload(mass=2.0 * size, position=(*_any_way(random, 0.05), 0.6))}
+        case "tilted floor":
+            return {"floor_tilt": _any_way(random, float(np.radians(size)))}
+        case "carpet":
+            soft = replace(friction, rolling=friction.rolling * (1.0 + 2.0 * size))
+            floor = Roughness(height=2e-4 * size, wavelength=0.1, seed=int(random.integers(1000)))
+            return {"friction": soft, "roughness": floor}
+        case "sensor noise":
+            noise = {
+                name: (1.0 + 6.0 * size) * getattr(sensors, name) for name in ("gyro_noise", "attitude_noise")
+            }
+            return {"sensors": replace(sensors, **noise)}
+        case "slow current":
+            return {"current_loop": CurrentLoop(bandwidth=max(40.0 - 32.0 * size, 3.0))}
+        case "wheels":
+            if random.random() < 0.5:
+                return {"rollers": replace(rollers, rows=1, per_row=2 * rollers.per_row)}
+            wide = rollers.row_spacing + min(size, 1.5) * (0.022 - rollers.row_spacing)
+            return {"rollers": replace(rollers, row_spacing=wide)}
+        case "load-dependent friction":
+            return {"load_dependence": LoadDependence(fraction=min(size, 1.0))}
+        case "soft ball":
+            return {"softness": Softness(stiffness=3e4 / float(np.clip(size, 0.3, 1.5)), damping=200.0)}
+        case "compliance":
+            return {"compliance": Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1)}
+        case _:
+            return {"supply": Supply(winding_resistance=0.6, internal_resistance=1.5 * size)}
 
 
 def _any_way(random: np.random.Generator, length: float) -> tuple[float, float]:
     """Return a vector of a length in a random direction."""
     way = random.uniform(0.0, 2.0 * np.pi)
     return length * float(np.cos(way)), length * float(np.sin(way))
-
-
-def _body(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    mass, height = 1.0 + 0.15 * size * random.choice([-1.0, 1.0], 2)
-    body = scaled_body(twin.robot.body, mass=mass, height=height)
-    return replace(twin, robot=twin.robot.replace(body=body))
-
-
-def _torque_scale(twin: FaultyTwin, random: np.random.Generator, size: float) -> FaultyTwin:
-    factor = float(random.choice([max(1.0 - 0.5 * size, 0.2), 1.0 + 0.6 * size]))
-    scale = [factor] * 3
-    if random.random() < 0.5:
-        scale = [1.0] * 3
-        scale[random.integers(3)] = factor
-    return replace(twin, torque_scale=tuple(scale))
-
-
-def _of(change: Callable[[Scenario, np.random.Generator, float], Scenario]) -> Fault:
-    return lambda twin, random, size: replace(twin, scenario=change(twin.scenario, random, size))
-
-
-#: kinds of faults in the order in which they take turns
-KINDS: dict[str, Fault] = {
-    "delay": _of(lambda s, _, size: replace(s, timing=Timing(delay=max(1, round(4.0 * size))))),
-    "other friction": _of(_friction),
-    "grip": _of(_grip),
-    "gyro bias": _of(_gyro_bias),
-    "torque scale": _torque_scale,
-    "mass and height": _body,
-    "asymmetric friction": _of(_asymmetry),
-    "lean error": _of(
-        lambda s, _, size: replace(
-            s, sensor_faults=SensorFaults(lean_error=0.015 * size, lean_error_time=10.0)
-        )
-    ),
-    "late sensors": _of(_late_sensors),
-    "payload": _of(_payload),
-    "tilted floor": _of(
-        lambda s, random, size: replace(s, floor_tilt=_any_way(random, float(np.radians(size))))
-    ),
-    "carpet": _of(_carpet),
-    "sensor noise": _of(_noise),
-    "slow current": _of(
-        lambda s, _, size: replace(s, current_loop=CurrentLoop(bandwidth=max(40.0 - 32.0 * size, 3.0)))
-    ),
-    "wheels": _of(_wheels),
-    "load-dependent friction": _of(
-        lambda s, _, size: replace(s, load_dependence=LoadDependence(fraction=min(size, 1.0)))
-    ),
-    "soft ball": _of(_soft_ball),
-    "compliance": _of(_compliance),
-    "supply sag": _of(
-        lambda s, _, size: replace(s, supply=Supply(winding_resistance=0.6, internal_resistance=1.5 * size))
-    ),
-}
 
 
 def drawn(seed: int) -> FaultyTwin:
@@ -192,14 +169,13 @@ def drawn(seed: int) -> FaultyTwin:
     """
     random = np.random.default_rng([seed, 27])
     chance = np.random.default_rng([seed, 28])
-    names = list(KINDS)
-    kind = names[seed % len(names)]
+    kind = KINDS[seed % len(KINDS)]
     twin = FaultyTwin(seed=seed, kind=kind)
     if random.random() < 0.5:  # a second fault first, so that the main one wins where both set a thing
-        second = names[random.integers(len(names))]
-        twin = KINDS[second](twin, random, random.uniform(0.05, 0.3))
+        second = KINDS[random.integers(len(KINDS))]
+        twin = with_fault(twin, second, random, random.uniform(0.05, 0.3))
     size = random.uniform(0.1, 1.0)
-    return KINDS[kind](twin, random, chance.uniform(1.0, 3.0) if is_severe(seed) else size)
+    return with_fault(twin, kind, random, chance.uniform(1.0, 3.0) if is_severe(seed) else size)
 
 
 def is_severe(seed: int) -> bool:

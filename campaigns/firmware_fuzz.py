@@ -7,8 +7,6 @@ address and the undefined-behaviour sanitizer. The inputs that were found are ke
 campaign goes on.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

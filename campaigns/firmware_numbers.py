@@ -11,8 +11,6 @@ A torque may differ by more than `TOLERANCE` only where the law switches: a whee
 of its torque or of the work against rolling friction, and the lead of a shaped reference with its speed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ The code is compiled by Clang (the `ziglang` wheel, -O2) and run by the emulator
 upper estimate (`ballbot.firmware.emulator.CYCLES`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache

@@ -5,8 +5,6 @@ IMU is turned about the vertical, and may have a reversed axis; the wheels are p
 sensors and commands are late; the commands are torques, currents or duties.
 """
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -6,8 +6,6 @@ The resonance is on the twin, the rest on the compiled loop; motors that take sp
 at a time. Runs that are finished are kept in build/further_work.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

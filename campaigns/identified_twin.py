@@ -6,8 +6,6 @@ The logs are recorded on the nominal twin with its own sensors, balanced by a ga
 `ballbot record nominal --reference square --duration 32 --seed 1 --out square` makes the first of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.evidence killed_sweep
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tempfile
@@ -13,9 +11,9 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
-from distributed import LocalCluster
 from numpy.typing import NDArray
 
+from campaigns.killed_policies import address_of, two_workers
 from campaigns.section import Section
 
 KILLS, RUNS = 20, 200
@@ -29,6 +27,10 @@ class Sweep:
 
     folder: Path
     options: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Make the folder."""
+        self.folder.mkdir()
 
     def start(self) -> subprocess.Popen[bytes]:
         """Start it; all sweeps have the same command line but for --cluster."""
@@ -62,24 +64,16 @@ def campaign() -> Section:
     """Kill sweeps at random moments and return the section of docs/generated/evidence.md."""
     random = np.random.default_rng(5)
     with tempfile.TemporaryDirectory() as name:
-        alone = Sweep(folder=_made(Path(name) / "alone"))
+        alone = Sweep(folder=Path(name) / "alone")
         begun = monotonic()
         undisturbed = alone.finish()
         lasted = monotonic() - begun
         # on average as long as the start and a twentieth of the work take
         longest = START + 2.0 * lasted / KILLS
         moments = random.uniform(0.0, longest, KILLS)
-        rows = [_row("processes", Sweep(folder=_made(Path(name) / "processes")), moments, undisturbed)]
-        with LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            dashboard_address=None,  # pyright: ignore[reportArgumentType]
-            silence_logs=60,  # of clients that are killed
-        ) as cluster:
-            on_dask = Sweep(
-                folder=_made(Path(name) / "dask"),
-                options=("--cluster", str(cluster.scheduler_address)),  # pyright: ignore[reportAttributeAccessIssue]
-            )
+        rows = [_row("processes", Sweep(folder=Path(name) / "processes"), moments, undisturbed)]
+        with two_workers() as cluster:
+            on_dask = Sweep(folder=Path(name) / "dask", options=("--cluster", address_of(cluster)))
             rows.append(_row("Dask LocalCluster, 2 workers", on_dask, moments, undisturbed))
     return Section(
         title="Sweeps killed and started again",
@@ -91,18 +85,9 @@ def campaign() -> Section:
     )
 
 
-def _made(folder: Path) -> Path:
-    folder.mkdir()
-    return folder
-
-
 def _row(
     made_by: str, sweep: Sweep, moments: NDArray[np.float64], undisturbed: dict[str, bytes]
 ) -> list[str]:
     left = [sweep.kill_after(float(seconds)) for seconds in moments]
     same = sweep.finish() == undisturbed
     return [made_by, ", ".join(map(str, left)), "yes" if same else "no"]
-
-
-if __name__ == "__main__":
-    print(campaign().markdown())

@@ -5,8 +5,6 @@
 Trainings that are finished are kept in build/learning.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ballbot.fitting.run import Run, Threads

@@ -4,8 +4,6 @@ Loop and twin have the same friction and sensors here, so that they differ only 
 and lifting wheels, play, rollers.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -12,13 +12,12 @@ asked    something is asked for, or the log is refused
 wrong    anything else
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import count, islice
 from pathlib import Path
 from typing import Literal
 
@@ -30,7 +29,7 @@ from ballbot.fitting.run import Processes
 from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
-from ballbot.log.proposal import Evaluation, evaluate, propose
+from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
@@ -65,14 +64,24 @@ class Outcome:
 
 def outcome(seed: int) -> Outcome:
     """Write the variant of a seed as a foreign log, let Ballbot propose its mapping, and judge it."""
-    name, motion = ROBOTS[seed % len(ROBOTS)], MOTIONS[seed // len(ROBOTS) % len(MOTIONS)]
+    name, motion = _recorded(seed)
     robot, log = robot_named(name), recording(name, motion)
-    band = dead_band(robot) if motion == "dead_band" else 0.0
-    habits = draw(HABITS_SEED + seed, robot, dead_band=bool(band), whole=float(log.t[-1]))
-    result, reason = judged(log, robot, habits, dead_band=band)
+    habits = habits_of(seed)
+    result, reason = judged(log, robot, habits, dead_band=dead_band(robot) if motion == "dead_band" else 0.0)
     return Outcome(
         seed=seed, robot=name, motion=motion, duration=habits.duration, result=result, reason=reason
     )
+
+
+def _recorded(seed: int) -> tuple[str, str]:
+    return ROBOTS[seed % len(ROBOTS)], MOTIONS[seed // len(ROBOTS) % len(MOTIONS)]
+
+
+def habits_of(seed: int) -> Habits:
+    """Return how the team of a seed writes its log."""
+    name, motion = _recorded(seed)
+    whole = float(recording(name, motion).t[-1])
+    return draw(HABITS_SEED + seed, robot_named(name), dead_band=motion == "dead_band", whole=whole)
 
 
 def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tuple[Result, str]:
@@ -81,18 +90,18 @@ def judged(truth: Log, robot: Robot, habits: Habits, *, dead_band: float) -> tup
         table = columns_of(truth, habits, robot, dead_band=dead_band)
         path, given = write(Path(folder) / "log", table, habits)
         try:
-            evaluation = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)), robot)
+            proposal = evaluate(propose(path, robot, Stated(command=habits.command, columns=given)))
         except InputError as error:
             return "asked", str(error)[:160].replace(str(path), "")
         except Exception as error:  # a user would see a traceback
             return "wrong", f"crash: {error!r}"
-    if evaluation.log is None or evaluation.refusal:
-        return "asked", evaluation.refusal[:200]
-    wrong = differences(evaluation, truth, robot, habits, _less_friction(truth, robot, dead_band))
+    if proposal.log is None or proposal.refusal:
+        return "asked", proposal.refusal[:200]
+    wrong = differences(proposal, truth, robot, habits, _less_friction(truth, robot, dead_band))
     return ("wrong" if wrong else "right"), wrong
 
 
-def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
+def differences(proposal: Proposal, truth: Log, robot: Robot, habits: Habits, unstated: Floats) -> str:
     """Return how the mapped log differs from the truth under the best of the transformations; empty if it does not.
 
     The transformations leave every measured signal and the robot's dynamics unchanged:
@@ -108,7 +117,7 @@ def differences(evaluation: Evaluation, truth: Log, robot: Robot, habits: Habits
     wheels turn the way their duties drive them. The torques are compared with the truth's less these (M, n),
     `unstated`, so that what wheels that turn against their duties make of it is an error.
     """
-    log = evaluation.log
+    log = proposal.log
     if log is None:
         return "no log"
     t = log.t - habits.time_offset
@@ -231,8 +240,9 @@ VARIANTS, HABITS_SEED = 2000, 31_000_000
 #: environment variables: variants, and processes
 COUNT, PROCESSES = "BALLBOT_VARIANTS", "BALLBOT_PROCESSES"
 RESULTS: tuple[Result, ...] = ("right", "asked", "wrong")
-#: rows of the table: shortest and longest stretch [s]
-DURATIONS = ((15.0, 60.0), (10.0, 15.0), (5.0, 10.0), (5.0, 60.0))
+#: the shortest log that `docs/first_log.md` asks for [s], and rows of the table: shortest and longest stretch [s]
+SHORTEST = 15.0
+DURATIONS = ((SHORTEST, 60.0), (SHORTEST, 30.0), (30.0, 60.0))
 
 
 def campaign() -> Section:
@@ -240,7 +250,8 @@ def campaign() -> Section:
 
     Variants that were judged before by the same code, in build/mapping_outcomes, are not judged again.
     """
-    seeds = range(int(os.environ.get(COUNT, VARIANTS)))
+    long = (seed for seed in count() if habits_of(seed).duration >= SHORTEST)
+    seeds = list(islice(long, int(os.environ.get(COUNT, VARIANTS))))
     workers = Processes(count=int(os.environ[PROCESSES]) if PROCESSES in os.environ else None)
     judged = finished(
         "mapping_outcomes", outcome, {f"{seed:05}": seed for seed in seeds}, packages=["log"], workers=workers
@@ -258,11 +269,12 @@ def campaign() -> Section:
     asked = Counter(case.reason.split(";")[0][:90].strip() for case in outcomes if case.result == "asked")
     return Section(
         title="Mappings proposed for foreign logs",
-        before=f"Stretches of 5 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"
+        before=f"Stretches of 15 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"
         " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
         " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
-        " `campaigns.mapping_corpus.differences`. The rows from 15 s on are the logs that `docs/first_log.md` asks for;"
-        " shorter stretches stand beside them. Intervals are of 95 % by Clopper and Pearson.",
+        " `campaigns.mapping_corpus.differences`. 15 s is what `docs/first_log.md` asks for. (Of 918 stretches of 5 to"
+        " 15 s, measured once at commit 2aa9aa1d, 526 were right and 3 wrong, without a question.) Intervals are of 95"
+        " % by Clopper and Pearson.",
         columns=["duration", "variants", *RESULTS],
         rows=rows,
         after=f"Wrong: {'; '.join(wrong) or 'none'}. Asked most often: "

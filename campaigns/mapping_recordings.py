@@ -6,8 +6,6 @@ are not recorded again. Constants of the search and of the checks were chosen on
 other motions and seeds: the development halves.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from pathlib import Path

@@ -7,8 +7,6 @@ The record DATA_EMPS.mat is the training record of A. Janot, M. Gautier, M. Brun
 EMPS, 2019. It is not part of Ballbot: put it into the folder emps of DIR. docs/axis.md says where it is.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
@@ -84,7 +82,7 @@ def _after(result: AxisIdentification) -> str:
     )
     return (
         f"The windows last {result.window:g} s. Less error on held-out blocks, with 95 % intervals: {gains}. "
-        f"{' '.join(texts(result.findings))} `python -m campaigns.one_axis --data DIR` prints this section."
+        f"{' '.join(texts(result.findings))}"
     )
 
 

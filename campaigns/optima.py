@@ -7,8 +7,6 @@ campaigns/course_robot.py); all twelve parameters of friction are estimated from
 followed by the same descent on all windows.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Sequence
@@ -20,7 +18,7 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.fit import FitOptions, descend, search
+from ballbot.fitting.fit import descend, search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification.identify import (
     IdentificationOptions,
@@ -75,19 +73,13 @@ def fitted(task: Task, start: int | None) -> End:
     begun = process_time()
     point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
-        result = search(
-            prepared.experiment,
-            fixed_starts(prepared.experiment.coordinates),
-            method=task.options.search,
-            options=FitOptions(blocks=prepared.drawn),
-            most_steps=task.options.gauss_newton_steps,
-            run=_RUN,
-        )
+        part = prepared.experiment.part(prepared.drawn)
+        result = search(part, fixed_starts(part.coordinates), options=task.options, run=_RUN)
         points = [result.best] if result.other is None else [result.best, result.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]
-    steps = task.options.gauss_newton_steps
+    steps = task.options.most_steps
     fits = [descend(prepared.experiment, guess, free=free, most_steps=steps, run=_RUN) for guess in points]
     seconds, best = process_time() - begun, min(fits, key=lambda fit: fit.cost)
     return End(cost=best.cost, point=best.point, errors=best.errors, seconds=seconds)

@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.polynomials          prints coefficients and their largest errors
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -9,8 +9,6 @@ C. Gwerder, Modeling and Control of a Ballbot, ETH Zurich, 2010. Of ROB 311 and 
 published; CMU's planar equations are public (alpha, beta, gamma below) and with massless wheels they must be ours.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -136,8 +134,7 @@ def all_on_relative_speed(robot: Robot) -> Robot:
     n = robot.drive.gear_ratio
     total = robot.wheels.inertia + robot.drive.reflected_inertia
     return robot.replace(
-        wheels=replace(robot.wheels, inertia=0.0),
-        drive=replace(robot.drive, motor_inertia=total / n**2, gear_inertia=0.0),
+        {"wheels.inertia": 0.0, "drive.motor_inertia": total / n**2, "drive.gear_inertia": 0.0}
     )
 
 

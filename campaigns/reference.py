@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.reference     writes docs/generated/reference.md
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import replace

@@ -5,8 +5,6 @@ python -m campaigns.reproduce
 `git diff` then names the lines that a fresh run writes otherwise.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.progress import ignore_progress

@@ -1,7 +1,5 @@
 """Optimise weights over perturbed robots, and test them on other robots and on the twin."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from time import perf_counter

@@ -1,7 +1,5 @@
 """What campaigns share: a section of docs/generated/evidence.md, figures of documents, the folder of public data."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -145,7 +143,7 @@ def _read_score(path: Path) -> Score | None:
 
 
 class DataMissingError(Exception):
-    """A campaign needs public data that are not part of Ballbot."""
+    """A campaign needs public data, or packages, that are not part of Ballbot."""
 
 
 def data_folder() -> Path:

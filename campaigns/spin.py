@@ -3,8 +3,6 @@
 .venv/bin/python -m campaigns.evidence spin
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -7,8 +7,6 @@ upside down is a robot of its own: friction, play and roller grip are drawn, and
 recorded. Finished seeds are kept in build and are not repeated.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Logs of the nominal twin under the nominal gain, and the friction that two of them show."""
 
-from __future__ import annotations
-
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.identification import Identification, identify

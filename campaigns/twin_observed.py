@@ -5,8 +5,6 @@
 The figures are those of docs/twin.md.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -98,6 +98,15 @@ def undrawn() -> Generator[None]:
 
 
 @pytest.fixture(scope="session")
+def browser() -> Generator[object]:
+    """Return a running browser, or skip the test without one."""
+    from tests.support.browser import headless_browser
+
+    with headless_browser() as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
 def shared_data() -> Path:
     """Return the folder of measured data beside the project, or skip the test without it."""
     folder = Path(os.environ.get("BALLBOT_DATA") or Path(__file__).parents[2] / "shared" / "data")

@@ -5,8 +5,6 @@ Ballbot with the lowest versions that pyproject.toml allows of what it depends o
 commands and a selection of fast tests, which use each package. Both need a package index.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

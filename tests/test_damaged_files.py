@@ -5,9 +5,6 @@ bytes. In what is accepted, all values are finite (NaN marks a missing cell of a
 the same. With BALLBOT_EXAMPLES=exploring a thousand inputs of each loader are tried.
 """
 
-from __future__ import annotations
-
-import io
 import math
 import os
 import re
@@ -20,10 +17,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
-import pyarrow
 import pytest
-import scipy.io
-from pyarrow import parquet
 
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
@@ -125,24 +119,9 @@ def csv_of(log: Log, *, quoted: bool = False) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def parquet_of(log: Log, compression: str) -> bytes:
-    stream = io.BytesIO()
-    parquet.write_table(pyarrow.table(dict(log.columns)), stream, compression=compression)
-    return stream.getvalue()
-
-
 def axis_log() -> Log:
     t = 0.001 * np.arange(200)
     return Log({"t": t, "position": np.sin(5.0 * t), "force": np.cos(5.0 * t)})
-
-
-def mat_of(log: Log, *, version: str, packed: bool) -> bytes:
-    cell = {"cell": np.array([1, "a"], object)} if version == "5" else {}
-    stream = io.BytesIO()
-    scipy.io.savemat(
-        stream, dict(log.columns) | {"kp": 3.0, "words": "text"} | cell, format=version, do_compression=packed
-    )
-    return stream.getvalue()
 
 
 def reference_log() -> Log:
@@ -283,11 +262,6 @@ def axis(path: Path) -> None:
 #: by loader: the ending of its files, what makes whole ones, and what reads one and asserts what must hold
 LOADERS: dict[str, tuple[str, Callable[[], list[bytes]], Callable[[Path], object]]] = {
     "log, CSV": (".csv", lambda: [csv_of(noisy_log()), csv_of(noisy_log(), quoted=True)], checked),
-    "log, Parquet": (
-        ".parquet",
-        lambda: [parquet_of(noisy_log(), kind) for kind in ("snappy", "none")],
-        columns,
-    ),
     "foreign table": (".txt", lambda: [raw(), raw().replace(b"\t", b";")], foreign),
     "mapped table": (".txt", lambda: [raw()], mapped),
     "mapping": (".toml", lambda: [MAPPING.encode(), ATTITUDE.encode()], mapping),
@@ -295,14 +269,7 @@ LOADERS: dict[str, tuple[str, Callable[[], list[bytes]], Callable[[Path], object
     "scenario": (".toml", lambda: [scenario_text(full_scenario()).encode()], scenario),
     "controller": (".toml", controllers, controller),
     "reference": (".csv", lambda: [csv_of(reference_log())], lambda path: poses(read_reference(path))),
-    "axis record, CSV": (".csv", lambda: [csv_of(axis_log())], axis),
-    "axis record, MATLAB": (
-        ".mat",
-        lambda: [
-            mat_of(axis_log(), version=v, packed=p) for v, p in (("5", False), ("5", True), ("4", False))
-        ],
-        axis,
-    ),
+    "axis record": (".csv", lambda: [csv_of(axis_log())], axis),
 }
 
 

@@ -1,7 +1,5 @@
 """What the commands write equals the goldens: a sample here, all of it by `python -m tests.golden`."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

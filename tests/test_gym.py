@@ -80,18 +80,6 @@ def test_the_vector_does_as_gymnasiums_own_vector_of_single_environments(mode):
 
 
 @pytest.mark.slow
-def test_a_vector_without_copies_returns_the_same_arrays_from_each_step():
-    envs = gymnasium.make_vec("ballbot/Balance-v0", num_envs=4, copy=False, observe="state")
-    first, _ = envs.reset(seed=1)
-    actions = np.zeros((4, 3), np.float32)
-    before = envs.step(actions)
-    for _ in range(5):
-        for a, b in zip(envs.step(actions)[:4], before[:4], strict=True):
-            assert a is b
-    assert before[0] is first
-
-
-@pytest.mark.slow
 def test_an_episode_that_runs_out_of_time_is_truncated():
     task = TASKS["Balance"].__class__(name="Balance", duration=0.05)
     env = gymnasium.make("ballbot/Balance-v0", task=task, base="nominal")

@@ -14,27 +14,18 @@ from hypothesis import strategies as st
 from ballbot import InputError
 from ballbot.arrays import MOST_CELLS, MOST_ROWS, rows_between
 from ballbot.cli.main import main
-from ballbot.control.file import read_controller
 from ballbot.files import read_text
 from ballbot.identification.quantities import read_bounds
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.stages import read_sweep
 from ballbot.log import Log
-from ballbot.log.mapping import read_mapping
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.courses import choose_courses
 from tests.support.log_examples import smooth_log
+from tests.test_file_formats import READERS
 
-ALTEN = Robot.load("alten")
-
-READERS: dict[str, Callable[[Path], object]] = {
-    "robot": Robot.load,
-    "scenario": lambda path: load_scenario(path, ALTEN),
-    "controller": lambda path: read_controller(path, ALTEN),
-    "courses": lambda path: choose_courses(str(path), ALTEN, "twin"),
+TOML: dict[str, Callable[[Path], object]] = {
+    **{kind: read for kind, read in READERS.items() if kind != "results"},
     "bounds": read_bounds,
-    "mapping": read_mapping,
     "sweep": lambda path: read_sweep(path, wheel_count=3),
 }
 
@@ -68,9 +59,8 @@ def log_file(path: Path, t: np.ndarray) -> Path:
 @pytest.mark.parametrize("place", [0, 812])
 def test_one_stray_time_is_reported(tmp_path, capsys, place):
     t = 0.005 * np.arange(813.0)
-    t = t + np.where(
-        np.arange(813) >= max(place, 1), 1.7e9, 0.0
-    )  # a clock that was set after the first row, or
+    # a clock that was set after the first row, or
+    t = t + np.where(np.arange(813) >= max(place, 1), 1.7e9, 0.0)
     said = refused(capsys, "check-log", log_file(tmp_path / "log.csv", t))
     assert "log.csv: The log spans 54 years: t jumps from " in said
     assert f"at row {max(place, 1) + 1}. Correct that time" in said
@@ -79,7 +69,7 @@ def test_one_stray_time_is_reported(tmp_path, capsys, place):
 def test_sample_time_of_nanoseconds_is_refused(tmp_path, capsys):
     value = "5e-9"
     robot = tmp_path / "robot.toml"
-    written = re.sub(r"(?m)^sample_time = .*$", "", robot_text(ALTEN))
+    written = re.sub(r"(?m)^sample_time = .*$", "", robot_text(Robot.load("alten")))
     entry = f'sample_time = {{ value = {value}, unit = "s", source = "measured" }}'
     robot.write_text(written.replace("[sensors]", f"[sensors]\n{entry}"))
     assert "sensors.sample_time" in refused(capsys, "check", robot)
@@ -88,7 +78,7 @@ def test_sample_time_of_nanoseconds_is_refused(tmp_path, capsys):
     assert "sensors.sample_time" in refused(capsys, "record", scenario, "--out", tmp_path / "out")
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", TOML)
 @pytest.mark.parametrize(
     ("content", "words"),
     [
@@ -104,7 +94,7 @@ def test_deeply_nested_settings_are_refused(tmp_path, name, content, words):
     path = tmp_path / "any.toml"
     path.write_bytes(content)
     with pytest.raises(InputError, match=words) as caught:
-        READERS[name](path)
+        TOML[name](path)
     assert "any.toml" in str(caught.value)
     assert len(str(caught.value)) < 500
 

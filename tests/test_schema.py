@@ -25,11 +25,7 @@ def mapping(**changes):
 @pytest.mark.parametrize(
     ("tree", "key", "words"),
     [
-        (
-            mapping(kind="curent"),
-            "input.kind is 'curent'",
-            "did you mean 'current'? It must be 'current', 'duty'",
-        ),
+        (mapping(kind="curent"), "input.kind is 'curent'", "mean 'current'? It must be 'current', 'duty'"),
         ({"columns": {"t": "t"}, "input": {"from": ["a"]}}, "input.kind is missing", "'current', 'duty'"),
         ({"columns": {"t": "t"}, "input": {"kind": "pwm"}}, "input.from is missing", "[input] needs it"),
         (mapping(resistence=2.0), "input.resistence is not a key of a file", "did you mean 'resistance'?"),

@@ -42,6 +42,7 @@ def _directives(module: str, names: str) -> Iterator[str]:
         yield f".. auto{kind}:: {module}.{name}"
         if members:
             yield f"   :members: {'' if members == '*' else members}".rstrip()
+            yield from ["   :inherited-members:"] if members == "*" else []
         yield ""
 
 

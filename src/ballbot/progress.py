@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from time import monotonic
@@ -91,6 +91,21 @@ def fraction(progress: Progress) -> str:
 def progress_line(progress: Progress, left: str) -> str:
     """Return how far work has come as a line."""
     return ", ".join(filter(None, (stage_words(progress), fraction(progress), progress.note, left)))
+
+
+_BARS = "▁▂▃▄▅▆▇█"
+
+
+def sparkline(values: Sequence[float], width: int = 20) -> str:
+    """Return values as a line of bars from the least to the greatest; of more values than `width`, every so many.
+
+    >>> sparkline([0.1, 0.2, 0.4, 0.8])
+    '▁▂▄█'
+    """
+    last = len(values) - 1
+    shown = [values[k] for k in sorted({round(last * k / (width - 1)) for k in range(width)})]
+    least, span = min(shown), max(max(shown) - min(shown), 1e-9)
+    return "".join(_BARS[min(int(8.0 * (value - least) / span), 7)] for value in shown)
 
 
 def as_clock(seconds: float) -> str:

@@ -132,17 +132,21 @@ def plotted(value: object) -> Figure:
     return import_module("ballbot.report.style").plotted(draw, value)
 
 
+class Plotted:
+    """Base of results with a figure."""
+
+    def plot(self) -> Figure:
+        """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
+        return plotted(self)
+
+
 @summarized
-class Reported:
+class Reported(Plotted):
     """Base of results whose report has their sentences, their figure and what results.json holds of them."""
 
     def summary(self) -> Summary:
         """Return the verdict on one screen."""
         return _page(self).summary()
-
-    def plot(self) -> Figure:
-        """Return the figure that shows the result best; see `plotted`."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""

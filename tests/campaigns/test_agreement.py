@@ -1,7 +1,5 @@
 """Agreement of loop and twin: its page from scores that are known, and a stopped campaign that goes on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The order of the whole method: a sample of docs/generated/evidence.md."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

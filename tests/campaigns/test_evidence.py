@@ -1,7 +1,5 @@
 """The page of the campaigns: its sections and the times under them."""
 
-from __future__ import annotations
-
 from campaigns.evidence import CAMPAIGNS, written_sections
 
 

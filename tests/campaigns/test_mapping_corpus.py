@@ -21,7 +21,7 @@ from tests.support.foreign_log_examples import small_robot, swaying_log
 
 SEEDS = range(12)
 #: enough for the numbers themselves
-QUICK = IdentificationOptions(generations=30, most_profiles=0)
+QUICK = IdentificationOptions(most_profiles=0)
 
 
 def sensed() -> Log:

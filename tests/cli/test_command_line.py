@@ -60,10 +60,7 @@ REFUSALS = [
     ("compare alten partal --out out", "'partial'"),
     ("compare alten none none --out out", "Two controllers are called 'none'"),
     ("compare alten none --seeds 0- --out out", "The seeds are '0-'"),
-    (
-        "compare alten none --courses moon --out out",
-        "There is no set or course 'moon'; did you mean 'motions'",
-    ),
+    ("compare alten none --courses moon --out out", "no set or course 'moon'; did you mean 'motions'"),
     ("compare alten none --courses moon.toml --out out", "moon.toml cannot be read"),
     ("compare alten none --processes 0 --out out", "for --processes. It must be above 0"),
     ("limits alten --grip 0 --out out", "for --grip. It must be above 0"),
@@ -88,13 +85,7 @@ REFUSALS = [
 
 
 @pytest.mark.parametrize(("line", "sentence"), REFUSALS)
-def test_bad_command_line_is_answered_in_one_sentence_before_any_work(
-    line: str,
-    sentence: str,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_bad_command_line_is_answered_before_any_work(line, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     smooth_log(rows=400).write(tmp_path / "log.csv")
     assert main(line.split()) == 2

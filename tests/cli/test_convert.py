@@ -1,7 +1,5 @@
 """`ballbot convert`: a log from format to format, and what it refuses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,6 +1,9 @@
 """`ballbot learn`: its files, and what it refuses before it trains."""
 
+import _thread
 import json
+import re
+import threading
 
 import pytest
 
@@ -20,6 +23,27 @@ def test_controller_robot_and_contract_are_written(tmp_path, capsys):
     results = json.loads((out / "results.json").read_text())
     assert results["curve"][0]["samples"] == 51_200
     assert results["confirmed"][0]["runs"] == 1
+    page = (out / "report.html").read_text()
+    assert len(re.findall(r'"name":"\d+ s"', page)) == 2  # before the first update and after it
+
+
+def test_ctrl_c_in_the_midst_of_an_update_keeps_the_best_policy(tmp_path, capsys, monkeypatch):
+    begun = []
+
+    def reported(values):
+        if not begun:
+            begun.append(threading.Timer(0.5, _thread.interrupt_main))
+            begun[0].start()
+        return f"after update {len(values)}"
+
+    monkeypatch.setattr("ballbot.learning.learn.sparkline", reported)
+    out = tmp_path / "learned"
+    assert main(["learn", "balance", "--updates", "5000", *SHORT[2:], "--out", str(out)]) == 0
+    assert "stopped early" in capsys.readouterr().out
+    results = json.loads((out / "results.json").read_text())
+    assert results["stopped"]
+    assert 1 <= len(results["curve"]) < 5000
+    assert read_controller(out / "controller.toml", out / "robot.toml").parts.policy
 
 
 @pytest.mark.parametrize(

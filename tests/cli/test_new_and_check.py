@@ -26,9 +26,7 @@ def refused(capsys: pytest.CaptureFixture[str], *tokens: str) -> str:
     return printed.err
 
 
-def test_new_writes_a_commented_file_that_equals_the_preset(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_new_writes_a_commented_file_that_equals_the_preset(tmp_path, capsys):
     path = tmp_path / "mine.toml"
     assert main(["new", "mine", "--from", "alten", "--out", str(path)]) == 0
     assert str(path) in capsys.readouterr().out
@@ -63,9 +61,7 @@ def test_check_refuses_inconsistent_robots(tmp_path: Path, capsys: pytest.Captur
     assert "error (accepted)" in capsys.readouterr().out
 
 
-def test_check_prints_and_writes_derived_quantities(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_check_prints_and_writes_derived_quantities(tmp_path, capsys):
     assert main(["check", "alten", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     # (V.2), (V.3) of the thesis, digit by digit
@@ -80,9 +76,7 @@ def test_check_prints_and_writes_derived_quantities(
     assert results["unstable_pole"] == pytest.approx(5.20, abs=0.005)
 
 
-def test_an_interrupt_ends_without_a_traceback(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys):
     def interrupt(tokens: list[str]) -> int:
         del tokens
         raise KeyboardInterrupt
@@ -92,9 +86,7 @@ def test_an_interrupt_ends_without_a_traceback(
     assert capsys.readouterr().err.startswith("ballbot: interrupted")
 
 
-def test_a_package_that_is_not_installed_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_package_that_is_not_installed_is_named(monkeypatch, capsys):
     def lack(tokens: list[str]) -> int:
         raise ModuleNotFoundError(f"No module for {tokens}", name="mujoco")
 

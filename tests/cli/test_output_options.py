@@ -27,9 +27,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(capsys):
     assert main([]) == 0
     assert capsys.readouterr().out == START
     named = [line.split()[1] for line in START.splitlines() if line.startswith("  ballbot ")]
@@ -42,9 +40,7 @@ def test_ballbot_alone_names_three_commands_that_exist_and_where_help_is(
     ("words", "same"),
     [((), ("--help",)), (("check",), ("check", "--help")), (("run", "wiring"), ("run", "wiring", "--help"))],
 )
-def test_help_prints_what_the_option_prints(
-    words: tuple[str, ...], same: tuple[str, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_help_prints_what_the_option_prints(words, same, capsys):
     assert main(["help", *words]) == 0
     helped = capsys.readouterr().out
     assert main(same) == 0
@@ -61,16 +57,12 @@ def test_help_prints_what_the_option_prints(
         ("view log.csv --robot alten --save page.html", "page.html"),
     ],
 )
-def test_json_of_written_files_names_them(
-    line: str, file: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_of_written_files_names_them(line, file, folder, capsys):
     assert printed_json(capsys, *line.split())["files"] == [file]
     assert (folder / file).exists()
 
 
-def test_refused_result_is_printed_before_the_refusal(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_refused_result_is_printed_before_the_refusal(folder, capsys):
     log = smooth_log(rows=400)
     log.with_columns({"theta": log["theta"] * 57.3}).write(folder / "degrees.csv")
     assert main(["check-log", "degrees.csv", "--robot", "alten", "--json"]) == 2
@@ -87,9 +79,7 @@ def test_quiet_prints_nothing(folder: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize("shell", ["bash", "fish"])
-def test_completion_script_is_valid_and_names_every_command(
-    shell: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_completion_script_is_valid_and_names_every_command(shell, capsys):
     script = printed_json(capsys, "completion", shell)["script"]
     assert isinstance(script, str)
     for word in (*(command.name for command in COMMANDS), "exclude-states", "json", "kalman"):
@@ -99,9 +89,7 @@ def test_completion_script_is_valid_and_names_every_command(
         assert (checked.returncode, checked.stderr) == (0, "")
 
 
-def test_completion_works_without_the_packages_of_extras(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_completion_works_without_the_packages_of_extras(monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "ballbot.cli.spin", raising=False)
     monkeypatch.setitem(sys.modules, "ballbot.vision.spin", None)
     script = printed_json(capsys, "completion", "bash")["script"]

@@ -1,7 +1,5 @@
 """`ballbot run compare`: a study's controller against the one before it, in turn on an emulated robot."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

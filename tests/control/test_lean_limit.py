@@ -1,7 +1,5 @@
 """The bound on the lean that errors ask for: NumPy's words for it, and what it saves."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -56,7 +54,7 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
 @pytest.mark.slow
 def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_can_save():
     stiff = design_integral_gain(ROBOT).gain
-    weak = ROBOT.replace(drive=replace(ROBOT.drive, torque_limit=2.0))
+    weak = ROBOT.replace({"drive.torque_limit": 2.0})
     directions = np.radians([0.0, 90.0])
 
     def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:

@@ -147,16 +147,6 @@ def test_no_factors_within_the_disk_are_unstable(name):
         assert np.abs(np.linalg.eigvals(A + (B * factors[:, None, :]) @ C)).max() < 1.0
 
 
-def test_delay_that_is_predicted_over_is_in_the_loop():
-    nominal = controller("nominal")
-    late = robot_loop(nominal.with_parts(Parts(prediction=DelayPrediction(delay=0.0125))))
-    assert late.delay == 0.0125
-    # the state is predicted exactly, so that the poles are those without the delay, and zeros
-    poles, late_poles = (np.linalg.eigvals(loop.closed()) for loop in (robot_loop(nominal), late))
-    ranked = np.sort_complex(late_poles[np.argsort(-np.abs(late_poles))][:10])
-    np.testing.assert_allclose(ranked, np.sort_complex(poles), atol=1e-6)
-
-
 def test_wheels_of_a_symmetric_robot_share_a_row():
     rows = found("nominal").rows()
     assert [row[0] for row in rows] == ["each wheel", "all wheels"]

@@ -105,9 +105,8 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
     path = tmp_path / "controller.toml"
     write_controller(nominal_controller(ROBOT, compensation="full"), path)
     assert overcompensation_warning(read_controller(path, ROBOT), ROBOT) is None
-    assert (
-        overcompensation_warning(read_controller(path, alten()), alten()) is None
-    )  # of which no friction is known
+    # of which no friction is known
+    assert overcompensation_warning(read_controller(path, alten()), alten()) is None
     with pytest.warns(UnsuitedController, match=r"controller.toml: More friction .* 200 % of"):
         read_controller(path, alten(scaled_friction(FRICTION, 0.5)))
     unsure = ROBOT.annotated(standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)})

@@ -15,7 +15,7 @@ from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import design_gain, design_integral_gain
-from ballbot.control.references import circle, hold, square
+from ballbot.control.references import circle, drive, hold, square
 from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
 
 SAMPLE = 0.005
@@ -69,6 +69,13 @@ def test_a_reference_that_bends_steadily_is_not_lagged():
     # s^3 is left over of (1 + s/w)^4: 4 (0.31/3)^3 of 0.5 m are 2.2 mm, and a sample of r' another 0.8 mm; by r' alone
     # the place would be 34 mm off
     np.testing.assert_allclose(found[-1, :2], wanted, atol=3e-3)
+
+
+def test_a_motion_at_the_limit_of_speed_is_smooth_though_its_changes_are_rounded():
+    shaping = ReferenceShaping()
+    found = shaped(drive(speed=shaping.speed_limit, begin=1.0), shaping, 12.0)[:, 0]
+    # without room for rounding the lead switches on and off
+    assert np.abs(np.diff(found[-400:], 2)).max() / SAMPLE**2 < 1e-4
 
 
 def test_shaping_starts_where_the_robot_is():

@@ -41,9 +41,8 @@ def test_the_change_of_pose_is_the_shared_logs(shared_data):
 
 def test_a_square_turns_at_the_sample_though_the_clock_is_rounded():
     reference = references.square(side=1.0, period=4.0)
-    clock = np.cumsum(
-        np.full(400, 0.01)
-    )  # 1.0 comes out as 1.0000000000000007, 2.0 as 2.0000000000000013, ..
+    # 1.0 comes out as 1.0000000000000007, 2.0 as 2.0000000000000013, ..
+    clock = np.cumsum(np.full(400, 0.01))
     assert reference(clock[98])[0] == 0.0
     assert reference(clock[99])[0] == 1.0
     assert reference(1.0 - 1e-13)[0] == 1.0

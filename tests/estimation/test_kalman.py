@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -18,23 +19,13 @@ from ballbot.estimation.interface import Fix, Reading
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
     BIAS,
-    COVARIANCE,
     ENTRIES,
     FIRST,
-    GYRO,
-    GYRO_BEFORE,
     LEAN_ERROR,
-    LOWER_TRIANGLE,
-    MODEL_SIZE,
     PSI,
-    REMEMBERED,
-    ROWS,
     SENSORS,
-    SHOWN,
     SHOWN_PSI,
-    STATE,
     STATES,
-    UNSEEN,
     FilterModel,
     FilterNoise,
     G,
@@ -42,11 +33,9 @@ from ballbot.estimation.kalman_model import (
     S,
     X,
     motion,
-    sample,
     tilt,
     transition,
 )
-from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
@@ -71,14 +60,12 @@ def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
 def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
     lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)
-    np.testing.assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
+    assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    np.testing.assert_allclose(
-        about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12
-    )
+    assert_allclose(about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12)
     turned = attitude_of_swing(lean, heading + turn)
-    np.testing.assert_allclose(lean_of(*turned), lean, atol=1e-9)
+    assert_allclose(lean_of(*turned), lean, atol=1e-9)
 
 
 def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:
@@ -88,8 +75,8 @@ def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> N
     lever = (4.37 / ball.radius + body.mass * body.center_of_mass) / whole
     pull = body.mass * body.center_of_mass * LIGHT.gravity / ball.radius / whole
     found = contact_momentum(LIGHT)
-    np.testing.assert_allclose(found.lever, [[0, lever, 0], [-lever, 0, 0]], atol=1e-9)
-    np.testing.assert_allclose(found.pull, pull * np.eye(2), atol=1e-9)
+    assert_allclose(found.lever, [[0, lever, 0], [-lever, 0, 0]], atol=1e-9)
+    assert_allclose(found.pull, pull * np.eye(2), atol=1e-9)
 
 
 def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None:
@@ -110,9 +97,7 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
     by_gravity = -H * (np.sum(leans_, axis=0) - 0.5 * (leans_[0] + leans_[-1]))
     # 0.3 s; the speed itself has changed by more; neglected: squares of lean and rates, up to 0.1^2
     assert np.linalg.norm(by_gravity) > 0.05
-    np.testing.assert_allclose(
-        momenta[-1] - momenta[0], by_gravity, atol=0.01 * float(np.linalg.norm(by_gravity))
-    )
+    assert_allclose(momenta[-1] - momenta[0], by_gravity, atol=0.01 * float(np.linalg.norm(by_gravity)))
     assert np.linalg.norm(state[5:7] - [0.1, -0.05] - by_gravity) > 0.5 * np.linalg.norm(by_gravity)
 
 
@@ -150,18 +135,6 @@ class Dense:
             rows += [{state: next(numbers) for state in states} for states in one.states]
         return np.array(residuals), np.array([[row.get(k, 0.0) for k in range(STATES)] for row in rows])
 
-    def after(self, x: NDArray[np.float64], P: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
-        """State and covariance a sample later, without a fix."""
-        remembered = np.where(np.isin(np.arange(STATES), UNSEEN), REMEMBERED, 1.0)
-        F, every = self.F(x) * remembered, FIRST["fix"]
-        by_gyro = F[:, BIAS : BIAS + 3] * (np.arange(STATES) >= G)[:, None]
-        P = F @ P @ F.T + self.model.gyro_variance * by_gyro @ by_gyro.T + np.diag(self.model.walk)
-        x, v = self.moved(x)
-        residuals, H = (one[:every] for one in self.seen(x, v))
-        spread = H @ P @ H.T + np.diag(self.model.variances[:every])
-        gain = P @ H.T @ np.linalg.inv(spread)
-        return x + gain @ residuals, P - gain @ spread @ gain.T
-
 
 def dense(random: np.random.Generator) -> Dense:
     model = filter_model(ALTEN, sample_time=H, noise=NOISE)
@@ -174,7 +147,7 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     random = np.random.default_rng(seed)
     x, one = random.uniform(-0.1, 0.1, STATES), dense(random)
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
-    np.testing.assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
+    assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
 
     def expected(x: NDArray[np.float64]) -> NDArray[np.float64]:
         return -one.seen(x, x[S : S + 2] - one.model.lever @ (one.gyro - x[BIAS : BIAS + 3]))[0]
@@ -182,7 +155,7 @@ def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     # rows are to first order: lean times ball's rate
     for lean, tolerance in ((0.0, 1e-6), (0.1, 0.1 * 2 * 3.0)):
         x[G : G + 2] = lean
-        np.testing.assert_allclose(one.seen(x, np.zeros(2))[1], numerical(expected, x), atol=tolerance)
+        assert_allclose(one.seen(x, np.zeros(2))[1], numerical(expected, x), atol=tolerance)
 
 
 def numerical(
@@ -191,25 +164,6 @@ def numerical(
     """Central differences: a column for each state."""
     steps = 1e-5 * np.eye(STATES)
     return np.array([(function(x + step) - function(x - step)) / 2e-5 for step in steps]).T
-
-
-def test_sample_is_the_textbook_s() -> None:
-    """Place and heading are so little known that they are forgotten."""
-    random = np.random.default_rng(5)
-    root, x, one = random.normal(size=(STATES, STATES)), random.uniform(-0.1, 0.1, STATES), dense(random)
-    P = root @ root.T
-    work = np.zeros(ROWS * LANES)
-    column = work[::LANES]
-    column[:MODEL_SIZE] = one.model.row()
-    column[STATE : STATE + STATES] = x
-    column[COVARIANCE:GYRO_BEFORE] = P[LOWER_TRIANGLE]
-    column[GYRO_BEFORE : GYRO_BEFORE + 3] = column[GYRO : GYRO + 3] = one.gyro
-    column[SHOWN : SHOWN + len(one.shown)] = one.shown
-    sample(work)
-    state, covariance = one.after(x, P)
-    # the variances differ by 1e10, so that rounding is that much larger than of a single number
-    np.testing.assert_allclose(column[STATE : STATE + STATES], state, atol=1e-6)
-    np.testing.assert_allclose(column[COVARIANCE:GYRO_BEFORE], covariance[LOWER_TRIANGLE], atol=1e-6)
 
 
 # the whole
@@ -276,7 +230,7 @@ def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
     assert np.abs(np.degrees(error[:, 4])).max() < 1.2  # 0.005 rad a root second would be 1.8
     assert np.abs(error[:, :2]).max() < 0.012  # that heading's over 0.5 m
     assert np.degrees(np.sqrt(np.mean(error[400:, 2:4] ** 2))) < 0.05
-    np.testing.assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
+    assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
     assert np.degrees(kalman._x[SHOWN_PSI] - kalman._x[PSI]) == pytest.approx(3.55, abs=1.2)
 
 
@@ -289,7 +243,7 @@ def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:
         assert (kalman._x == drifted).all()
     place = np.array([3.0, -1.0])
     kalman._take_fix(Fix(position=place, heading=drifted[PSI] + 0.3 + 4 * np.pi, heading_deviation=1e-3))
-    np.testing.assert_allclose(kalman._x[X : X + 2], place, atol=5.0)
+    assert_allclose(kalman._x[X : X + 2], place, atol=5.0)
     assert (np.diag(covariance_of(kalman))[:2] < 0.005**2).all()
     assert np.diag(covariance_of(kalman))[4] < 1e-3**2 < before[4, 4]
     assert kalman._x[PSI] == pytest.approx(drifted[PSI] + 0.3, abs=0.02)  # whole turns do not matter
@@ -319,7 +273,7 @@ def test_reset_restores_the_initial_state() -> None:
         one.reset(position=(1.0, 2.0))
     for reading in run.readings:
         assert (kalman.update(reading) == fresh.update(reading)).all()
-    np.testing.assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
+    assert_allclose(fresh.update(run.readings[-1])[:2], [1.0, 2.0], atol=0.1)
 
 
 def test_invalid_filter_parameters_are_refused() -> None:

@@ -1,7 +1,5 @@
 """The firmware on the emulated processor: the bits of this computer, exact counts."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The estimators in C against those in Python, on readings with and without gaps."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np
@@ -37,9 +35,8 @@ def test_onboard_state_is_python_s_but_for_rounding(preset, missing):
     given = list(readings(robot, samples=800, missing=missing))
     found, exact = (np.array([one.update(reading) for reading in given]) for one in pair)
     assert (np.isnan(found) == np.isnan(exact)).all()
-    speed = (
-        np.nanmax(np.abs(transforms(robot).T_obw)) * 60.0 * robot.ball.radius
-    )  # wheels turn by up to 60 rad/s
+    # wheels turn by up to 60 rad/s
+    speed = np.nanmax(np.abs(transforms(robot).T_obw)) * 60.0 * robot.ball.radius
     # a velocity is a sum of some 20 products, each rounded, of numbers up to that size; angles only pass through, or
     # grow by a rate for a sample
     bound = 20.0 * ROUNDOFF * speed

@@ -44,9 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow  # it measures on the emulated processor
-def test_files_are_whole_and_the_same_each_time_with_the_load_of_the_processor(
-    given, tmp_path, capsys, monkeypatch
-):
+def test_files_are_whole_and_the_same_each_time_with_the_load(given, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(processor_load, "_NEEDED", ("no_such_package",))
     assert export(given, tmp_path / "made") == 0
     printed = capsys.readouterr().out
@@ -80,15 +78,10 @@ def test_files_are_whole_and_the_same_each_time_with_the_load_of_the_processor(
     ("change", "sentence"),
     [
         (lambda text: text.replace('robot = "', 'robot = "other '), "was designed for the robot 'other "),
-        (
-            lambda text: text.replace("frequency = 3.0", "frequency = 1e9"),
-            "firmware can have up to 10000 rad/s",
-        ),
+        (lambda text: text.replace("frequency = 3.0", "frequency = 1e9"), "can have up to 10000 rad/s"),
     ],
 )
-def test_controller_that_cannot_be_exported_is_refused_in_one_sentence(
-    given, tmp_path, capsys, change, sentence
-):
+def test_controller_that_cannot_be_exported_is_refused(given, tmp_path, capsys, change, sentence):
     (given / "changed.toml").write_text(change((given / "controller.toml").read_text()))
     assert export(given, tmp_path / "out", controller="changed.toml") == 2
     refusal = capsys.readouterr().err
@@ -110,11 +103,6 @@ def test_gain_of_another_robot_is_refused():
     controller = nominal_controller(ROBOT)
     with pytest.raises(InputError, match=r"does not stabilise the robot 'alten': an error grows by a factor"):
         export_controller(Controller(ROBOT, -controller.gain))
-
-
-def test_number_beyond_single_precision_is_refused():
-    with pytest.raises(InputError, match=r"parameters\.law\.torque_limit is 1e\+40"):
-        export_controller(Controller(ROBOT, nominal_controller(ROBOT).gain, torque_limit=1e40))
 
 
 def test_policy_too_large_for_firmware_is_refused():

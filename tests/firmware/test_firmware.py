@@ -22,7 +22,7 @@ from ballbot.firmware.records import SafetyRecord, SafetyState, SelfTestOutcome,
 from tests.support.compiled_firmware import Firmware, library, weights_of
 from tests.support.control_examples import FRICTION, alten, with_policy
 from tests.support.firmware_beside import torques_beside
-from tests.support.firmware_safety import Safety, self_test_torques
+from tests.support.firmware_safety import Safety
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -260,8 +260,8 @@ def self_tested(robot: Held, **changed) -> Firmware:
         for name, value in changed.items():
             record[name] = value
         torques = made.update(record, 5000 * k, None)
-        if made.self_test is SelfTestOutcome.RUNNING:
-            assert (torques == self_test_torques(ROBOT, k * H)).all()
+        # 1 N m, one wheel at a time
+        assert np.sort(np.abs(torques)).tolist() in ([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
         k += 1
         assert k <= 102
     assert not torques.any()

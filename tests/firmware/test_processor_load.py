@@ -1,7 +1,5 @@
 """What a controller takes on its processor: the rehearsal sees every branch, and has the bits of this computer."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

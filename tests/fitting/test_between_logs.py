@@ -1,7 +1,5 @@
 """Joint random effects between logs: against the conjugate case, exact coverage, and priors that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -68,9 +66,7 @@ def test_the_prior_of_many_robots_is_recovered() -> None:
     random, robots = np.random.default_rng(2), 20
     made = [
         RobotLogs(
-            estimates=drawn(random, 2, 8.0),
-            covariances=np.tile(RIDGE, (2, 1, 1)),
-            groups=np.array([0, 0, 1]),
+            estimates=drawn(random, 2, 8.0), covariances=np.tile(RIDGE, (2, 1, 1)), groups=np.array([0, 0, 1])
         )
         for _ in range(robots)
     ]

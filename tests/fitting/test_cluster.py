@@ -51,9 +51,7 @@ def quick(*, executor: Executor, report: ProgressCallback = ignore_progress) -> 
         log,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(
-            generations=5, population=8, gauss_newton_steps=2, step=2.5e-3, most_profiles=1
-        ),
+        options=IdentificationOptions(most_steps=2, step=2.5e-3, most_profiles=1),
         run=Run(executor=executor, progress=report),
     )
 

@@ -1,7 +1,5 @@
 """Intervals on the ratio of two models' errors: how often they contain a known truth, verdicts, errors by horizon."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

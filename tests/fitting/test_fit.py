@@ -1,14 +1,15 @@
 """The one fit on plain experiments, against closed forms."""
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
-from ballbot.fitting.parameter import Limits, Parameter
+from ballbot.fitting.parameter import FitParameter, Limits
 
 
-def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> Parameter:
-    return Parameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
+def signed(name: str, bounds: Limits = (-5.0, 5.0)) -> FitParameter:
+    return FitParameter(name=name, symbol=name, unit="1", scale="signed", bounds=bounds, default=0.0)
 
 
 def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
@@ -28,10 +29,10 @@ def line(seed: int, **more: Limits) -> tuple[Residuals, np.ndarray, np.ndarray]:
 def test_fit_of_a_linear_model_is_the_closed_form_with_the_jackknife_of_its_rows():
     made, X, values = line(11)
     found = fit(made, made.coordinates.scaled(np.zeros(2)))
-    np.testing.assert_allclose(found.values, np.linalg.lstsq(X, values, rcond=None)[0], atol=1e-9)
+    assert_allclose(found.values, np.linalg.lstsq(X, values, rcond=None)[0], atol=1e-9)
     plain = np.linalg.inv(X.T @ X) * np.mean((values - X @ found.values) ** 2)
     # rows are independent; their squares scatter
-    np.testing.assert_allclose(found.covariance, plain, rtol=0.25, atol=0.1 * plain.max())
+    assert_allclose(found.covariance, plain, rtol=0.25, atol=0.1 * plain.max())
 
 
 def test_fit_ends_at_a_bound_and_gives_no_error_there():
@@ -39,18 +40,14 @@ def test_fit_ends_at_a_bound_and_gives_no_error_there():
     found = fit(made, made.coordinates.scaled(np.zeros(2)))
     assert found.at_bound.tolist() == [True, False]
     assert np.isnan(found.errors[0])
-    np.testing.assert_allclose(
-        found.values[1], X[:, 1] @ (values - 0.2 * X[:, 0]) / (X[:, 1] @ X[:, 1]), atol=1e-6
-    )
+    assert_allclose(found.values[1], X[:, 1] @ (values - 0.2 * X[:, 0]) / (X[:, 1] @ X[:, 1]), atol=1e-6)
 
 
 def test_part_of_an_experiment_is_the_experiment_of_these_blocks():
     made, X, values = line(13)
     part = made.part(np.arange(100, 300)).part(np.arange(50, 150))
     found = fit(part, part.coordinates.scaled(np.zeros(2)))
-    np.testing.assert_allclose(
-        found.values, np.linalg.lstsq(X[150:250], values[150:250], rcond=None)[0], atol=1e-9
-    )
+    assert_allclose(found.values, np.linalg.lstsq(X[150:250], values[150:250], rcond=None)[0], atol=1e-9)
 
 
 def test_of_two_optima_the_lower_is_the_estimate_and_the_other_is_told():
@@ -67,9 +64,9 @@ def test_of_two_optima_the_lower_is_the_estimate_and_the_other_is_told():
     # three of four starts lie nearer to the worse one
     starts = made.coordinates.scaled(np.array([[0.8], [1.2], [2.0], [-3.0]]))
     found = fit(made, starts)
-    np.testing.assert_allclose(found.values, [-1.0], atol=0.1)
+    assert_allclose(found.values, [-1.0], atol=0.1)
     assert found.other is not None
-    np.testing.assert_allclose(found.other.values, [1.0], atol=0.1)
+    assert_allclose(found.other.values, [1.0], atol=0.1)
     at_one = np.log(np.mean((0.04 * w + noise) ** 2) / np.mean(noise**2)) / 2.0
     # the optima lie a little beside 1 and -1, where x and w or noise are not orthogonal
-    np.testing.assert_allclose(found.other.rise, at_one, rtol=0.1)
+    assert_allclose(found.other.rise, at_one, rtol=0.1)

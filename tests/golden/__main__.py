@@ -1,7 +1,5 @@
 """`python -m tests.golden`: compare what the commands write with the goldens, or write the goldens anew."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

@@ -5,8 +5,7 @@ A case runs in a working folder that all cases share, and writes into the folder
 before it.
 """
 
-from __future__ import annotations
-
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,19 +28,12 @@ class Case:
     alone: bool = False
 
 
-def _command(
-    name: str,
-    line: str,
-    *,
-    needs: tuple[str, ...] = (),
-    code: int = 0,
-    sampled: bool = False,
-    alone: bool = False,
-) -> Case:
+def _command(name: str, line: str, *, code: int = 0, sampled: bool = False, alone: bool = False) -> Case:
     """Return the case of a command line, whose folder is the one of its name unless the line has --out or --save."""
     words = tuple(line.split())
     out = () if {"--out", "--save"} & set(words) else ("--out", name)
-    return Case(name=name, words=(*words, *out), needs=needs, code=code, sampled=sampled, alone=alone)
+    needs = dict.fromkeys(folder for folder in re.findall(r"(\w+)/", line) if folder not in (name, "files"))
+    return Case(name=name, words=(*words, *out), needs=(*needs,), code=code, sampled=sampled, alone=alone)
 
 
 def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = ()) -> Case:
@@ -74,29 +66,22 @@ CASES: tuple[Case, ...] = (
     _command("twin_export", "twin export alten --out twin_export/twin.xml", sampled=True),
     _command("twin_scenario", "twin scenario resonant --out twin_scenario/scenario.toml", sampled=True),
     # logs
-    _command("check_log", f"check-log {_WALK} --robot alten", needs=("record_square",), sampled=True),
+    _command("check_log", f"check-log {_WALK} --robot alten", sampled=True),
     _input("foreign", inputs.foreign_log, needs=("record_square",)),
     # neither its names nor its numbers show whether it holds torques or currents
-    _command("check_log_foreign", "check-log foreign/log.csv --robot alten", needs=("foreign",), code=2),
+    _command("check_log_foreign", "check-log foreign/log.csv --robot alten", code=2),
     _command(
         "check_log_mapping",
         "check-log foreign/log.csv --robot alten --mapping files/mapping.toml",
-        needs=("foreign",),
         code=2,  # as identify_foreign: its torques are taken for duties, and are late
         sampled=True,
     ),
     _command(
         "view",
         f"view square={_WALK} later=record_square/truth.csv --robot {_ROBOT} --save view/replay.html",
-        needs=("record_square",),
         sampled=True,
     ),
-    _command(
-        "align",
-        "align record_square/log.csv record_square/motion_capture.csv",
-        needs=("record_square",),
-        sampled=True,
-    ),
+    _command("align", "align record_square/log.csv record_square/motion_capture.csv", sampled=True),
     # the equations of motion
     _command("simulate", f"simulate {_ROBOT} --duration 4", sampled=True),
     _command(
@@ -115,62 +100,42 @@ CASES: tuple[Case, ...] = (
         f"simulate {_ROBOT} --duration 4 --formulation thesis --compensation partial --reference change_pose",
     ),
     # identification
-    _command("identify", f"identify alten {_WALK} --window 0.1", needs=("record_square",)),
+    _command("identify", f"identify alten {_WALK} --window 0.1"),
     _command(
         "identify_logs",
         f"identify alten {_WALK} --holdout {_EIGHT} --estimate friction,delay "
         f"--exclude-states psi,psi_dot --seed 2 {_FEW}",
-        needs=("record_square", "record_eight"),
     ),
-    _command(
-        "identify_few", f"identify alten {_WALK} {_FEW} --law coulomb", needs=("record_square",), sampled=True
-    ),
-    _command(
-        "identify_asymmetric", f"identify alten {_WALK} {_FEW} --law asymmetric", needs=("record_square",)
-    ),
-    _command("identify_load", f"identify alten {_WALK} {_FEW} --law load", needs=("record_square",)),
-    _command("identify_best", f"identify alten {_WALK} {_FEW} --law best", needs=("record_square",)),
-    _command(
-        "identify_sweep",
-        f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json",
-        needs=("record_square", "identify_driveline"),
-    ),
+    _command("identify_few", f"identify alten {_WALK} {_FEW} --law coulomb", sampled=True),
+    _command("identify_asymmetric", f"identify alten {_WALK} {_FEW} --law asymmetric"),
+    _command("identify_load", f"identify alten {_WALK} {_FEW} --law load"),
+    _command("identify_best", f"identify alten {_WALK} {_FEW} --law best"),
+    _command("identify_sweep", f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json"),
     _command(
         "identify_foreign",
         f"identify alten foreign/log.csv --mapping files/mapping.toml {_FEW}",
-        needs=("foreign",),
         code=2,  # its torques are taken for duties, and are late
     ),
-    _command("identify_driveline", "identify-driveline alten record_sweep/log.csv", needs=("record_sweep",)),
-    _command(
-        "identify_upside_down",
-        "identify-upside-down alten record_upside_down/log.csv --window 0.5",
-        needs=("record_upside_down",),
-    ),
-    _command(
-        "identify_geometry",
-        "identify-geometry alten --upside-down record_upside_down/log.csv",
-        needs=("record_upside_down",),
-    ),
+    _command("identify_driveline", "identify-driveline alten record_sweep/log.csv"),
+    _command("identify_upside_down", "identify-upside-down alten record_upside_down/log.csv --window 0.5"),
+    _command("identify_geometry", "identify-geometry alten --upside-down record_upside_down/log.csv"),
     _command(
         "identify_geometry_mocap",
         "identify-geometry alten --upside-down record_upside_down/log.csv --balancing record_eight/log.csv "
         "--motion-capture record_eight/motion_capture.csv",
-        needs=("record_upside_down", "record_eight"),
     ),
     _input("axis", inputs.axis_record),
-    _command("identify_axis", "identify-axis axis/record.csv --law coulomb", needs=("axis",)),
-    _command("identify_axis_laws", "identify-axis axis/record.csv", needs=("axis",)),
+    _command("identify_axis", "identify-axis axis/record.csv --law coulomb"),
+    _command("identify_axis_laws", "identify-axis axis/record.csv"),
     _input("swing", inputs.swing),
-    _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002", needs=("swing",)),
+    _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002"),
     _input("video", inputs.video),
-    _command("spin", "spin video/ball.avi", needs=("video",)),
+    _command("spin", "spin video/ball.avi"),
     # validation
-    _command("validate", f"validate {_ROBOT} {_WALK}", needs=("record_square",)),
+    _command("validate", f"validate {_ROBOT} {_WALK}"),
     _command(
         "validate_controller",
         f"validate {_ROBOT} {_WALK} --against thesis --controller record_square/controller.toml --seed 4",
-        needs=("record_square",),
     ),
     # controllers
     _command("design", "design files/robot_geometry.toml", sampled=True),
@@ -190,9 +155,7 @@ CASES: tuple[Case, ...] = (
         "--robots 20 --generations 2 --population 4 --fresh 20",
         alone=True,
     ),
-    _command(
-        "export", f"export design_full/controller.toml --robot {_ROBOT}", needs=("design_full",), sampled=True
-    ),
+    _command("export", f"export design_full/controller.toml --robot {_ROBOT}", sampled=True),
     _command(
         "run", f"run --emulated --robot {_ROBOT} --reference files/reference.csv --duration 2", sampled=True
     ),
@@ -212,20 +175,11 @@ CASES: tuple[Case, ...] = (
     ),
     # the whole
     _command("excite", f"excite {_ROBOT} --duration 10", sampled=True),
-    _command(
-        "study",
-        f"study alten {_WALK} --no-confirm --draws 6 --bounds files/bounds.toml",
-        needs=("record_square",),
-    ),
+    _command("study", f"study alten {_WALK} --no-confirm --draws 6 --bounds files/bounds.toml"),
     _command(
         "simulate_study",
         "simulate study/robot.toml --controller study/controller.toml --scenario nominal --duration 32",
-        needs=("study",),
     ),
-    _command(
-        "validate_prediction",
-        "validate --prediction study/results.json simulate_study/log.csv",
-        needs=("study", "simulate_study"),
-    ),
+    _command("validate_prediction", "validate --prediction study/results.json simulate_study/log.csv"),
     Case(name="reproduce_items", make=inputs.reproduced_items),
 )

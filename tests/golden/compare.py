@@ -4,8 +4,6 @@ In structure means the same keys, kinds of values, words without digits, and sha
 `VARIABLE`: how long an iteration goes on, and which of two methods gives an interval, may depend on a last digit.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -13,8 +13,6 @@ A list of more than `LONGEST` numbers becomes a text: `DIGEST`, its shape, its f
 checksum of all of them. A word longer than `LONGEST_WORD`, as the packed column of a replay, becomes its checksum.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import importlib.metadata

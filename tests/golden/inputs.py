@@ -1,7 +1,5 @@
 """Inputs that no command of Ballbot makes: records of other plants, foreign files and a video, from fixed seeds."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """Runs cases in a working folder of their own, each once, and keeps goldens."""
 
-from __future__ import annotations
-
 import io
 import json
 import shutil
@@ -108,9 +106,7 @@ def _run_one(case: Case, folder: Path) -> Outcome:
         if case.make is not None:
             case.make(out)
         elif case.alone:
-            _main_alone(
-                case.words, said
-            )  # compiles; code that is read from disk rounds differently in places
+            _main_alone(case.words, said)  # compiles; code read from disk rounds differently in places
             shutil.rmtree(out)
             out.mkdir()
             code = _main_alone(case.words, said)
@@ -126,12 +122,8 @@ def _run_one(case: Case, folder: Path) -> Outcome:
 
 
 def _main_alone(words: Sequence[str], said: io.StringIO) -> int:
-    command = [
-        sys.executable,
-        "-c",
-        "import sys; from ballbot.cli.main import main; sys.exit(main(sys.argv[1:]))",
-    ]
-    done = subprocess.run([*command, *words], capture_output=True, text=True, check=False)
+    command = [sys.executable, "-m", "ballbot", *words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     said.seek(0)
     said.write(done.stderr)
     return done.returncode

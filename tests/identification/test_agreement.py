@@ -1,14 +1,13 @@
 """Stages compared: chance is reported as often as it should be, and real differences by the numbers that differ."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from ballbot import Robot
 from ballbot.control.overcompensation import certain_friction, stated_covariance
-from ballbot.identification.agreement import LEAST_P_VALUE, StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.quantities import FRICTION, Layout
+from ballbot.identification.stages import LEAST_P_VALUE, StageEstimate, agreement_findings, of_robot_file
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.robot.variations import draw_robots
 
@@ -83,7 +82,7 @@ def test_a_number_without_an_error_has_its_interval_and_leaves_the_others_theirs
     fraction = np.array(certain_friction(read).coulomb) / np.array(read.friction.coulomb)
     assert 0.85 < fraction[1] < 0.95
     # numbers that change lose both
-    moved = read.replace(friction=replace(read.friction, stribeck=(0.05, 0.01, 0.06)))
+    moved = read.replace({"friction.stribeck": (0.05, 0.01, 0.06)})
     assert set(moved.intervals) == {"friction.stribeck_exponent"}
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations
-from ballbot.identification import alike as motors
 from ballbot.identification import identify
-from ballbot.identification.alike import WHEELS_APART, inseparable, uncertainty_of_each
+from ballbot.identification import variation as motors
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Coordinates, scale_between
+from ballbot.identification.variation import WHEELS_APART, inseparable, uncertainty_of_each
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, noisy
 
@@ -92,9 +92,7 @@ def test_a_fit_of_motors_as_one_says_so_and_has_one_number_for_them(monkeypatch)
         noisy(balancing_log(), seed=4).between(6.0, 10.0),
         law="coulomb",
         window=0.1,
-        options=IdentificationOptions(
-            generations=8, population=12, gauss_newton_steps=4, step=2.5e-3, most_profiles=0
-        ),
+        options=IdentificationOptions(most_steps=4, step=2.5e-3, most_profiles=0),
     )
     assert next(one.text for one in found.findings if one.code == "motors-alike").startswith("Motors alike: ")
     for symbol in ("b", "c"):

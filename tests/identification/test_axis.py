@@ -85,12 +85,7 @@ def test_emps_is_predicted_from_the_other_half(shared_data):
     half = len(record) // 2
 
     def part(name, rows):
-        return replace(
-            record,
-            name=name,
-            force=record.force[rows],
-            position=record.position[rows],
-        )
+        return replace(record, name=name, force=record.force[rows], position=record.position[rows])
 
     parts = part("first", slice(0, half)), part("second", slice(half, None))
     errors = []

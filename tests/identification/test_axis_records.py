@@ -80,18 +80,12 @@ def test_variables_that_are_not_named_are_all_asked_for_at_once(tmp_path: Path) 
     [
         ({"added_force": "pulses"}, {}, "no variable 'pulses' for --added-force"),
         ({"force_scale": "t"}, {}, "'t' has 600 different values; it must be one number"),
-        (
-            {},
-            {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)},
-            "force is missing or not finite in row 1",
-        ),
+        ({}, {"force": np.where(np.arange(ROWS) % 2, FORCE, np.nan)}, "force is missing or .* in row 1"),
         ({}, {"t": T[::-1].copy()}, "row 2: time does not increase"),
         ({}, {"position": np.zeros(ROWS)}, "the position never changes"),
     ],
 )
-def test_bad_files_and_columns_answer_with_their_cause(
-    tmp_path: Path, columns: dict[str, str], changes: dict[str, np.ndarray], sentence: str
-) -> None:
+def test_bad_files_and_columns_answer_with_their_cause(tmp_path, columns, changes, sentence):
     path = written(tmp_path / "a.csv", **changes)
     with pytest.raises(InputError, match=sentence):
         read_axis_record(path, AxisColumns(**columns))  # type: ignore[arg-type]
@@ -108,9 +102,7 @@ def test_bad_files_and_columns_answer_with_their_cause(
         ("t,position_m,force_A", "", {"unit": "rad"}, (1.0, 1.0, 1.0)),
     ],
 )
-def test_units_in_a_file_are_converted_unless_a_factor_is_given(
-    tmp_path: Path, names: str, units: str, columns: dict[str, str], factors: tuple[float, float, float]
-) -> None:
+def test_units_in_a_file_are_converted_unless_a_factor_is_given(tmp_path, names, units, columns, factors):
     rows = [f"{t:.9g},{x:.9g},{f:.9g}" for t, x, f in zip(T, POSITION, FORCE, strict=True)]
     path = tmp_path / "a.csv"
     path.write_text("\n".join([names, *([units] if units else []), *rows]))
@@ -140,9 +132,7 @@ def test_a_unit_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     ],
     ids=["0 to 360", "pi", "counter", "degrees"],
 )
-def test_a_position_that_wraps_is_counted_on(
-    tmp_path: Path, position: np.ndarray, scale: float, period: float
-) -> None:
+def test_a_position_that_wraps_is_counted_on(tmp_path, position, scale, period):
     position[100] = np.nan
     path = written(tmp_path / "a.csv", position=position)
     columns = AxisColumns(unit="rad", position_scale=str(scale))

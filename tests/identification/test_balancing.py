@@ -1,13 +1,11 @@
 """Start states estimated together with the parameters: the equations, and what they are good for."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from ballbot.fitting.fit import descend, profile
 from ballbot.fitting.run import Threads
-from ballbot.fitting.uncertainty import WindowEquations, block_length, bootstrap, covariance, resamples
+from ballbot.fitting.uncertainty import WindowEquations, covariance
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Bounds, scale_between
@@ -24,7 +22,7 @@ STEP = 2.5e-3  # [s], inner step of the fits; it moves a cost by 1e-4 of itself
 def problem_of(*, seed: int, bounds: Bounds | None = None, duration: float = DURATION) -> Balancing:
     """Return the fit of a noisy log; where there are bounds, of what they free, the rest held at the truth."""
     coordinates = scale_between(alten(), bounds=bounds)
-    predictor = Predictor(robot=alten(), formulation="exact", step=STEP, layout=coordinates.layout, threads=1)
+    predictor = Predictor(robot=alten(), step=STEP, layout=coordinates.layout, threads=1)
     log = noisy(balancing_log(duration=duration), seed=seed)
     windows = cut_windows([log], wheel_count=3, duration=0.25)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates, executor=Threads(count=1))
@@ -58,7 +56,7 @@ def finished(problem):
 def test_estimated_initial_states_are_near_the_true_ones(problem, finished):
     truth = cut_windows([balancing_log(duration=DURATION)], wheel_count=3, duration=0.25).initial
     measured = np.sqrt(((problem.windows.initial - truth) ** 2).mean(axis=0))
-    freed = np.sqrt(((finished.end.starts - truth) ** 2).mean(axis=0))
+    freed = np.sqrt(((finished.end.windows.starts - truth) ** 2).mean(axis=0))
     np.testing.assert_allclose(measured, NOISE, rtol=0.35)  # 40 windows give a deviation to 11 %
     # eleven samples tie a start and its rate: on average over the states at least halved
     assert np.exp(np.log(freed / measured).mean()) < 0.6
@@ -88,7 +86,7 @@ def test_known_friction_is_found_within_its_errors_and_better_than_from_measured
 def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(problem, finished):
     point = finished.point.copy()
     point[3] += 0.01  # c1, off the optimum
-    starts = finished.end.starts
+    starts = finished.end.windows.starts
     for _ in range(3):  # let the starts settle there
         about = problem.linearize_widely(point, starts)
         starts = starts + about.shift
@@ -104,21 +102,6 @@ def test_the_equations_are_the_gradient_of_the_cost_with_starts_that_follow(prob
     assert normal.scores.sum(axis=0)[3] == pytest.approx(expected, rel=0.1)
 
 
-@pytest.mark.sample
-def test_one_step_of_a_resample_is_nearly_its_full_fit(problem, finished):
-    free, count = problem.coordinates.free, len(problem.windows)
-    errors = bootstrap(finished.equations, free, seed=1).std(axis=0)
-    shifts = bootstrap(finished.equations, free, seed=0, repeats=1)
-    drawn = resamples(count, block=block_length(count), repeats=1, seed=0)
-    for times, shift in zip(drawn, shifts, strict=True):
-        rows = np.repeat(np.arange(count), times.astype(int))
-        resampled = replace(problem, windows=problem.windows.take(rows))
-        anew = descend(resampled, finished.point, free=free, most_steps=40)
-        # curvature: second order in shifts of a standard error or two
-        np.testing.assert_allclose(shift / errors, (anew.point - finished.point) / errors, atol=1.0)
-        assert np.corrcoef(shift / errors, (anew.point - finished.point) / errors)[0, 1] > 0.9
-
-
 @pytest.mark.slow
 def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     problem = problem_of(seed=2, bounds=HELD)
@@ -132,14 +115,3 @@ def test_a_profile_is_the_interval_where_the_fit_is_nearly_straight():
     # rise = ((p - p^) / error)^2, found to a tenth, which is a twentieth of the distance; sticking bends the rest
     assert found.point[place] - lower == pytest.approx(2.0 * independent, rel=0.15)
     assert upper - found.point[place] == pytest.approx(2.0 * independent, rel=0.15)
-
-
-def test_slopes_that_are_known_are_not_taken_again():
-    problem = problem_of(seed=2, duration=20.0)
-    point = problem.coordinates.scaled(1.2 * TRUTH)
-    some, own = problem.begin(point), problem.linearize(problem.begin(point))
-    # windows are worked on 64 at a time: none of the first ones lacks its slopes
-    some.slopes.known[:64] = True
-    of_some = problem.linearize(some)
-    assert len(own.g) > 64
-    np.testing.assert_array_equal(of_some.g[64:], own.g[64:])

@@ -90,9 +90,7 @@ WRONG_SWEEPS: dict[str, tuple[Change, str, str]] = {
 
 
 @pytest.mark.parametrize(("change", "code", "says"), WRONG_SWEEPS.values(), ids=WRONG_SWEEPS)
-def test_wrong_sweeps_are_stopped_with_their_cause(
-    sweep: Columns, change: Change, code: str, says: str
-) -> None:
+def test_wrong_sweeps_are_stopped_with_their_cause(sweep, change, code, says):
     findings = sweep_findings(ALTEN, sweeps_of(ALTEN, Log(sweep | change(sweep))))
     assert any(one.text.startswith(says) for one in findings if (one.code, one.severity) == (code, "error"))
 
@@ -130,9 +128,7 @@ WRONG_BALLS: dict[str, tuple[Change, str, str]] = {
 
 
 @pytest.mark.parametrize(("change", "code", "says"), WRONG_BALLS.values(), ids=WRONG_BALLS)
-def test_wrong_logs_of_the_ball_are_stopped_with_their_cause(
-    ball: Columns, change: Change, code: str, says: str
-) -> None:
+def test_wrong_logs_of_the_ball_are_stopped_with_their_cause(ball, change, code, says):
     findings = upside_down_findings(ALTEN, Log(ball | change(ball)))
     assert any(says in one.text for one in findings if (one.code, one.severity) == (code, "error")), findings
 
@@ -156,9 +152,7 @@ def test_estimated_radii_relax_the_encoder_check(ball: Columns) -> None:
     assert encoder_findings(ALTEN, log, like=(0.4, 2.5)) == ()
 
 
-def test_the_command_stops_before_it_works(
-    ball: Columns, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_stops_before_it_works(ball, tmp_path, capsys):
     angles = {f"wheel{i}": np.cumsum(ball[f"wheel{i}_dot"]) * SAMPLE_TIME for i in (1, 2, 3)}
     file, out = tmp_path / "up.csv", tmp_path / "out"
     Log(ball | angles | times(-1.0, *BALL)(ball)).write(file)

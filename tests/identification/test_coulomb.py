@@ -1,7 +1,5 @@
 """The Coulomb equivalent: against a line fitted by NumPy, its errors against drawn parameters, and its limits."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

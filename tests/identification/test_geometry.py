@@ -11,14 +11,9 @@ from scipy.spatial.transform import Rotation
 from ballbot import InputError, Log, Robot
 from ballbot.cli.main import main
 from ballbot.findings import texts
-from ballbot.identification.geometry import (
-    geometry_findings,
-    mocap_run,
-    robot_with_geometry,
-    survey_geometry,
-)
+from ballbot.identification.geometry import geometry_findings, mocap_run, robot_with_geometry, survey_geometry
 from ballbot.log.columns import STATE_NAMES
-from ballbot.log.wheel_speeds import wheel_speeds_of_states
+from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.mechanics.geometry import body_rates_matrix, transforms
 from ballbot.progress import Progress
 from ballbot.twin.recording import MotionCapture

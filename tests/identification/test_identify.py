@@ -21,13 +21,12 @@ from ballbot.identification.windows import cut_windows
 from ballbot.log import STATE_NAMES, Log
 from tests.support.control_examples import alten
 from tests.support.identification_examples import TRUTH, balancing_log, late, noisy
+from tests.workflows.test_excite import assert_errors_are_those_expected
 
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
 #: an inner step of 2.5 ms changes a cost by 1e-4, and takes 2.5 times less work; profiles have tests of their own
 #: (test_balancing.py, tests/fitting/test_intervals.py)
-BRIEF = IdentificationOptions(
-    generations=10, population=14, evolution_windows=24, step=2.5e-3, most_profiles=0
-)
+BRIEF = IdentificationOptions(search_windows=24, step=2.5e-3, most_profiles=0)
 #: v_s and delta held at the truth where others are looked at: the search follows their long valley in half of its steps
 HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})
 
@@ -51,9 +50,13 @@ def test_known_friction_is_found_within_its_standard_errors(found):
         {(span.log, span.start) for span in spans} for spans in (found.held_out.spans, found.fit.spans)
     )
     assert not fitted & held_out
-    assert (
-        0.2 < len(held_out) / len(fitted | held_out) < 0.4
-    )  # 8 s of every 28 s, and windows across the edges
+    # 8 s of every 28 s, and windows across the edges
+    assert 0.2 < len(held_out) / len(fitted | held_out) < 0.4
+
+
+@pytest.mark.slow
+def test_errors_are_those_that_excite_expects(found):
+    assert_errors_are_those_expected(found, balancing_log())
 
 
 def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> Identification:
@@ -63,14 +66,7 @@ def quick(log: Log, *, bounds: Bounds | None = None, run: Run = DEFAULT_RUN) -> 
         bounds=bounds,
         window=0.1,
         seed=3,
-        options=IdentificationOptions(
-            generations=12,
-            population=12,
-            evolution_windows=24,
-            gauss_newton_steps=4,
-            step=2.5e-3,
-            most_profiles=0,
-        ),
+        options=IdentificationOptions(search_windows=24, most_steps=4, step=2.5e-3, most_profiles=0),
         run=run,
     )
 
@@ -124,8 +120,8 @@ def test_progress_rises_and_the_cost_falls(search, stage, steps):
             search=search,
             generations=5,
             population=8,
-            evolution_windows=12,
-            gauss_newton_steps=2,
+            search_windows=12,
+            most_steps=2,
             step=2.5e-3,
             most_profiles=1,
         ),
@@ -218,7 +214,7 @@ def test_measured_logs_of_the_stand_in_robot(shared_data):
     assert np.isfinite([*known[:9], known[11]]).all()
 
 
-PREDICTOR = Predictor(robot=Robot.load("alten"), formulation="exact", step=1e-3)
+PREDICTOR = Predictor(robot=Robot.load("alten"), step=1e-3)
 #: b, c, s of three wheels and C_rr are amounts of friction; v_s and delta are its form
 AMOUNTS = np.array([*range(9), 11])
 

@@ -9,12 +9,12 @@ from ballbot.errors import InputError
 from ballbot.fitting.fit import at_bound, descend
 from ballbot.fitting.model_selection import gain_between
 from ballbot.fitting.uncertainty import covariance
-from ballbot.identification import Bounds, Identification, identify, select_law
+from ballbot.identification import Bounds, identify
 from ballbot.identification.balancing import Balancing
 from ballbot.identification.identify import IdentificationOptions, estimated_parameters
-from ballbot.identification.laws import LawSelection, bounds_of, law_named
+from ballbot.identification.laws import bounds_of, law_named
 from ballbot.identification.prediction import Predictor
-from ballbot.identification.verdict import BLOCK, window_blocks
+from ballbot.identification.result import BLOCK, LawSelection, window_blocks
 from ballbot.identification.windows import Span, cut_windows
 from ballbot.log import Log
 from tests.support.control_examples import FRICTION, alten
@@ -61,26 +61,10 @@ def ladder() -> LawSelection:
     """Return the ladder of a log whose friction is the viscous and Coulomb's law."""
     plain = replace(FRICTION, stribeck=(0.0, 0.0, 0.0))
     log = noisy(balancing_log(friction=plain, duration=10.0), seed=8).between(4.0, 9.5)
-
-    def fit(law: str, start: Identification | None) -> Identification:
-        return identify(
-            alten(),
-            log,
-            law=law,
-            window=0.1,
-            seed=3,
-            options=IdentificationOptions(
-                warm_start=start,
-                generations=3,
-                population=8,
-                evolution_windows=16,
-                gauss_newton_steps=4,
-                most_profiles=0,
-                step=5e-3,
-            ),
-        )
-
-    return select_law(fit)
+    options = IdentificationOptions(search_windows=16, most_steps=4, most_profiles=0)
+    found = identify(alten(), log, law="best", window=0.1, seed=3, options=options)
+    assert found.selection is not None
+    return found.selection
 
 
 @pytest.mark.slow  # six fits
@@ -113,7 +97,7 @@ def problem_of(log: Log, law: str, *, step: float = 1e-3) -> Balancing:
     coordinates = estimated_parameters(
         alten(), free=("friction",), law=law, bounds=Bounds({"rolling": (0.007, 0.007)})
     )
-    predictor = Predictor(robot=alten(), formulation="exact", step=step, layout=coordinates.layout)
+    predictor = Predictor(robot=alten(), step=step, layout=coordinates.layout)
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     return Balancing(predictor=predictor, windows=windows, coordinates=coordinates)
 

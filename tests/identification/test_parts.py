@@ -16,22 +16,19 @@ from tests.support.log_examples import smooth_log
 NONE = Layout(wheel_count=3).without_friction(TRUTH[None])
 
 
-def predictor(formulation="exact") -> Predictor:
-    return Predictor(robot=alten(), formulation=formulation, step=1e-3)
+PREDICTOR = Predictor(robot=alten(), step=1e-3)
 
 
 # --- windows ---
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("formulation", ["exact", "thesis"])
-def test_true_friction_predicts_a_simulated_log_to_rounding(formulation):
+def test_true_friction_predicts_a_simulated_log_to_rounding():
     # torques of row k act from t_k to t_(k+1): one row off would leave errors of 1e-3 rad
-    log = balancing_log(formulation=formulation, duration=5.0)
-    windows = cut_windows([log], wheel_count=3, duration=0.25)
-    residuals = predictor(formulation).residuals(TRUTH[None], windows, every=1)
+    windows = cut_windows([balancing_log(duration=5.0)], wheel_count=3, duration=0.25)
+    residuals = PREDICTOR.residuals(TRUTH[None], windows, every=1)
     assert np.abs(residuals).max() < 1e-9  # rounding, grown by at most e^(5.2 * 0.25)
-    assert np.abs(predictor(formulation).residuals(NONE, windows, every=1)).max() > 1e-2
+    assert np.abs(PREDICTOR.residuals(NONE, windows, every=1)).max() > 1e-2
 
 
 def test_gaps_missing_values_and_falls_are_passed_over():

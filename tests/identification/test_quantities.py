@@ -1,20 +1,18 @@
 """What identification can free besides friction, each against a log made with a known value of it."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot import Log, Model
+from ballbot import Log, Model, Robot
 from ballbot.errors import InputError
 from ballbot.identification.excitation import heading_findings, share_shown
 from ballbot.identification.prediction import Predictor, windows_for
-from ballbot.identification.quantities import FRICTION as FRICTION_NAMES
 from ballbot.identification.quantities import (
     QUANTITIES,
-    TERMS,
     Bounds,
     Layout,
     names_in,
@@ -25,7 +23,6 @@ from ballbot.identification.quantities import (
 from ballbot.identification.windows import standstill_torques
 from ballbot.log import STATE_NAMES
 from ballbot.mechanics.geometry import rotation
-from ballbot.robot import Friction
 from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import TRUTH, balancing_log, late
 
@@ -38,15 +35,9 @@ def residuals(log: Log, extra: dict[str, list[float]], *, back_emf: float = 0.0)
     """Return the residuals of the log's windows under the true friction and these values."""
     layout = Layout(wheel_count=3, extra=names_in(list(extra)))
     values = np.concatenate([TRUTH, *(np.array(extra[name]) for name in layout.extra)])
-    predictor = Predictor(robot=alten(), formulation="exact", step=1e-3, layout=layout, back_emf=back_emf)
+    predictor = Predictor(robot=alten(), step=1e-3, layout=layout, back_emf=back_emf)
     windows = windows_for(predictor, values, [log], duration=0.25)
     return predictor.residuals(values[None], windows, every=1)[0]
-
-
-def test_every_term_of_friction_is_identified() -> None:
-    """Coulomb friction by direction is identified as a torque offset."""
-    identified = {*FRICTION_NAMES, *TERMS, "coulomb_asymmetry"}
-    assert identified | {"law", "own"} == {one.name for one in fields(Friction)}
 
 
 def log_of(states: list[np.ndarray], torques: np.ndarray) -> Log:
@@ -63,6 +54,14 @@ LEANING = np.array([0, 0, 0.02, -0.01, 0, 0.1, 0, 0, 0, 0.2])
 TO_AND_FRO = np.sin(np.arange(60)[:, None] * [0.2, 0.31, 0.17])
 
 
+def played(robot: Robot, torques: np.ndarray, start: np.ndarray = LEANING) -> Log:
+    """Return a log of the robot under torques that are held for a sample each."""
+    plant, states = Model(robot), [start]
+    for u in torques[:-1]:
+        states.append(plant.advance(states[-1], u, 0.005))
+    return log_of(states, torques)
+
+
 def with_torques(log: Log, torques: np.ndarray) -> Log:
     return log.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)})
 
@@ -73,12 +72,8 @@ def short_log() -> Log:
 
 def moving_log() -> Log:
     """Return a log of wheels that never stop, half a second of it, the torques going to and fro."""
-    plant, x = Model(alten(FRICTION)), np.array([0, 0, 0.02, -0.01, 0, 1.0, 0.7, 0, 0, 0.2])
     torques = 0.4 * np.sin(np.arange(104)[:, None] * [0.05, 0.08, 0.06] + [0.0, 1.0, 2.0])
-    states = [x]
-    for u in torques[:-1]:
-        states.append(plant.advance(states[-1], u, 0.005))
-    return log_of(states, torques)
+    return played(alten(FRICTION), torques, np.array([0, 0, 0.02, -0.01, 0, 1.0, 0.7, 0, 0, 0.2]))
 
 
 # --- the table ---
@@ -137,12 +132,7 @@ def test_the_rigid_body_found_is_the_one_that_predicts():
         body=replace(heavy.body, center_of_mass=0.42, inertia=(4.9, 4.8, 0.8, 0.0, 0.0, 0.0)),
         wheels=replace(heavy.wheels, inertia=1.4e-3),
     )
-    plant, x = Model(heavy), LEANING
-    torques = 0.3 * TO_AND_FRO
-    states = [x]
-    for u in torques[:-1]:
-        states.append(plant.advance(states[-1], u, 0.005))
-    log = log_of(states, torques)
+    log = played(heavy, 0.3 * TO_AND_FRO)
     found = {
         "center_of_mass": [0.42],
         "second_moment": list(second_moments(heavy)),
@@ -168,18 +158,6 @@ def test_a_delay_of_whole_samples_takes_earlier_rows():
     found = residuals(early, {"delay": [0.015]})
     # the last windows reach the rows that were rolled around
     assert np.abs(found[:-1]).max() < ROUNDING
-
-
-def test_a_delay_of_part_of_a_sample_is_nearly_that_of_its_shares():
-    plant, x = Model(alten(FRICTION)), LEANING
-    torques = 0.4 * TO_AND_FRO
-    states = [x]
-    for before, now in zip(np.vstack([torques[:1], torques[:-2]]), torques[:-1], strict=True):
-        states.append(plant.advance(plant.advance(states[-1], before, 0.002), now, 0.003))
-    log = log_of(states, torques)
-    late, prompt = residuals(log, {"delay": [0.002]}), residuals(log, {"delay": [0.0]})
-    # each sample's impulse is right and its place within the sample is not: an error a sample long, not a delay's
-    assert np.abs(late).max() < 0.1 * np.abs(prompt).max()
 
 
 def test_back_emf_brakes_the_predicted_wheels():
@@ -246,9 +224,7 @@ def test_sensor_delay_is_corrected(imu, velocity):
 @pytest.mark.slow
 def test_friction_that_grows_with_the_load_is_that_of_each_sample():
     mu, robot = np.array([0.3, 0.2, 0.1]), alten(FRICTION)
-    x = LEANING
-    torques = 0.5 * TO_AND_FRO
-    states = [x]
+    torques, states = 0.5 * TO_AND_FRO, [LEANING]
     for u in torques[:-1]:
         grown = tuple(float(c) for c in np.array(FRICTION.coulomb) + mu * np.abs(u))
         states.append(

@@ -13,7 +13,7 @@ from ballbot.errors import InputError
 from ballbot.identification import identify
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
-from ballbot.identification.sweep import combine, read_sweep, sweep_of
+from ballbot.identification.stages import combine, read_sweep, sweep_of
 from ballbot.robot import Friction
 from tests.support.control_examples import alten
 from tests.support.identification_examples import balancing_log, noisy
@@ -124,9 +124,7 @@ def test_a_log_and_a_sweep_of_the_same_robot_together():
     errors = np.array([3e-4, 2e-3])
     swept = true + errors * random.standard_normal((3, 2))
     sweep = sweep_of(swept, np.stack([np.diag(errors**2)] * 3))
-    options = IdentificationOptions(
-        generations=4, population=8, evolution_windows=16, gauss_newton_steps=5, step=2.5e-3, most_profiles=0
-    )
+    options = IdentificationOptions(search_windows=16, most_steps=5, step=2.5e-3, most_profiles=0)
     alone = identify(alten(), log, law="coulomb", window=0.1, options=options)
     both = identify(alten(), log, law="coulomb", window=0.1, options=replace(options, sweep=sweep))
     for symbol in ("b", "c"):

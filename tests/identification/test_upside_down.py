@@ -283,11 +283,7 @@ class TestIdentification:
         [
             ({"ball_omega_x": None}, {}, "ball_omega_x"),
             ({"u1": 0.0, "u2": 0.0, "u3": 0.0}, {}, "torques u are zero"),
-            (
-                {"ball_omega_x": 0.0, "ball_omega_y": 0.0, "ball_omega_z": 0.0},
-                {},
-                "In 0 windows a wheel turns",
-            ),
+            ({"ball_omega_x": 0.0, "ball_omega_y": 0.0, "ball_omega_z": 0.0}, {}, "0 windows a wheel turns"),
             ({}, {"window": 4.0}, "choose a shorter window"),
             ({}, {"held_out": 1.0}, "held_out"),
         ],

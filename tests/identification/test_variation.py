@@ -1,7 +1,5 @@
 """Variation between logs: per-log estimates of a linear model, priors, and the findings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

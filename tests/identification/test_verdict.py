@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ballbot.identification.verdict import Verdict, verdict_of
+from ballbot.identification.result import Verdict, verdict_of
 from ballbot.identification.windows import Span
 
 LEAN = np.array([False, True, True, False])

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from ballbot import Controller, InputError, simulate_batch
-from ballbot.control.presets import nominal_controller
+from ballbot.control.law import MEMORY_SIZE, control_law
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots
@@ -75,6 +76,22 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
 
 
 @pytest.mark.slow
+def test_a_base_controller_is_shown_poses_as_on_a_course_and_its_torque_limit_holds():
+    base = precise_controller(ROBOTS[0].model.robot)
+    lanes, memory, expected = made("drive", base=base, repeat=1), np.zeros(MEMORY_SIZE), np.zeros(3)
+    lanes.start()
+    for action in [*100 * [0.0], *3 * [5.0]]:
+        seen = lanes.states[0].copy()
+        lanes.step(np.full((3, 3), action))
+        pose = np.where(np.isin(np.arange(10), (0, 1, 4)), lanes.references[0], 0.0)
+        control_law(base.packed, memory, seen, pose, expected)
+        expected = np.clip(expected + action, -base.torque_limit, base.torque_limit)
+        memory[:3] = expected  # the torques that act
+        assert_allclose(lanes._world.blocks.commanded[0], expected, atol=1e-9)
+    assert np.any(lanes.references[0, 5:7])
+
+
+@pytest.mark.slow
 def test_lanes_are_the_same_bit_for_bit_in_any_number_of_threads():
     random, runs = np.random.default_rng(1), []
     torques = random.uniform(-2.0, 2.0, (60, 130, 3))
@@ -135,7 +152,7 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
             + w.heading * (r - truth)[4] ** 2 / 0.1**2
             + w.lean_rate * np.sum(truth[7:9] ** 2) / 0.1**2
             + w.turning * truth[9] ** 2 / 0.2**2
-            + w.torque_change * np.sum((past[0, lane] - past[1, lane]) ** 2) / (0.1 * limit) ** 2
+            + w.torque_change * np.sum((past[0, lane] - past[1, lane]) ** 2) / (0.1 * lanes.robot.drive.torque_limit) ** 2
         )
         assert_allclose(
             lanes.rewards[lane], 0.005 * (w.upright + (1.0 - w.upright) / (1.0 + cost)), rtol=1e-9

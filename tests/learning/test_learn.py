@@ -10,7 +10,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.learning.lanes import TaskLanes
-from ballbot.learning.learn import base_controller, confirm, learn, policy_of
+from ballbot.learning.learn import base_controller, confirm, film, learn, policy_of
 from ballbot.learning.ppo import Training, forward, new_layers
 from ballbot.learning.tasks import task_named
 from ballbot.twin.scenario import Scenario
@@ -23,6 +23,7 @@ SMALL = Training(lanes=40, decisions=8, updates=2, batches=2)
 def controller_of(lanes, actor, *, residual=False):
     base = base_controller(KNOWN)
     policy = policy_of(actor, lanes, torque_scale=3.0, residual=residual)
+    policy = replace(policy, largest_lean=lanes.task.fallen)  # so that it acts wherever it is tried here
     return base.with_parts(replace(base.parts, policy=policy))
 
 
@@ -90,6 +91,20 @@ def test_stopped_by_the_user_it_keeps_what_it_has():
     assert len(learned.curve) == 1
 
 
+def test_film_has_the_robot_after_the_seconds_of_learning(monkeypatch):
+    clock = iter([0.0, 4.0, 9.0, 14.0, 20.0, 25.0, 30.0])
+    monkeypatch.setattr("ballbot.learning.learn.monotonic", lambda: next(clock))
+    learned = learn(ROBOTS, task_named("balance"), training=replace(SMALL, updates=6))
+    assert list(learned.stages) == [0.0, 4.0, 9.0, 30.0]
+    np.testing.assert_array_equal(learned.stages[30.0].packed, learned.controller.packed)
+    # before the first update it gives hardly any torque
+    state = np.array([0.0, 0.0, 0.1, *7 * [0.0]])
+    assert np.abs(learned.stages[0.0].update(0.0, state, np.zeros(10))).max() < 0.1
+    runs = film(learned, KNOWN, Scenario.named("nominal", KNOWN))
+    assert list(runs) == [f"{seconds} s" for seconds in (0, 4, 9, 30)]
+    assert runs["0 s"].ended
+
+
 def test_policy_for_another_sample_time_is_refused():
     base = precise_controller(KNOWN)
     slow = base_controller(KNOWN.replace({"sensors.sample_time": 0.01}))
@@ -99,6 +114,22 @@ def test_policy_for_another_sample_time_is_refused():
     policy = learned.controller.parts.policy
     assert policy is not None
     assert policy.feedback == 1.0
+
+
+@pytest.mark.parametrize(
+    ("other", "named"), [(KNOWN.replace(name="other"), "'alten', not for 'other'"),
+                         (KNOWN.replace({"drive.torque_limit": 2.0}), "up to 6 N m"),
+                         (KNOWN.replace({"sensors.sample_time": 0.01}), "samples of 0.005 s")],
+)  # fmt: skip
+@pytest.mark.filterwarnings("ignore::ballbot.errors.UnsuitedController")
+def test_policy_of_another_robot_is_refused_where_its_file_is_read(tmp_path, other, named):
+    lanes, base = TaskLanes(ROBOTS, task_named("balance"), lanes=1), base_controller(KNOWN)
+    write_controller(controller_of(lanes, new_actor(lanes)), tmp_path / "controller.toml")
+    write_controller(base, tmp_path / "linear.toml")
+    with pytest.raises(InputError, match=f"learned for .*{named}.*ballbot learn"):
+        read_controller(tmp_path / "controller.toml", other)
+    read_controller(tmp_path / "controller.toml", KNOWN.replace({"body.mass": 1.2 * KNOWN.body.mass}))
+    read_controller(tmp_path / "linear.toml", other)  # a design is only warned of
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 from onnx.reference import ReferenceEvaluator  # noqa: E402
 
 from ballbot.control.presets import nominal_controller  # noqa: E402
+from ballbot.learning.contract import Contract  # noqa: E402
 from ballbot.learning.onnx import read_onnx, write_onnx  # noqa: E402
 
 POLICY = with_policy(nominal_controller(alten())).parts.policy
@@ -102,3 +103,18 @@ def test_network_of_another_robot_and_no_network_are_refused(tmp_path):
     path.write_text("no network")
     with pytest.raises(InputError, match="no ONNX model"):
         read_onnx(path, like=POLICY)
+
+
+def test_contract_beside_a_network_is_required(tmp_path):
+    path = tmp_path / "policy.onnx"
+    write_onnx(POLICY, path)
+    its = Contract.of("alten", wheels=3, torque_limit=POLICY.torque_limit, period=POLICY.period, delay=1)
+    its.write(tmp_path / "contract.json")
+    read_onnx(path, like=POLICY)
+    for change, named in (
+        ({"period": 0.02}, "period is 0.02"),
+        ({"observed": "state"}, "observed is 'state'"),
+    ):
+        replace(its, **change).write(tmp_path / "contract.json")
+        with pytest.raises(InputError, match=named):
+            read_onnx(path, like=POLICY)

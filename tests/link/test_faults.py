@@ -11,12 +11,11 @@ from ballbot.control.safety import StopReason
 from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import EmulatedRobot
-from ballbot.link.frames import Frame, FrameReader, LayerCounts, decode, encode, is_newer, message_of
+from ballbot.link.frames import FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
     LONGEST_RAMP,
     TO_HOST,
     TO_ROBOT,
-    Answer,
     AnswerResult,
     Arm,
     AskCounts,
@@ -259,42 +258,6 @@ def test_silence_stops_the_robot_within_50_ms_latched(place):
     assert stop_reason(session.state) is None
 
 
-class FirstLost:
-    """A transport that loses the first answer to each kind of command, from a time on."""
-
-    def __init__(self, robot: Recording) -> None:
-        self.robot, self.clock, self.seen, self._part = robot, robot.clock, set(), b""
-
-    def read(self, timeout: float) -> bytes:
-        *whole, self._part = (self._part + self.robot.read(timeout)).split(b"\0")
-        return b"".join(one + b"\0" for one in whole if not self._loses(one))
-
-    def _loses(self, coded: bytes) -> bool:
-        frame = decode(coded, TO_HOST)
-        message = message_of(frame) if isinstance(frame, Frame) else None
-        if not isinstance(message, Answer) or (message.command, message.result) in self.seen:
-            return False
-        self.seen.add((message.command, message.result))
-        return True
-
-    def write(self, data: bytes) -> None:
-        self.robot.write(data)
-
-    def close(self) -> None:
-        self.robot.close()
-
-
-def test_command_whose_answer_is_lost_is_sent_again():
-    robot = Recording(emulated())
-    session = balancing(FirstLost(robot))
-    session.poll(H)
-    assert session.state.armed
-    session.disarm()
-    session.poll(H)
-    assert not session.state.armed
-    session.write_parameters(session.read_parameters())
-
-
 def test_host_says_that_the_robot_is_silent_and_stops_sending():
     robot = Recording(emulated())
     link = FaultyTransport(robot, Faults(), seed=0)
@@ -306,11 +269,7 @@ def test_host_says_that_the_robot_is_silent_and_stops_sending():
     with pytest.raises(LinkError, match=r"silent for \d+ ms"):
         session.poll(1.0)
     assert robot.clock() - began <= 0.05 + 2 * 0.01  # a wait may last 10 ms
-    for act in (
-        lambda: session.poll(),
-        lambda: session.send(Keep()),
-        lambda: session.set_torques(np.zeros(3)),
-    ):
+    for act in (session.poll, lambda: session.send(Keep()), lambda: session.set_torques(np.zeros(3))):
         with pytest.raises(LinkError, match="connect first"):
             act()
 

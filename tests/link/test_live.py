@@ -26,6 +26,7 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import Rules, score
+from tests.support.faulty_transport import Faults, FaultyTransport
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -52,7 +53,7 @@ class Connected:
             hand=hand,
             always_held=always_held,
         )
-        self.line = Line(self.emulated)
+        self.line = FaultyTransport(self.emulated, Faults(), seed=0)
         self.session = Session(self.line, clock=self.emulated.clock)
         self.session.connect()
         self.robot = LiveRobot(self.session, clock=self.emulated.clock)
@@ -65,23 +66,6 @@ class Connected:
         self.ending = self.robot.run(commander, duration=duration, record=self.rows.append, watch=watch)
         self.robot.disarm()
         return Log(dict(zip(log_columns(3), np.array(self.rows).T, strict=True)))
-
-
-class Line:
-    """A transport that can be cut."""
-
-    def __init__(self, transport):
-        self._transport, self.mute = transport, False
-
-    def read(self, timeout):
-        found = self._transport.read(timeout)
-        return b"" if self.mute else found
-
-    def write(self, data):
-        self._transport.write(data)
-
-    def close(self):
-        self._transport.close()
 
 
 def follow(reference):
@@ -222,7 +206,7 @@ def test_silent_robot_ends_the_run_in_one_sentence():
     live = Connected()
 
     def silence(sample):
-        live.line.mute = sample.t > 0.5
+        live.line.dead = sample.t > 0.5
 
     log = live.run(follow(square()), watch=silence)
     assert live.ending.kind == "link"

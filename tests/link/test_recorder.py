@@ -56,11 +56,10 @@ def test_every_row_reads_back_to_the_same_bits(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_killed_process_loses_at_most_100_ms(tmp_path, seed):
+def test_killed_process_loses_at_most_100_ms(tmp_path):
     path = tmp_path / "log.recording.csv"
     with Child("-c", WRITER, str(path)) as writer:
-        lines = [writer.line() for _ in range(np.random.default_rng(seed).integers(50, 300))]
+        lines = [writer.line() for _ in range(150)]
         writer.kill()
         lines += writer.lines_left()
     t, slowest = np.array([[float(word) for word in line.split()] for line in lines]).T

@@ -1,4 +1,4 @@
-"""A serial port: one end of a pseudo terminal, with a robot at the other; bytes that are lost, split or late."""
+"""A serial port: one end of a pseudo terminal, with a robot at the other; bytes that are lost or split."""
 
 import os
 import select
@@ -96,31 +96,14 @@ def split(random: np.random.Generator) -> Way:
     return way
 
 
-def late(random: np.random.Generator) -> Way:
-    """Nothing comes for up to four samples, then all of it."""
-    waiting, left = b"", 0
-
-    def way(data: bytes) -> bytes:
-        nonlocal waiting, left
-        waiting += data
-        if left:
-            left -= 1
-            return b""
-        left = int(random.integers(0, 5))
-        now, waiting = waiting, b""
-        return now
-
-    return way
-
-
 def lost(random: np.random.Generator) -> Way:
     """One byte of 300 is lost, which breaks its frame."""
     return lambda data: bytes(byte for byte in data if random.uniform() > 1.0 / 300.0)
 
 
 @needs_compiler
-@pytest.mark.parametrize("fault", [split, late, lost])
-def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fault):
+@pytest.mark.parametrize("fault", [split, lost])
+def test_robot_balances_over_a_serial_port_whose_bytes_are_split_or_lost(fault):
     to_robot, to_host = (fault(np.random.default_rng([7, way])) for way in range(2))
     with serial_line() as (port, far):
         loop = Loop(port, far, to_robot=to_robot, to_host=to_host)
@@ -133,7 +116,7 @@ def test_robot_balances_over_a_serial_port_whose_bytes_are_split_late_or_lost(fa
         assert session.state is not None
         assert session.state.armed
         refused = session.ask_counts().refused
-        # a byte that is missing breaks a frame, and one whose bytes are only late or apart is whole
+        # a byte that is missing breaks a frame, and one whose bytes come apart is whole
         assert (refused.sum() > 0) == (sum(session.counts.refused) > 0) == (fault is lost)
         assert refused[Layer.VALUES] == 0
         session.disarm()

@@ -24,7 +24,7 @@ def file(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def mapping(file) -> LogMapping:
-    text = mapping_text(propose(file, small_robot(), Stated(command="duty")), small_robot())
+    text = mapping_text(propose(file, small_robot(), Stated(command="duty")))
     # wheels and lean alone do not show the IMU's delay: it is filled in
     text = text.replace("[attitude]", f"[attitude]\ndelay = {SENSOR_DELAY}", 1)
     return parse_mapping(text, source="proposed")

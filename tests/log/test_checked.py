@@ -9,7 +9,6 @@ from ballbot import Log
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.identification import identify
-from ballbot.log.checks import CheckedLogs, checked_logs
 from tests.support.identification_examples import alten, balancing_log, noisy
 from tests.support.validation_examples import true_robot
 
@@ -34,9 +33,7 @@ def bad_file(tmp_path, bad):
 
 
 @pytest.mark.parametrize("command", ["study", "identify", "validate", "align", "spin"])
-def test_an_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(
-    tmp_path, bad_file, capsys, command
-):
+def test_error_in_a_log_stops_a_command_with_one_sentence_and_no_folder(tmp_path, bad_file, capsys, command):
     out = tmp_path / "out"
     words = {
         "align": [str(bad_file), str(bad_file)],
@@ -78,18 +75,3 @@ def test_python_functions_check_their_logs(good, bad):
         ballbot.validate(true_robot(), bad)
     with pytest.raises(InputError, match=r"^bad: .*accept=\['sign'\]"):
         ballbot.study(alten(), {"good": good, "bad": bad})
-
-
-def test_logs_that_are_checked_are_not_checked_again(monkeypatch, good):
-    calls = []
-
-    def count(logs, *, robot):
-        calls.append((logs, robot))
-        return ()
-
-    monkeypatch.setattr("ballbot.log.checks.check_logs", count)
-    checked = checked_logs(alten(), good)
-    assert checked_logs(alten(), checked) is checked
-    assert len(calls) == 1
-    checked_logs(alten(), CheckedLogs.simulated(good))
-    assert len(calls) == 1

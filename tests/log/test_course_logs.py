@@ -22,8 +22,8 @@ OPEN_AXES = "main_control_autotune_1", "lab10_data_trial_408"
 @pytest.mark.parametrize("name", FIRST_WHEEL)
 def test_a_real_log_is_mapped_once_its_command_is_stated(shared_data, name):
     robot = Robot.load("rob311")
-    found = evaluate(propose(shared_data / "rob311" / f"{name}.txt", robot, Stated(command="duty")), robot)
-    proposal = found.proposal
+    found = evaluate(propose(shared_data / "rob311" / f"{name}.txt", robot, Stated(command="duty")))
+    proposal = found
     assert [one.key for one in proposal.questions] == ["[attitude] sign"] * (name in OPEN_AXES)
     assert (found.log is None) == (name in OPEN_AXES)
     assert proposal.what == "balancing"
@@ -46,13 +46,13 @@ def test_a_real_log_is_mapped_once_its_command_is_stated(shared_data, name):
 def test_a_free_wheel_sweep_is_recognised(shared_data):
     robot = Robot.load("rob311")
     file = shared_data / "rob311" / "Test-Results_test_motors_1.txt"
-    found = evaluate(propose(file, robot, Stated(command="duty")), robot)
+    found = evaluate(propose(file, robot, Stated(command="duty")))
     assert found.refusal == ""
     assert answer_lines(found)[0].endswith("free wheels, 6 s; usable for identify-driveline.")
-    assert found.proposal.drive is not None
-    assert found.proposal.drive.scale == 1.0
-    assert found.proposal.drive.assigned is not None
-    assert set(found.proposal.drive.assigned.signs) == {1}
+    assert found.drive is not None
+    assert found.drive.scale == 1.0
+    assert found.drive.assigned is not None
+    assert set(found.drive.assigned.signs) == {1}
 
 
 @pytest.mark.sample

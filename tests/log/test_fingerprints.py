@@ -1,7 +1,5 @@
 """Logs of the same run: copies, parts and shifted copies are found, other runs are not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -16,13 +16,7 @@ from hypothesis.extra import numpy as hnp
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE
 from ballbot.log import Log
-from ballbot.log.formats import (
-    WRITTEN_SUFFIXES,
-    is_foreign,
-    read_columns,
-    read_variables,
-    write_columns,
-)
+from ballbot.log.formats import WRITTEN_SUFFIXES, is_foreign, read_columns, read_variables, write_columns
 from ballbot.log.formats.text import infer_text_table, read_text_table
 from tests.support.log_examples import smooth_log
 
@@ -274,18 +268,6 @@ def test_other_libraries_read_what_is_written(tmp_path):
     for name in log:
         np.testing.assert_array_equal(matlab[name], log[name][:, None])
         np.testing.assert_array_equal(table.column(name).to_numpy(), log[name])
-
-
-@pytest.mark.parametrize(
-    ("name", "rows", "columns"),
-    [("square_soft", 20000, 26), ("driveline_sweep", 25132, 10), ("hold_soft_mocap", 7200, 8)],
-)
-def test_shared_logs_read_whole(shared_data, name, rows, columns):
-    path = shared_data / "bbr" / f"{name}.csv"
-    log = Log.read(path)
-    assert (len(log), len(log.names)) == (rows, columns)
-    last = path.read_text().splitlines()[-1].split(",")
-    np.testing.assert_array_equal([log[name][-1] for name in log], [float(cell) for cell in last])
 
 
 @pytest.mark.parametrize("turned", [False, True])

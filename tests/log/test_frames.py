@@ -84,10 +84,7 @@ def test_foreign_frame_is_read_by_a_mapping():
     [
         (lambda _: {"t": [0.0]}, "an object of type dict is given"),
         (lambda pd: pd.DataFrame({"time": [0.0], "x": [1.0]}), "no time.*Its columns are: time, x"),
-        (
-            lambda pd: pd.DataFrame({"t": [0.0], "label": ["a"]}),
-            r"'label' does not contain numbers.*frame.drop",
-        ),
+        (lambda pd: pd.DataFrame({"t": [0.0], "label": ["a"]}), r"'label' does not contain .*frame.drop"),
         (lambda pd: pd.DataFrame([[0.0, 1.0]], columns=["t", 1]), "a text that no other has"),
         (lambda pd: pd.DataFrame({"t": [0.0, 0.0]}), "Time does not increase"),
     ],

@@ -11,8 +11,7 @@ from ballbot import InputError, Robot
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
 from ballbot.log.checks.physics import examine
-from ballbot.log.pose import with_odometry
-from ballbot.log.wheel_speeds import measured_wheel_speeds
+from ballbot.log.pose import measured_wheel_speeds, with_odometry
 from ballbot.mechanics.model import Model
 from ballbot.validation.models import ModelPair
 from ballbot.validation.validation import validate_pair

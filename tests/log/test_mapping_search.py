@@ -9,19 +9,8 @@ import pytest
 from ballbot.errors import InputError
 from ballbot.log import proposal as proposal_module
 from ballbot.log.mapping import DutyTable, parse_mapping
-from ballbot.log.mapping_search.commands import assign, command_delay
-from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.motion import Stated, _continued
-from ballbot.log.proposal import (
-    MOST_LINES,
-    Evaluation,
-    answer_lines,
-    contradictions,
-    evaluate,
-    propose,
-)
-from ballbot.log.signals import INTERVAL, Smooth
-from ballbot.log.torque_balance import Driving
+from ballbot.log.proposal import MOST_LINES, Proposal, answer_lines, contradictions, evaluate, propose
 from campaigns.foreign_logs import Habits
 from tests.support.foreign_log_examples import (
     COURSE,
@@ -32,9 +21,9 @@ from tests.support.foreign_log_examples import (
 )
 
 
-def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None) -> Evaluation:
+def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None) -> Proposal:
     file = write_foreign(path / "run.txt", foreign_columns(habits), habits)
-    return evaluate(propose(file, small_robot(), stated or Stated(command="duty")), small_robot())
+    return evaluate(propose(file, small_robot(), stated or Stated(command="duty")))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +73,7 @@ def test_angles_that_begin_again_after_a_turn_are_continued_and_their_period_is_
 
 def test_a_kind_that_nobody_states_is_asked_for_with_every_alternative(tmp_path):
     found = found_for(tmp_path, stated=Stated())
-    assert [one.key for one in found.proposal.questions] == ["[input] kind"]
+    assert [one.key for one in found.questions] == ["[input] kind"]
     assert found.log is None
     assert "complete = false" in found.text
     for kind in ("torque", "current", "voltage", "duty"):
@@ -107,8 +96,8 @@ def test_a_lean_that_the_wheels_do_not_explain_is_held_by_hand(tmp_path):
         for rate in (2.1, 3.7, 5.3):
             columns[name] += np.degrees(0.05) * np.sin(rate * t + random.uniform(0.0, 6.0))
     file = write_foreign(tmp_path / "run.txt", columns)
-    found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
-    assert found.proposal.what == "held by hand"
+    found = evaluate(propose(file, small_robot(), Stated(command="duty")))
+    assert found.what == "held by hand"
     assert found.refusal
 
 
@@ -116,7 +105,7 @@ def test_a_log_of_another_robot_is_refused_with_the_reason(tmp_path):
     robot = small_robot()
     other = robot.replace(wheels=replace(robot.wheels, radius=0.15))
     file = write_foreign(tmp_path / "run.txt", foreign_columns())
-    found = evaluate(propose(file, other, Stated(command="duty")), other)
+    found = evaluate(propose(file, other, Stated(command="duty")))
     assert found.log is None
     assert "the lean responds to the wheels" in found.refusal
 
@@ -127,58 +116,21 @@ def test_commands_that_chatter_faster_than_rows_show_are_refused(tmp_path):
         # three rows a period, half as large as the duties themselves
         columns[name] = columns[name] + 0.1 * np.sin(2.0 * np.pi * (columns["t_now"] / 0.03 + k / 3.0))
     file = write_foreign(tmp_path / "run.txt", columns)
-    found = evaluate(propose(file, small_robot(), Stated(command="duty")), small_robot())
+    found = evaluate(propose(file, small_robot(), Stated(command="duty")))
     assert "from row to row, 10 ms apart" in found.refusal
 
 
-def test_a_delay_of_chattering_commands_is_told_from_half_a_period_more_by_their_signs():
-    t, random = INTERVAL * np.arange(2000), np.random.default_rng(0)
-    rate = 2.0 * np.pi * 25.0 + random.uniform(-6.0, 6.0, (3, 8))  # half a period is 20 ms
-    phase = random.uniform(0.0, 2.0 * np.pi, (3, 8))
-
-    def commands(late: float) -> np.ndarray:
-        return np.sin(rate[..., None] * (t - late) + phase[..., None]).sum(axis=1).T
-
-    speed = 0.01 * random.standard_normal((2000, 3))
-    wheels = Smooth(value=speed, rate=speed, acceleration=commands(0.01))
-    for sign, late in ((1.0, 0.01), (-1.0, 0.03)):
-        found, _ = command_delay(wheels, commands(0.0), np.ones(2000, dtype=bool), sign * np.eye(3))
-        assert found == pytest.approx(late, abs=0.001)  # a fifth of a row
-
-
 def test_a_log_that_contradicts_the_others_is_named(tmp_path):
-    one = found_for(tmp_path).proposal
+    one = found_for(tmp_path)
     negated = replace(one, frame=replace(one.frame, signs=tuple(-sign for sign in one.frame.signs)))
     assert list(contradictions([one, one], one)) == []
     assert [words for _, words in contradictions([one, negated], one)] == ["signs of the wheels"]
 
 
-def test_damping_of_the_heading_is_not_taken_for_reversed_motors():
-    """Feedback that damps a heading that noise drives looks like friction of four motors with the opposite sign."""
-    random, azimuths = np.random.default_rng(4), np.linspace(0.0, 1.5 * np.pi, 4)
-    rolling = np.array([np.cos(azimuths), np.sin(azimuths)])
-    need, speed = (random.standard_normal((4000, 2)) @ rolling for _ in range(2))
-    turning = random.standard_normal((4000, 1))
-    need, speed = need + 0.05 * random.standard_normal((4000, 1)), speed + turning
-    sign = np.tanh(speed / 0.1)
-    driving = Driving(
-        torque=need + 0.1 * sign + 0.05 * speed - 0.25 * turning + 0.05 * random.standard_normal((4000, 4)),
-        needed=need,
-        pulled=need,
-        friction=np.stack([sign, speed, sign * np.exp(-np.abs(speed))], axis=-1),
-        turning=np.ones((4000, 4)),
-        block=np.arange(4000) // 100,
-        azimuths=azimuths,
-    )
-    found = assign(driving, [1] * 4)
-    assert (found.wheels, found.signs) == ((0, 1, 2, 3), (1, 1, 1, 1))
-    assert found.confidence > CONFIDENT
-
-
 def test_a_dead_band_that_matters_is_asked_for_with_an_estimate(tmp_path, monkeypatch):
     monkeypatch.setattr(proposal_module, "LARGEST_BAND", 0.0)
     found = found_for(tmp_path)
-    assert [one.key for one in found.proposal.questions] == ["[input] dead_band"]
+    assert [one.key for one in found.questions] == ["[input] dead_band"]
     assert found.log is None
     (at,) = (k for k, line in enumerate(found.text.splitlines()) if line.startswith("dead_band = "))
     question = found.text.splitlines()[at - 1]

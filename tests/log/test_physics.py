@@ -1,7 +1,5 @@
 """Mistakes in lean and torque columns are named by the robot's own equations, and correct logs pass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ballbot.log.formats import read_foreign_table
-from ballbot.log.signals import local_fit, repaired_noise, sampling_times, speed_noise
+from ballbot.log.signals import repaired_noise, sampling_times, speed_noise
 
 COUNT = 2.0 * np.pi / 4480.0  #: [rad], one encoder count of the course robots' wheels
 
@@ -19,14 +19,6 @@ def latest_messages(*, period: float, poll: float, seconds: float = 40.0) -> tup
     rng = np.random.default_rng(5)
     host = np.cumsum(poll * (1.0 + 0.02 * rng.standard_normal(round(seconds / poll))))
     return host, period * np.floor(host / period)
-
-
-def test_a_fit_finds_a_cubics_value_and_slope_at_uneven_times():
-    t = np.sort(np.random.default_rng(1).uniform(0.0, 2.0, 200))
-    values = np.column_stack([t**3 - t, 2.0 * t**2])
-    smooth, slope = local_fit(t, values, rows=6)
-    np.testing.assert_allclose(smooth, values, atol=1e-6)  # exact but for what keeps equal times solvable
-    np.testing.assert_allclose(slope, np.column_stack([3.0 * t**2 - 1.0, 4.0 * t]), atol=1e-4)
 
 
 @pytest.mark.parametrize(("period", "poll"), [(0.005, 0.0115), (0.01, 0.0115)])

@@ -1,7 +1,5 @@
 """The transformation matrices against the thesis's printed numbers; rotations against what they must do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.mechanics.geometry import (
-    body_rates_matrix,
-    rotation,
-    transforms,
-    wheel_load,
-)
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Friction, Robot
 from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
 
@@ -107,10 +100,3 @@ def test_body_rates_are_those_of_the_turning_body(theta: float, phi: float, psi:
     w = np.array([w_cross[2, 1], w_cross[0, 2], w_cross[1, 0]])
     # truncation h^2 |Phi_dot|^3 / 6 and rounding eps / h: below 1e-7
     np.testing.assert_allclose(body_rates_matrix(theta, phi, psi) @ Phi_dot, w, atol=1e-7)
-
-
-def test_the_wheels_loads_carry_the_robot():
-    robot = Robot.load("alten")
-    # three wheels alike, each pressing along n_i: 3 N cos(alpha) = m g
-    carried = 3.0 * wheel_load(robot) * np.cos(robot.wheels.tilt)
-    assert carried == pytest.approx(robot.body.mass * robot.gravity, rel=1e-12)

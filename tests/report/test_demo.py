@@ -1,7 +1,5 @@
 """`ballbot demo`: the recorded runs that ship with it, their file, the page, what the page shows of the friction."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -15,8 +13,6 @@ from ballbot.report.page import render
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.metrics import position_error
-from campaigns.demo_runs import runs_file
-from tests.support.log_examples import smooth_log, with_wheels
 from tests.support.report_pages import LARGEST_PAGE
 
 
@@ -31,22 +27,6 @@ def test_soft_gain_wanders_and_precise_controller_stays(runs):
     settled = (runs[demo.SOFT].t > 6.0) & (runs[demo.SOFT].t < 7.9)
     assert errors[demo.SOFT][settled].min() > 0.1
     assert errors[demo.PRECISE][settled].max() < 0.01
-
-
-def test_file_holds_a_run_within_half_a_step():
-    robot = Robot.load(demo.ROBOT)
-    log = with_wheels(smooth_log(rows=500), robot)
-    names = ("x", "y", "theta", "phi", "psi")
-    more = {f"true_{name}": log[name] for name in names} | {
-        f"ref_{name}": 0 * log.t for name in ("x", "y", "psi")
-    }
-    log = log.with_columns(more)
-    content = runs_file({demo.SOFT: log, demo.PRECISE: log})
-    found = demo.runs_of(content)[demo.PRECISE]
-    for name in ("u1", "theta", "psi_dot", "true_x"):
-        assert np.abs(found[name] - log[name]).max() <= 0.5e-3
-    step = np.diff(np.unique(found["wheel1_dot"])).min()
-    assert np.abs(found["wheel1_dot"] - log["wheel1_dot"]).max() <= 0.5001 * step
 
 
 @pytest.mark.sample

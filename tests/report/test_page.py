@@ -1,7 +1,5 @@
 """The one page of every command: what it shows, what it escapes, and that it stays small and whole."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io
@@ -276,3 +274,19 @@ def _line() -> Figure:
     axes.plot([0.0, 2.0], [1.0, 3.0], label="a line")
     axes.axhline(0.0)
     return made
+
+
+def test_a_result_leaves_out_what_it_does_not_have():
+    friction, motion = section("Friction", Paragraph("Little.")), section("Motion", None, Bullets([]))
+    result = Result(
+        title="A robot",
+        lead="",
+        verdict=[("Friction", "Little."), ("Law", "")],
+        sections=[friction, motion],
+        undecided=["", "The floor."],
+    )
+    assert (result.verdict, result.sections, result.undecided) == (
+        [("Friction", "Little.")],
+        [friction],
+        ["The floor."],
+    )

@@ -3,10 +3,7 @@
 The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names, for people to look at.
 """
 
-from __future__ import annotations
-
-import os
-from pathlib import Path
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -26,7 +23,7 @@ from ballbot.report.blocks import (
 from ballbot.report.page import page_of
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.style import drawn_picture
-from tests.support.browser import headless_browser, new_tab
+from tests.support.browser import new_tab
 
 pytestmark = pytest.mark.browser
 
@@ -98,43 +95,31 @@ def path(tmp_path_factory):
     return file
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with headless_browser(tmp_path_factory.mktemp("profile")) as address:
-        yield address
-
-
-def keep(tab, name: str) -> None:
-    folder = os.environ.get("BALLBOT_SCREENSHOTS")
-    if folder:
-        (Path(folder) / f"{name}.png").write_bytes(tab.screenshot(whole=True))
+@contextmanager
+def opened(browser, path, **options):
+    """Open the report and wait for its plots."""
+    with new_tab(browser, **options) as tab:
+        tab.page.goto(path.as_uri())
+        tab.wait("document.querySelectorAll('.uplot').length === 3")
+        yield tab
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_nothing_is_wider_than_a_phone_and_plots_can_be_read(browser, path, dark):
-    with new_tab(browser) as tab:
-        tab.screen(390, 844, dark=dark, phone=True)
-        tab.open(path)
-        tab.wait("document.querySelectorAll('.uplot').length === 3")
+    with opened(browser, path, size=(390, 844), dark=dark, phone=True) as tab:
         assert tab.run("document.documentElement.scrollWidth") == 390
         assert tab.run(TOO_WIDE) == []
         ground = tab.run("getComputedStyle(document.body).backgroundColor")
         assert ground == ("rgb(20, 25, 30)" if dark else "rgb(255, 255, 255)")
-        keep(tab, f"report-phone-{'dark' if dark else 'light'}")
-        assert tab.complaints() == []
+        tab.keep(f"report-phone-{'dark' if dark else 'light'}", whole=True)
+        assert tab.complaints == []
 
 
 def test_plots_zoom_together_and_show_values(browser, path):
-    with new_tab(browser) as tab:
-        tab.screen(1280, 900)
-        tab.open(path)
-        tab.wait("document.querySelectorAll('.uplot').length === 3")
+    with opened(browser, path, size=(1280, 900)) as tab:
         tab.run("document.querySelector('.u-over').scrollIntoView({block: 'center'})")
-        x, y, width, height = tab.run(
-            "(() => { const b = document.querySelector('.u-over').getBoundingClientRect(); "
-            "return [b.x, b.y, b.width, b.height]; })()"
-        )
-        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + width / 2, y=y + height / 2)
+        x, y, width, height = tab.page.locator(".u-over").first.bounding_box().values()
+        tab.page.mouse.move(x + width / 2, y + height / 2)
         reading = "[...document.querySelectorAll('.reading')].slice(0, 2).map((one) => one.innerText)"
         tab.wait(f"({reading}).every((one) => one.includes('s'))")
         first, second = tab.run(reading)
@@ -146,23 +131,18 @@ def test_plots_zoom_together_and_show_values(browser, path):
         tab.drag((x + 0.25 * width, y + height / 2), (x + 0.5 * width, y + height / 2))
         ticks = "document.querySelectorAll('.u-axis').length"
         assert tab.run(ticks) > 0
-        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 2, y=y + height / 2)
+        tab.page.mouse.move(x + 2, y + height / 2)
         tab.wait(f"parseFloat(({reading})[0]) > 4")  # zoomed to 5 s and on
-        tab.run(
-            "[...document.querySelectorAll('.zoom button')].find((one) => one.textContent === 'All').click()"
-        )
-        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 3, y=y + height / 2)
+        tab.run("[...document.querySelectorAll('.zoom button')].find((b) => b.textContent === 'All').click()")
+        tab.page.mouse.move(x + 3, y + height / 2)
         tab.wait(f"parseFloat(({reading})[0]) < 1")
-        keep(tab, "report-wide")
-        assert [one for one in tab.requests() if not one.startswith(("file:", "data:"))] == []
-        assert tab.complaints() == []
+        tab.keep("report-wide", whole=True)
+        assert [one for one in tab.requests if not one.startswith(("file:", "data:"))] == []
+        assert tab.complaints == []
 
 
 def test_heading_sorts_its_table_and_a_folded_plot_is_as_wide_as_the_page(browser, path):
-    with new_tab(browser) as tab:
-        tab.screen(420, 900, phone=True)
-        tab.open(path)
-        tab.wait("document.querySelectorAll('.uplot').length === 3")
+    with opened(browser, path, size=(420, 900), phone=True) as tab:
         table = "document.querySelectorAll('table')[1]"
         column = f"[...{table}.tBodies[0].rows].map((row) => row.cells[1].textContent.trim())"
         assert tab.run(column) == ["1.5", "2.5"]

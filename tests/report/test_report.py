@@ -1,7 +1,5 @@
 """The report's texts and figures; its whole page is tested with the study."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from xml.etree import ElementTree
@@ -45,7 +43,7 @@ def _found() -> Identification:
     sizes = np.array([1e-3] * 3 + [3e-3] * 3 + [4e-3] * 3 + [0.01, 0.02, 1e-4]) / coordinates.slopes(point)
     return Identification(
         robot=true_robot(),
-        predictor=Predictor(robot=true_robot(), formulation="exact", step=1e-3),
+        predictor=Predictor(robot=true_robot(), step=1e-3),
         uncertainty=Uncertainty(
             coordinates=coordinates,
             point=point,

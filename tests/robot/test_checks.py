@@ -53,9 +53,7 @@ def test_non_numeric_values_are_refused() -> None:
 def test_a_ball_lies_between_solid_and_thin_shell() -> None:
     for fits in (0.0242, 0.0195, 0.4 * 3.0 * 0.11**2):  # thin shell, Appendix I's wall, solid
         assert ALTEN.replace(ball=ball(inertia=fits)).ball.inertia == fits
-    assert re.search(
-        r"between 0\.0145 \(solid\) and 0\.0242 kg m\^2 \(thin shell\)", refusal(ball=ball(inertia=0.03))
-    )
+    assert re.search(r"between 0\.0145 \(solid\) and 0\.0242 kg", refusal(ball=ball(inertia=0.03)))
     assert re.search("solid", refusal(ball=ball(inertia=0.01)))
 
 
@@ -74,9 +72,7 @@ def test_the_triangle_inequality_is_that_of_the_principal_moments() -> None:
 
 def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
     central = (1.7326, 1.7326, 0.193, 0.0, 0.0, 0.0)
-    assert re.search(
-        "less m l\\^2 = 2.64 .* may be about the centre of mass", refusal(body=body(inertia=central))
-    )
+    assert re.search("less m l\\^2 = 2.64 .* about the centre of mass", refusal(body=body(inertia=central)))
     made = body(inertia=central, inertia_about="center_of_mass")
     assert ALTEN.replace(body=made).body == made
 
@@ -86,10 +82,7 @@ def test_inertia_about_the_wrong_point_is_refused_with_the_cause() -> None:
     [
         (r"ball\.radius is 11 m, .* did you mean 11 cm \(0\.11 m\)\?", {"ball": ball(radius=11.0)}),
         (r"wheels\.azimuths\[1\] is 120 rad, .* 120 deg", {"wheels": wheels(0.0, math.degrees(120.0), 4.0)}),
-        (
-            r"wheels\.tilt is 45 rad; .* did you mean 45 deg\?",
-            {"wheels": wheels(0, 120, 240, tilt=math.degrees(45))},
-        ),
+        (r"tilt is 45 rad; .* mean 45 deg\?", {"wheels": wheels(0, 120, 240, tilt=math.degrees(45))}),
         (r"wheels\.tilt is 1\.6.* between 0 and 90 deg", {"wheels": wheels(0, 120, 240, tilt=92.0)}),
     ],
 )
@@ -99,9 +92,7 @@ def test_other_units_are_recognised(sentence: str, parts: dict[str, object]) -> 
 
 def test_motor_constants_reveal_a_wrong_unit() -> None:
     drive = dataclasses.replace(ALTEN.drive, speed_constant=303.0)
-    assert re.search(
-        r"is 9\.54; for every motor it is near 1; did you mean 303 rpm/V\?", refusal(drive=drive)
-    )
+    assert re.search(r"is 9\.54; .* near 1; did you mean 303 rpm/V\?", refusal(drive=drive))
 
 
 @pytest.mark.parametrize("azimuths", [(0.0, 0.0, 120.0), (0.0, 120.0, 360.0), (90.0, 180.0, 180.5)])
@@ -110,12 +101,8 @@ def test_two_wheels_at_the_same_azimuth_are_refused(azimuths: tuple[float, ...])
 
 
 def test_wheels_must_be_able_to_turn_the_ball_every_way() -> None:
-    assert re.search(
-        "cannot give three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=0.2))
-    )
-    assert re.search(
-        "cannot give three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=89.8))
-    )
+    assert re.search("three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=0.2)))
+    assert re.search("three independent torques", refusal(wheels=wheels(0.0, 120.0, 240.0, tilt=89.8)))
 
 
 @pytest.mark.parametrize("count", [2, 5])
@@ -128,9 +115,7 @@ def test_three_or_four_wheels(count: int) -> None:
 
 def test_four_wheels_need_four_frictions() -> None:
     four = wheels(45.0, 135.0, 225.0, 315.0)
-    assert re.search(
-        "friction.viscous has 3 numbers, but wheels.azimuths lists 4 wheels", refusal(wheels=four)
-    )
+    assert re.search("viscous has 3 numbers, but wheels.azimuths lists 4 wheels", refusal(wheels=four))
     assert ALTEN.replace(wheels=four, friction=Friction.none(4)).wheel_count == 4
 
 

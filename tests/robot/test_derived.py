@@ -3,9 +3,7 @@
 import pytest
 
 from ballbot.robot import Robot
-from ballbot.robot.derived import (
-    derived_quantities,
-)
+from ballbot.robot.derived import derived_quantities
 
 
 def test_wheel_speed_limit_is_that_of_appendix_i() -> None:

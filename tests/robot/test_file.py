@@ -99,25 +99,13 @@ RADIUS = 'radius = { value = 0.11, unit = "m", source = "measured: thesis, Appen
 MISTAKES = [
     (RADIUS, "radius = 0.11", r"ball\.radius is 0\.11, without a unit and a source; write radius = \{"),
     (RADIUS, "", r"ball\.radius is missing; add radius = \{ value .* under \[ball\]"),
-    (
-        RADIUS,
-        RADIUS.replace("radius =", "raduis ="),
-        r"'ball\.raduis' is not a parameter.*did you mean 'radius'",
-    ),
+    (RADIUS, RADIUS.replace("radius =", "raduis ="), r"'ball\.raduis' is not a .*did you mean 'radius'"),
     ("[ball]", "[bal]", r"'bal' is not a parameter of a robot; did you mean 'ball'"),
     (RADIUS, RADIUS.replace("}", ', note = "x" }'), r"note is not a key of a parameter; the keys there are"),
-    (
-        RADIUS,
-        RADIUS.replace("0.11", '"0.11"'),
-        r"ball\.radius: value is '0\.11'; it must be a number or a list",
-    ),
+    (RADIUS, RADIUS.replace("0.11", '"0.11"'), r"ball\.radius: value is '0\.11'; it must be a number"),
     (RADIUS, RADIUS.replace("0.11", "[0.11]"), r"has the value \[0\.11\]; it must be one number"),
     (RADIUS, RADIUS.replace("0.11", "9" * 400), r"ball\.radius\.value is a whole number too large"),
-    (
-        RADIUS,
-        RADIUS.replace('"m"', '"inch"'),
-        r"ball\.radius: the unit 'inch' .* write \"m\", \"cm\" or \"mm\"",
-    ),
+    (RADIUS, RADIUS.replace('"m"', '"inch"'), r"ball\.radius: the unit 'inch' .* \"m\", \"cm\" or \"mm\""),
     (RADIUS, RADIUS.replace('unit = "m", ', ""), r'ball\.radius has no unit; write unit = "m"'),
     (RADIUS, RADIUS.replace("measured:", "mesured:"), r"source .* did you mean 'measured'"),
     ("rows = { value = 2,", "rows = { value = 2.5,", r"rows has the value 2\.5; it must be one whole number"),
@@ -131,9 +119,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("old", "new", "says"), MISTAKES)
-def test_each_mistake_raises_one_sentence_naming_the_file(
-    old: str, new: str, says: str, tmp_path: Path
-) -> None:
+def test_each_mistake_raises_one_sentence_naming_the_file(old, new, says, tmp_path):
     assert old in TEXT
     with pytest.raises(InputError, match=says) as caught:
         read(TEXT.replace(old, new, 1), tmp_path)

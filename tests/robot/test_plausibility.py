@@ -46,19 +46,13 @@ WRONG: list[tuple[dict[str, float], str, str]] = [
     ({"wheels.radius": 0.1, "wheels.tilt": 15 * DEGREE}, "robot-wheels", "cut into each other"),
     ({"sensors.sample_time": 1.2e-5}, "robot-sensors", "Did you mean sensors.sample_time 0.012 s?"),
     ({"friction.coulomb": 110.0}, "robot-friction", "Did you mean friction.coulomb [0.11, 0.11, 0.11] N m?"),
-    (
-        {"wheels.rollers.row_spacing": 0.4},
-        "robot-wheels",
-        "Did you mean wheels.rollers.row_spacing 0.004 m?",
-    ),
+    ({"wheels.rollers.row_spacing": 0.4}, "robot-wheels", "Did you mean wheels.rollers.row_spacing 0.004 m?"),
     ({"ball.mass": 0.003, "ball.inertia": 0.003 * 0.0121 * 0.6}, "robot-ball", "density of 0.538 kg/m^3"),
 ]
 
 
 @pytest.mark.parametrize(("changes", "code", "says"), WRONG)
-def test_wrong_robots_get_an_error_that_names_the_cause(
-    changes: dict[str, float], code: str, says: str
-) -> None:
+def test_wrong_robots_get_an_error_that_names_the_cause(changes, code, says):
     errors = [one for one in robot_findings(ALTEN.replace(changes)) if one.severity == "error"]
     assert any(says in one.text for one in errors if one.code == code), errors
 

@@ -37,11 +37,7 @@ class TestFile:
             ('["friction.rolling", "body.mass"]', "[[1.0], [1.2, 1.0]]", "no errors can have"),
             ('"friction.rolling"', "[[1.0]]", r"correlation\.of is 'friction.rolling'; it must be a list"),
             ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0, 1.0]", "belong together"),
-            (
-                '["body.mass"]',
-                "[[1.0]]\n[intervals]\n'body.mass' = [0.0]",
-                "one entry; it must have at least 2",
-            ),
+            ('["body.mass"]', "[[1.0]]\n[intervals]\n'body.mass' = [0.0]", "it must have at least 2"),
         ],
     )
     def test_mistaken_correlations_end_in_one_sentence(self, of: str, lower: str, says: str, tmp_path: Path):
@@ -55,22 +51,14 @@ class TestFile:
         ("old", "new", "says"),
         [
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = -1', "it must be zero or more"),
-            (
-                '0.393, unit = "m"',
-                '0.393, unit = "m", standard_deviation = "1"',
-                "it must be a number or a list",
-            ),
+            ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "be a number or a list"),
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviaton = 1',
                 "standard_deviaton is not a key of a parameter; did you mean",
             ),
             ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
-            (
-                "rows = { value = 2,",
-                "rows = { value = 2, standard_deviation = 1,",
-                "whole number and cannot have",
-            ),
+            ("rows = { value = 2,", "rows = { value = 2, standard_deviation = 1,", "number and cannot have"),
         ],
     )
     def test_mistakes_end_in_one_sentence(self, old: str, new: str, says: str, tmp_path: Path):
@@ -148,6 +136,19 @@ class TestPropagation:
                 np.atleast_1d(deviation), rel=0.13, abs=1e-12
             )
         assert all(one.ball == ALTEN.ball for one in drawn)
+
+    def test_further_errors_are_added_and_those_of_one_number_are_the_same(self):
+        friction = replace(ALTEN.friction, coulomb=(0.2, 0.2, 0.2))
+        one = Correlation(of=("friction.coulomb[0]", "friction.coulomb[1]"), lower=((1.0,), (1.0, 1.0)))
+        known = ALTEN.replace(friction=friction).annotated(
+            standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)}, correlation=one
+        )
+        further = {f"friction.coulomb[{wheel}]": 0.02 for wheel in range(3)}
+        drawn = np.array([each.friction.coulomb for each in draw_robots(known, 400, seed=1, further=further)])
+        # of 400, a standard deviation has a standard error of 3.5 %
+        assert drawn.std(axis=0) == pytest.approx(math.hypot(0.01, 0.02), rel=0.12)
+        assert np.array_equal(drawn[:, 0], drawn[:, 1])
+        assert abs(np.corrcoef(drawn[:, 1:].T)[0, 1]) < 0.2
 
     def test_draws_that_are_no_robot_are_drawn_again_or_refused(self):
         slight = known_to({"ball.inertia": 0.001})  # a third lies beyond a thin shell's, with its margin

@@ -42,9 +42,7 @@ def test_every_lane_has_its_own_robot_start_and_controller():
         alten(),
         alten(replace(FRICTION, rolling=0.0)),
     ] * 15  # more than one block of lanes
-    robots = [
-        r.replace(body=replace(r.body, mass=r.body.mass * (1.0 + 0.003 * i))) for i, r in enumerate(robots)
-    ]
+    robots = [r.replace({"body.mass": r.body.mass * (1.0 + 0.003 * i)}) for i, r in enumerate(robots)]
     controllers = [
         Controller(
             robot,

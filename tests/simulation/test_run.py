@@ -12,7 +12,7 @@ from ballbot.control.references import hold, square
 from ballbot.mechanics.geometry import body_rates_matrix
 from ballbot.simulation.model_plant import lift_off, sinking_and_speeds
 from ballbot.simulation.run import initial_state_of
-from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
+from tests.support.control_examples import FRICTION, alten, leaning
 
 
 @dataclass(frozen=True)
@@ -78,34 +78,6 @@ def test_fall_ends_the_log_and_is_reported():
     assert simulate(model, nominal_controller(model.robot), hold(), duration=1.0).ended is None
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "model",
-    [
-        Model(alten(FRICTION)),
-        Model(alten(FRICTION), "thesis"),
-        pytest.param(Model(alten(FRICTION), pivoting=0.02), marks=pytest.mark.sample),
-        pytest.param(Model(four_wheeled(friction=True)), marks=pytest.mark.sample),
-    ],
-    ids=["exact", "thesis", "pivoting", "four wheels"],
-)
-def test_how_fast_the_centre_of_mass_sinks(model):
-    """Against the second difference of cos(theta) cos(phi) along a simulated motion."""
-    random = np.random.default_rng(3)
-    for _ in range(5):
-        state = 0.5 * random.normal(size=5 + model.velocity_count)
-        u = random.normal(size=model.robot.wheel_count)
-        h = 1e-4
-        after = model.advance(state, u, h)
-        later = model.advance(after, u, h)
-        heights = [np.cos(x[2]) * np.cos(x[3]) for x in (state, after, later)]
-        # second differences err by h d^3/dt^3 = 1e-4 x hundreds, and by 1e-16/h^2
-        expected = -(heights[2] - 2.0 * heights[1] + heights[0]) / h**2
-        found, speeds = sinking_and_speeds(model.selected, model.packed, after, u)
-        assert found == pytest.approx(expected, rel=1e-3, abs=1e-2)
-        assert speeds == pytest.approx(model.wheel_speed(after[:5], after[5:]), rel=1e-12, abs=1e-12)
-
-
 def test_a_robot_thrown_over_lifts_off():
     model = Model(alten())
     state = leaning(0.5)
@@ -157,7 +129,5 @@ def test_controllers_that_cannot_work_fall_from_the_default_start(friction, seed
 def test_start_and_sample_time_that_a_caller_states_count():
     log = simulate("alten", "nominal", "hold", duration=0.1, initial_state=np.zeros(10))
     assert not log.states.any()
-    with pytest.raises(
-        InputError, match=r"sample time is 5 s; it must be at most 1 s; did you mean 0.005 s\?"
-    ):
+    with pytest.raises(InputError, match=r"sample time is 5 s; .* at most 1 s; did you mean 0.005 s\?"):
         simulate("alten", Answering(lambda _: np.zeros(3), sample_time=5.0), "hold", duration=10.0)

@@ -109,9 +109,7 @@ def test_latency_is_in_whole_samples() -> None:
 
 
 @given(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-4, 4))
-def test_drift_turns_the_whole_frame_and_leaves_the_upward_direction(
-    theta: float, phi: float, psi: float
-) -> None:
+def test_drift_turns_the_whole_frame_and_leaves_the_upward_direction(theta, phi, psi):
     """Body to world is turned about the vertical by the drift, as scipy's rotations have it."""
     imu = Ahrs(replace(QUIET, heading_drift=0.1), 0)
     _, found = imu.read(5.0, np.zeros(3), np.array([theta, phi, psi]))

@@ -1,7 +1,5 @@
 """A run with known motion, log and cameras with known clocks, frames, flips and faults, to be aligned."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -6,8 +6,6 @@ is added. The seam's cover of a pixel comes from the distance to the curve, from
 takes no part. Videos are written with a real codec.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache

@@ -4,8 +4,6 @@ The difference of two filters that get the same readings comes from rounding alo
 standard deviations: a difference that is small against them is of no use to notice.
 """
 
-from __future__ import annotations
-
 import ctypes
 import tempfile
 from functools import cache

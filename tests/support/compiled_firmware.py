@@ -5,8 +5,6 @@ It is the same code that runs on the robot, for tests and for software in the lo
 passed.
 """
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from functools import cache

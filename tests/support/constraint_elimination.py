@@ -12,8 +12,6 @@ M and bias are an engine's, nu is in the order of `freed_mechanism`. The multipl
 floor's on the ball at its lowest point, the pivot's torque, the ball's force on the body, the ball's on each rim.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -90,11 +90,7 @@ def everything(robot: Robot) -> Controller:
 def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 64) -> Controller:
     """Return a controller with a policy of random weights, as large as those of a trained one."""
     random, wheels = np.random.default_rng(7), len(controller.gain)
-    shapes = {
-        "first": (units, observation_size(wheels)),
-        "second": (units, units),
-        "last": (wheels, units),
-    }
+    shapes = {"first": (units, observation_size(wheels)), "second": (units, units), "last": (wheels, units)}
     layers = {
         name: np.hstack([random.normal(0.0, 1.2 / np.sqrt(n), (m, n)), random.normal(0.0, 0.1, (m, 1))])
         for name, (m, n) in shapes.items()

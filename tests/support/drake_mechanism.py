@@ -1,7 +1,5 @@
 """The freed mechanism as a Drake MultibodyPlant: two floating bodies, revolute joints and geared rotors."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RotationMatrix

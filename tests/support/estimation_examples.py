@@ -4,10 +4,8 @@ The body sways as prescribed; the ball's speed follows from the momentum about t
 (the filter has it in the heading's); the wheels see A (R^T Omega - w).
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +32,7 @@ class Run:
 
 def light_wheels() -> Robot:
     """The robot with wheels and rotors that weigh nothing, whose momentum has a formula on one line."""
-    return ALTEN.replace(
-        wheels=replace(ALTEN.wheels, inertia=1e-12),
-        drive=replace(ALTEN.drive, motor_inertia=1e-16, gear_inertia=1e-16),
-    )
+    return ALTEN.replace({"wheels.inertia": 1e-12, "drive.motor_inertia": 1e-16, "drive.gear_inertia": 1e-16})
 
 
 def swaying(

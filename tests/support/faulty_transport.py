@@ -1,7 +1,5 @@
 """A transport that loses, repeats, reorders, corrupts and delays frames, both ways, by a seed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +19,10 @@ class Faults:
 
 
 class FaultyTransport:
-    """Faults on the way to the robot and back; `delivered` has what the robot was given, read by read."""
+    """Faults on the way to the robot and back."""
 
     def __init__(self, inner: Transport, faults: Faults, *, seed: int, back: Faults | None = None) -> None:
         self.inner = inner
-        self.delivered: list[bytes] = []
         self.dead = False  #: nothing passes any more, as after a pulled plug
         self._to_robot = _Way(faults, np.random.default_rng((seed, 0)))
         self._to_host = _Way(faults if back is None else back, np.random.default_rng((seed, 1)))
@@ -34,7 +31,6 @@ class FaultyTransport:
     def read(self, timeout: float) -> bytes:
         """Return what comes through from the robot."""
         arriving = self._to_robot.due()
-        self.delivered.append(b"" if self.dead else arriving)
         if arriving and not self.dead:
             self.inner.write(arriving)
         *whole, self._part = (self._part + self.inner.read(timeout)).split(b"\0")

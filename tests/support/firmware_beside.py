@@ -1,7 +1,5 @@
 """The firmware drives a robot; Python's estimator and law see the same readings and drive nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -4,8 +4,6 @@ Functions of one argument are measured at every float that they accept; the sine
 tests check, so that half of all angles are enough. A C compiler is needed.
 """
 
-from __future__ import annotations
-
 import ctypes
 import tempfile
 from collections.abc import Iterator

@@ -1,13 +1,9 @@
-"""The firmware's safety layer and the pushes of its self-test in Python: what its C is compared with."""
+"""The firmware's safety layer in Python: what its C is compared with."""
 
 import math
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.control.safety import SafetyLimits, StopReason
-from ballbot.robot import Robot
 
 
 class Safety:
@@ -55,18 +51,3 @@ class Safety:
         if self.stop is None and not math.isfinite(torque):
             self.stop = StopReason.TORQUE
         return torque if self.stop is None else 0.0
-
-
-#: of the whole self-test [s]
-SELF_TEST_DURATION = 0.5
-#: share of a wheel's turn at the test in which it is pushed forward, and then back
-_PUSH_FRACTION = 0.2
-
-
-def self_test_torques(robot: Robot, t: float) -> NDArray[np.float64]:
-    """Return the torques (n,) at time t [s] since the self-test's start [N m]: one wheel after the other, 1 N m."""
-    torques = np.zeros(robot.wheel_count)
-    turn, within = divmod(t * robot.wheel_count / SELF_TEST_DURATION + 1e-9, 1.0)
-    if turn < robot.wheel_count and within < 2.0 * _PUSH_FRACTION:
-        torques[int(turn)] = 1.0 if within < _PUSH_FRACTION else -1.0
-    return torques

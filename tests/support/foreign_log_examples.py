@@ -52,9 +52,8 @@ class Dithered:
         self.controller.reset()
 
     def update(self, t: float, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        noise = 0.15 * self.random.standard_normal(
-            3
-        )  # [N m]; its mean is a push along the way or of the heading
+        # [N m]; its mean is a push along the way or of the heading
+        noise = 0.15 * self.random.standard_normal(3)
         return self.controller.update(t, state, reference) + noise
 
 

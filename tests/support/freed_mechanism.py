@@ -10,8 +10,6 @@ A wheel's rate is positive where its rim pushes the ball along t_i. Nothing here
 the geometry and the angles are written down again, with SciPy's rotations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

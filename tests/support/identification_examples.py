@@ -18,14 +18,11 @@ NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
 
 
 @cache
-def balancing_log(
-    *, friction: Friction = FRICTION, formulation: str = "exact", duration: float = 25.0
-) -> Log:
+def balancing_log(*, friction: Friction = FRICTION, duration: float = 25.0) -> Log:
     """Return a log without noise of the thesis's robot on a square, balanced by a gain that lets it wander."""
-    assert formulation in ("exact", "thesis")
     weights = np.diag([20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0])
-    gain = lqr(Model(alten(), formulation=formulation), weights, 30.0 * np.eye(3), sample_time=0.005).gain
-    plant = Model(alten(friction), formulation=formulation)
+    gain = lqr(Model(alten()), weights, 30.0 * np.eye(3), sample_time=0.005).gain
+    plant = Model(alten(friction))
     controller = Controller(alten(), gain, sample_time=0.005)
     log = simulate(plant, controller, references.square(side=0.5, period=16.0), duration=duration)
     return log.without_truth()

@@ -6,8 +6,6 @@ compiled equations are tested against it. `equations` evaluates it in numbers fo
 the symbols here and nowhere else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache

@@ -5,8 +5,6 @@ If a message changes, the C code that reads it must change too. Then write the h
     python -m tests.support.link_header
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from enum import IntEnum
 

@@ -1,7 +1,5 @@
 """Messages of the link drawn at random, and streams of frames with faults, for property tests."""
 
-from __future__ import annotations
-
 import numpy as np
 from cobs import cobs
 from fastcrc import crc32

@@ -1,7 +1,5 @@
 """The freed mechanism in MuJoCo: two free bodies, hinges and armatures; no geometry, so no contact."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

@@ -1,7 +1,5 @@
 """A prediction about a simulated run of the precise controller, whose log is known."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path

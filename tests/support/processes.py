@@ -1,17 +1,16 @@
 """Processes that tests start: no wait for one is without a limit, and none is left behind when its test ends."""
 
-from __future__ import annotations
-
 import os
-import select
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 from typing import Self
 
 #: longest wait [s]; a computer that is busy with other tests takes a small part of it
@@ -26,20 +25,26 @@ class Child:
     """
 
     def __init__(self, *arguments: str) -> None:
-        self._arguments, self._waiting = arguments, b""
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
+        paths = os.pathsep.join(map(str, (_ROOT / "src", _ROOT)))  # this toolkit and its tests
         with _ctrl_c_is_heard():
             self.process = subprocess.Popen(
                 [sys.executable, *arguments],
-                env={
-                    **os.environ,
-                    "PYTHONPATH": f"{_ROOT / 'src'}{os.pathsep}{_ROOT}",
-                },  # this toolkit and its tests
+                env={**os.environ, "PYTHONPATH": paths},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
-                bufsize=0,
             )
+        self._lines: Queue[bytes] = Queue()
+        self._reader = Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        """Put lines into the queue as they come, and an empty one at the output's end."""
+        assert self.process.stdout is not None
+        for line in iter(self.process.stdout.readline, b""):
+            self._lines.put(line)
+        self._lines.put(b"")
 
     @property
     def running(self) -> bool:
@@ -52,31 +57,14 @@ class Child:
 
     def line(self, *, within: float = PATIENCE) -> str:
         """Return the next line of its output; fail if none comes within so many seconds or it ends."""
-        end = time.monotonic() + within
-        while b"\n" not in self._waiting:
-            left = end - time.monotonic()
-            assert left > 0.0, f"{self._arguments} printed no line within {within:g} s"
-            more = self._read(left)
-            assert more != b"", f"{self._arguments} ended: {self.errors()}"
-            self._waiting += more or b""
-        first, _, self._waiting = self._waiting.partition(b"\n")
-        return first.decode()
+        line = self._lines.get(timeout=within)
+        assert line, f"{self.process.args} ended: {self.errors()}"
+        return line.decode().rstrip("\n")
 
     def lines_left(self, *, within: float = PATIENCE) -> list[str]:
         """Return the whole lines that a process that has ended still left."""
-        end = time.monotonic() + within
-        while (more := self._read(end - time.monotonic())) != b"":
-            assert time.monotonic() < end, f"the output of {self._arguments} has no end"
-            self._waiting += more or b""
-        *whole, self._waiting = self._waiting.split(b"\n")
-        return [one.decode() for one in whole]
-
-    def _read(self, timeout: float) -> bytes | None:
-        """Return what comes, b"" at the output's end, None after a time without either."""
-        assert self.process.stdout is not None
-        pipe = self.process.stdout.fileno()
-        ready = select.select([pipe], [], [], max(0.0, timeout))[0]
-        return os.read(pipe, 65536) if ready else None
+        lines = iter(partial(self._lines.get, timeout=within), b"")
+        return [line.decode().rstrip("\n") for line in lines if line.endswith(b"\n")]
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal."""
@@ -98,6 +86,7 @@ class Child:
     def __exit__(self, *_: object) -> None:
         """Kill the process if it still runs, and close its files."""
         self.kill()
+        self._reader.join(PATIENCE)
         for pipe in (self.process.stdin, self.process.stdout, self._errors):
             assert pipe is not None
             pipe.close()

@@ -1,7 +1,5 @@
 """What a reader finds on a report's page."""
 
-from __future__ import annotations
-
 import re
 
 #: what a page with ten long plots, or with two replays and a dozen figures, may have [characters]

@@ -5,8 +5,6 @@ that no worker is left with one of them at the end. The first file of the fast o
 then read from disk; the next ones, on another worker, need other engines or none for as long as that takes.
 """
 
-from __future__ import annotations
-
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 

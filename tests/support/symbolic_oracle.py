@@ -1,7 +1,5 @@
 """Robots and states at random, to hold equations of motion against each other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

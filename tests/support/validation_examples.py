@@ -1,7 +1,5 @@
 """A balancing robot whose friction is known, and logs of it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Small, short videos: of a ball that turns, and of a body that swings as a known pendulum."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

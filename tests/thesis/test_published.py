@@ -1,7 +1,5 @@
 """The presets of published robots, mistake 16 against the symbolic Lagrangian, and the page."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

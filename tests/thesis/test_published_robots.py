@@ -3,8 +3,6 @@
 The page's numbers are compared as a whole (test_published.py).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

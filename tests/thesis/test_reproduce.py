@@ -1,12 +1,8 @@
 """The thesis remade: verdicts, the mistakes' numbers, recordings that are kept, the page. The whole is a command."""
 
-from __future__ import annotations
-
 import json
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,7 +25,7 @@ from ballbot.report.page import page_of
 from ballbot.thesis.reproduce import figures, mistakes
 from ballbot.thesis.reproduce.bench import Bench, linear_run
 from ballbot.thesis.reproduce.campaign import Reproduction
-from ballbot.thesis.reproduce.item import ClaimCheck, Item, Mistake
+from ballbot.thesis.reproduce.item import ClaimCheck, Item
 from ballbot.thesis.reproduce.item import check as check_of
 from ballbot.thesis.reproduce.mistakes import MISTAKES
 from ballbot.thesis.reproduce.page import reproduction_report
@@ -114,9 +110,7 @@ def test_appendix_iii_comes_out_of_a_simulated_swing(bench: Bench) -> None:
         (mistakes.reference_and_stability, 19, {2: 1.0}),
     ],
 )
-def test_mistakes_are_shown_by_their_numbers(
-    bench: Bench, make: Callable[[Bench], Mistake], number: int, values: dict[int, float]
-) -> None:
+def test_mistakes_are_shown_by_their_numbers(bench, make, number, values):
     mistake = make(bench)
     assert mistake.number == number
     assert mistake.proven
@@ -206,9 +200,7 @@ def test_page_and_results_have_every_verdict(bench: Bench) -> None:
     assert results["mistakes"][0]["proven"] is True
 
 
-def test_an_unknown_figure_is_refused_with_the_names(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unknown_figure_is_refused_with_the_names(tmp_path, capsys):
     assert main(["reproduce", "--only", "Table 4.9", "--out", str(tmp_path / "out")]) == 2
     refusal = capsys.readouterr().err
     assert "There is no 'Table 4.9' to reproduce; there are Figure 3.1, " in refusal

@@ -110,9 +110,8 @@ def test_friction_may_follow_the_load() -> None:
     engine, driveline = wheels_in_the_air(scenario)
     driveline.speeds[:] = 5.0
     speeds = turn(engine, driveline, np.zeros(3), 50)[-1]
-    np.testing.assert_allclose(
-        speeds, 5.0 - 0.05 / INERTIA * 0.025, rtol=1e-3
-    )  # in the air half of it is left
+    # in the air half of it is left
+    np.testing.assert_allclose(speeds, 5.0 - 0.05 / INERTIA * 0.025, rtol=1e-3)
     twin = Twin(ALTEN, scenario)
     twin.reset(None, seed=1)
     sizes = []

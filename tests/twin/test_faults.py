@@ -24,9 +24,8 @@ from tests.support.twin_examples import ALTEN, IDEAL, block_of, ideal, lone_ball
 def test_soft_ball_sinks_and_oscillates_by_its_stiffness() -> None:
     """Upside down, 3 kg on three springs at 45 degrees: 3 K cos^2 carries it."""
     K, C = 1e4, 10.0
-    scenario = ideal(
-        softness=Softness(stiffness=K, damping=C), wheel_contact="point"
-    )  # rows could share the load
+    # rows could share the load
+    scenario = ideal(softness=Softness(stiffness=K, damping=C), wheel_contact="point")
     engine = Engine(twin_mjcf(ALTEN, scenario, mounting="upside_down"))
     shafts = Shafts(ALTEN, scenario, engine)
     height = engine.position("ball")[2:3]

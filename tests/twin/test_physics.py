@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -16,14 +17,7 @@ from ballbot.twin.engine import Engine, attitude_of, body_rate
 from ballbot.twin.faults import Softness
 from ballbot.twin.parts import split_robot
 from ballbot.twin.recording import twin_findings
-from tests.support.twin_examples import (
-    ALTEN,
-    INERTIA,
-    block_of,
-    lone_ball,
-    turn,
-    wheels_in_the_air,
-)
+from tests.support.twin_examples import ALTEN, INERTIA, block_of, lone_ball, turn, wheels_in_the_air
 
 
 @pytest.mark.parametrize("scenario", Scenario.names())
@@ -36,10 +30,8 @@ def test_locked_twin_has_the_robot_s_mass_and_inertia(scenario: str) -> None:
     expected[3:, 3:] = [[4.37, 0, 0], [0, 4.37, 0], [0, 0, 0.193]]  # Appendix III, about the ball's centre
     expected[0, 4], expected[1, 3] = ml, -ml
     expected = np.triu(expected) + np.triu(expected, 1).T
-    np.testing.assert_allclose(
-        block_of(engine, "body"), expected, atol=1e-12
-    )  # sums of some sixty parts, rounding only
-    np.testing.assert_allclose(np.diag(block_of(engine, "ball")), 3 * [3.0] + 3 * [0.0242], rtol=1e-12)
+    assert_allclose(block_of(engine, "body"), expected, atol=1e-12)  # sums of some sixty parts, rounding only
+    assert_allclose(np.diag(block_of(engine, "ball")), 3 * [3.0] + 3 * [0.0242], rtol=1e-12)
 
 
 def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> None:
@@ -51,7 +43,7 @@ def test_wheels_are_lighter_than_discs_if_the_body_is_too_light_for_them() -> No
     assert wheel.inertia()[2, 2] == pytest.approx(robot.wheels.inertia)
     engine = Engine(twin_mjcf(robot, Scenario.nominal(robot)))
     inertia = block_of(engine, "body")[3:, 3:]  # sums of some sixty parts, rounding only
-    np.testing.assert_allclose(inertia, robot.body.inertia_about_ball_center(), atol=1e-12)
+    assert_allclose(inertia, robot.body.inertia_about_ball_center(), atol=1e-12)
 
 
 def test_robots_that_record_would_refuse_are_found() -> None:
@@ -118,7 +110,7 @@ def test_rolling_ball_slows_by_its_rolling_friction_and_stops(direction: float) 
     t = 0.0005 * (1 + np.arange(12000))
     rolling = t < 4.0  # it stops at 4.85 s
     # 1 mm/s: the ball settles into the soft floor at the start
-    np.testing.assert_allclose(np.array(speeds)[rolling], 0.2 - deceleration * t[rolling], atol=1e-3)
+    assert_allclose(np.array(speeds)[rolling], 0.2 - deceleration * t[rolling], atol=1e-3)
     assert abs(speeds[-1]) < 1e-5
 
 
@@ -193,7 +185,5 @@ def test_attitude_and_quaternion_agree_with_scipy() -> None:
         angles[2] *= 6.0
         by_scipy = Rotation.from_euler("XYZ", angles)
         mine = quaternion_of(*angles)
-        np.testing.assert_allclose(
-            Rotation.from_quat(np.roll(mine, -1)).as_matrix(), by_scipy.as_matrix(), atol=1e-12
-        )
-        np.testing.assert_allclose(attitude_of(mine, near_psi=angles[2] + 2.0), angles, atol=1e-12)
+        assert_allclose(Rotation.from_quat(np.roll(mine, -1)).as_matrix(), by_scipy.as_matrix(), atol=1e-12)
+        assert_allclose(attitude_of(mine, near_psi=angles[2] + 2.0), angles, atol=1e-12)

@@ -113,9 +113,7 @@ def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> 
 
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.slow
-def test_stopped_recording_of_many_seeds_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_recording_of_many_seeds_goes_on(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("ballbot.fitting.run.os.cpu_count", lambda: 1)  # no process has to begin
     command = ["record", "nominal", "--duration", "0.2", "--out"]
     runs = [*command, str(tmp_path / "runs"), "--seeds"]

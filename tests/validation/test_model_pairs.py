@@ -1,9 +1,5 @@
 """Any two models side by side: which is called better, by what names, and from the command line."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -21,7 +17,7 @@ def _viscous() -> Robot:
     robot = true_robot()
     none = (0.0, 0.0, 0.0)
     return robot.replace(
-        friction=replace(robot.friction, viscous=(0.1, 0.1, 0.1), coulomb=none, stribeck=none)
+        {"friction.viscous": (0.1, 0.1, 0.1), "friction.coulomb": none, "friction.stribeck": none}
     )
 
 

@@ -1,7 +1,5 @@
 """What the one-step residuals are asked, each question on residuals whose answer is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -15,11 +13,7 @@ from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.validation import ModelPair
 from ballbot.validation.models import Case, stretches
-from ballbot.validation.residuals import (
-    Prediction,
-    predict,
-    wheel_torque_residuals,
-)
+from ballbot.validation.residuals import Prediction, predict, wheel_torque_residuals
 from ballbot.validation.statistics import (
     LAGS,
     autocovariance,

@@ -1,7 +1,5 @@
 """Logs that can show nothing, and the resolution below which an error counts as none."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ballbot.findings import texts

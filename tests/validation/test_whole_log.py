@@ -1,7 +1,5 @@
 """Whole logs among runs of the models: logs that the loop itself made, and numbers of known swings."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

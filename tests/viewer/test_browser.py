@@ -3,8 +3,6 @@
 The pictures that it takes are kept in the folder that BALLBOT_SCREENSHOTS names, for people to look at.
 """
 
-from __future__ import annotations
-
 from importlib.resources import files
 
 import numpy as np
@@ -14,27 +12,19 @@ from scipy.spatial.transform import Rotation
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 from ballbot.viewer import replay_page
-from tests.support.browser import headless_browser, keep, new_tab
+from tests.support.browser import RIGHTMOST, new_tab
 from tests.support.log_examples import smooth_log, with_wheels
 
 pytestmark = pytest.mark.browser
 
 ALTEN = Robot.load("alten")
 CLOCK = "parseFloat(document.querySelector('.clock').textContent)"
-WIDTH = "document.documentElement.scrollWidth"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    with headless_browser(tmp_path_factory.mktemp("profile")) as address:
-        yield address
 
 
 @pytest.fixture
 def tab(browser):
-    with new_tab(browser) as page:
-        page.screen(1280, 800)
-        yield page
+    with new_tab(browser) as one:
+        yield one
 
 
 @pytest.fixture(scope="module")
@@ -48,82 +38,71 @@ def replay(tmp_path_factory):
     return path
 
 
-def choose(tab, label, value):
-    tab.run(
-        f"(() => {{ const s = document.querySelector('select[aria-label=\"{label}\"]'); s.value = '{value}'; "
-        "s.dispatchEvent(new Event('change')); })()"
-    )
+def paused(tab, replay):
+    """Open the replay and stop it."""
+    tab.page.goto(replay.as_uri())
+    tab.wait(f"{CLOCK} > 0.1")
+    tab.page.click("button.play")
 
 
-def scrub(tab, time_shown):
-    tab.run(
-        f"(() => {{ const s = document.querySelector('.time'); s.value = {time_shown}; "
-        "s.dispatchEvent(new Event('input')); })()"
-    )
+def scrub(tab, seconds):
+    tab.page.fill(".time", str(seconds))
 
 
 def picture(tab):
     """Return a picture of the scene after the next drawing."""
     tab.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
-    return tab.screenshot()
+    return tab.page.screenshot()
 
 
 def test_page_from_disk_plays_by_itself_without_a_word_on_the_console(tab, replay):
-    tab.open(replay)
+    tab.page.goto(replay.as_uri())
     tab.wait(f"{CLOCK} > 0.5")
-    tab.click("button.play")
+    tab.page.click("button.play")
     tab.wait("document.querySelector('button.play').textContent === 'Play'")
     assert tab.run("document.querySelector('.no-picture')") is None
-    assert tab.complaints() == []
-    assert {address.partition(":")[0] for address in tab.requests()} <= {"file", "data"}
+    assert tab.complaints == []
+    assert {address.partition(":")[0] for address in tab.requests} <= {"file", "data"}
 
 
 def test_scrubbing_shows_the_time_and_another_picture(tab, replay):
-    tab.open(replay)
-    tab.wait(f"{CLOCK} > 0.1")
-    tab.click("button.play")
-    scrub(tab, 2.0)
+    paused(tab, replay)
+    scrub(tab, 2)
     first = picture(tab)
-    scrub(tab, 6.0)
+    scrub(tab, 6)
     second = picture(tab)
     assert tab.run(CLOCK) == 6.0
     assert first != second
-    scrub(tab, 2.0)
+    scrub(tab, 2)
     assert picture(tab) == first
-    keep(first, "side_light")
+    tab.keep("side_light")
 
 
 def test_orbit_follow_and_ghosts_change_the_picture(tab, replay):
-    tab.open(replay)
-    tab.wait(f"{CLOCK} > 0.1")
-    tab.click("button.play")
-    scrub(tab, 3.0)
+    paused(tab, replay)
+    scrub(tab, 3)
     pictures = [picture(tab)]
     tab.drag((200, 300), (320, 340))
     pictures.append(picture(tab))
-    tab.click(".options label")
+    tab.page.click(".options label")
     pictures.append(picture(tab))
-    choose(tab, "Layout", "ghosts")
+    tab.page.select_option("select[aria-label=Layout]", "ghosts")
     pictures.append(picture(tab))
-    keep(pictures[-1], "ghosts_follow")
+    tab.keep("ghosts_follow")
     assert len(set(pictures)) == len(pictures)
-    assert tab.complaints() == []
+    assert tab.complaints == []
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_phone_shows_everything_in_its_width(tab, replay, dark):
-    tab.screen(390, 844, dark=dark, phone=True)
-    tab.open(replay)
-    tab.wait(f"{CLOCK} > 0.1")
-    tab.click("button.play")
-    scrub(tab, 3.0)
-    picture(tab)
-    assert tab.run(WIDTH) == 390
-    # nothing that can be used is cut off on the right
-    used = "[...document.querySelectorAll('button, select, input, canvas')]"
-    right = f"Math.max(...{used}.map((one) => one.getBoundingClientRect().right))"
-    assert tab.run(right) <= 390
-    keep(tab.screenshot(whole=True), f"phone_{'dark' if dark else 'light'}")
+def test_phone_shows_everything_in_its_width(browser, replay, dark):
+    with new_tab(browser, size=(390, 844), dark=dark, phone=True) as tab:
+        paused(tab, replay)
+        scrub(tab, 3)
+        picture(tab)
+        assert tab.run("document.documentElement.scrollWidth") == 390
+        # nothing that can be used is cut off on the right
+        assert tab.run(RIGHTMOST) <= 390
+        tab.keep(f"phone_{'dark' if dark else 'light'}", whole=True)
 
 
 def test_page_turns_body_and_ball_as_the_mechanics_does(tab):

@@ -92,9 +92,8 @@ def test_the_table_gives_the_distance_from_the_curve():
     brute = np.arccos(np.clip(np.max(q @ seam.points.T, axis=1), -1.0, 1.0))
     table = seam_table(seam)
     found = np.arcsin(np.abs(np.sum(table.normals_at(q.astype(np.float32)) * q, axis=1)))
-    near = (brute > 0.02) & (
-        brute < 0.3
-    )  # nearer, the distance from the next of the curve's points is not the curve's
+    # nearer, the distance from the next of the curve's points is not the curve's
+    near = (brute > 0.02) & (brute < 0.3)
     # a cell is 0.006 rad across and the curve bends by at most 4 a radian: 4 * 0.006^2
     assert near.sum() > 100
     np.testing.assert_allclose(found[near], brute[near], rtol=0.0, atol=3e-4)

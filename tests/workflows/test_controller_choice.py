@@ -1,7 +1,5 @@
 """The choice of a controller: its rule, its plants and its statistics."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -189,9 +187,8 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     found = Performance.of(log, torque_limit=0.5)
     assert found.peak_error == pytest.approx(0.02)
     assert found.rms_error == pytest.approx(0.02)
-    assert found.lean == pytest.approx(
-        np.arccos(np.cos(0.03) * np.cos(0.04))
-    )  # about 0.05: the two add in squares
+    # about 0.05: the two add in squares
+    assert found.lean == pytest.approx(np.arccos(np.cos(0.03) * np.cos(0.04)))
     assert found.torque_margin == pytest.approx(0.8)
     assert found.roughness == pytest.approx(np.sqrt(np.mean(np.diff(torques["u1"]) ** 2)))
     # measured torques beyond the limit leave no margin, and not less

@@ -1,7 +1,5 @@
 """Predicted performance: intervals that hold, files that read back, verdicts on logs whose truth is known."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -45,9 +43,8 @@ from tests.support.prediction_examples import (
     predicted_log,
 )
 
-pytestmark = (
-    pytest.mark.slow
-)  # most need a run around the square with every part, whose forms are compiled first
+# most need a run around the square with every part, whose forms are compiled first
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
@@ -153,9 +150,7 @@ def displaced(log: Log, size: float) -> Log:
     return log.with_columns({"x": log["x"] + size})
 
 
-def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(
-    prediction: ControllerPrediction, log: Log, controller: Controller
-):
+def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(prediction, log, controller):
     low = prediction.none["peak_error"].low
     verdict = evaluate_log(prediction, displaced(log, 0.7 * low), controller)
     assert not verdict.confirmed
@@ -169,9 +164,7 @@ def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(
     assert (worse.confirmed, worse.recommendation) == (False, "revert")
 
 
-def test_fall_reverts_even_if_its_reason_is_not_logged(
-    prediction: ControllerPrediction, log: Log, controller: Controller
-):
+def test_fall_reverts_even_if_its_reason_is_not_logged(prediction, log, controller):
     part = log.between(0.0, 7.0)
     fallen = part.with_columns({"theta": part["theta"] + 0.4 * np.maximum(part.t - 6.0, 0.0)})
     verdict = evaluate_log(prediction, fallen, controller)
@@ -180,9 +173,7 @@ def test_fall_reverts_even_if_its_reason_is_not_logged(
     assert "fallen" in verdict.ended
 
 
-def test_single_missing_values_do_not_count_and_many_are_refused(
-    prediction: ControllerPrediction, log: Log, controller: Controller
-):
+def test_single_missing_values_do_not_count_and_many_are_refused(prediction, log, controller):
     x = log["x"].copy()
     x[[300, 1500]] = np.nan
     verdict = evaluate_log(prediction, log.with_columns({"x": x}), controller)
@@ -192,9 +183,7 @@ def test_single_missing_values_do_not_count_and_many_are_refused(
         evaluate_log(prediction, log.with_columns({"x": x}), controller)
 
 
-def test_another_course_controller_or_sample_time_is_refused(
-    prediction: ControllerPrediction, log: Log, controller: Controller
-):
+def test_another_course_controller_or_sample_time_is_refused(prediction, log, controller):
     moved, coarse = log.with_columns({"ref_x": log["ref_x"] + 0.3}), log.select(slice(None, None, 2))
     for other, driver, sentence in (
         (moved, controller, "is not the course 'square'"),

@@ -1,7 +1,5 @@
 """Where friction matters: the verdicts from errors that are known, and where the margins end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

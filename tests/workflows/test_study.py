@@ -1,7 +1,5 @@
 """The study from end to end, small: a simulated log whose friction is known."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -45,7 +43,7 @@ SMALL = StudyOptions(
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
 #: profiles have tests of their own (tests/fitting/test_intervals.py)
-BRIEF = partial(IdentificationOptions, evolution_windows=32, most_profiles=0)
+BRIEF = partial(IdentificationOptions, search_windows=32, most_profiles=0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,9 +158,7 @@ def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_beside_it(
-    small: Study, tmp_path: Path
-):
+def test_a_controller_that_compensates_nothing_has_the_best_compensated_one_beside_it(small, tmp_path):
     choice = replace(small.choice, chosen="precise_without_compensation")
     write_study(replace(small, choice=choice), tmp_path, made=provenance(command="", files=[], seed=3))
     robot = Robot.load(tmp_path / "robot.toml")
@@ -200,9 +196,7 @@ def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Pa
 
 
 @pytest.mark.sample
-def test_measured_logs_are_predicted_better_with_friction(
-    shared_data: Path, tmp_path: Path, monkeypatch, capsys
-):
+def test_measured_logs_are_predicted_better_with_friction(shared_data, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(study_command, "StudyOptions", Brief)
     bounds = tmp_path / "bounds.toml"
     # for time's sake v_s and delta are held: no profile is computed for them

@@ -104,12 +104,8 @@ OUTPUT_OPTIONS = ("--json", "--quiet")
 def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) -> App:
     """Return the command-line application; `.meta` of it takes whole command lines.
 
-    Parameters
-    ----------
-    tokens : sequence of str
-        The command line, without the program's name. Only the command that it names is imported.
-    unavailable : collection of str
-        Commands that are listed without their options, because a package that they need is not installed.
+    Only the command that `tokens`, the command line without the program's name, name is imported. The commands that are
+    `unavailable`, because a package is not installed, are listed without their options.
     """
     app = App(
         name="ballbot",
@@ -122,20 +118,19 @@ def build_app(tokens: Sequence[str] = (), *, unavailable: Collection[str] = ()) 
         suppress_keyboard_interrupt=False,
     )
     for index, command in enumerate(COMMANDS):
-        module, function = command.target
-        if command.name not in tokens[:1] or command.name in unavailable:
-            target = _unavailable if command.name in unavailable else f"{module}:{function}"
+        name, (module, function) = command.name, command.target
+        if name not in tokens[:1] or name in unavailable:
+            target = _unavailable if name in unavailable else f"{module}:{function}"
             group = _GROUPS[command.group]
-            app.command(target, name=command.name, help=command.summary, group=group, sort_key=index)
+            app.command(target, name=name, help=command.summary, group=group, sort_key=index)
+            continue
+        imported = importlib.import_module(module)
+        loaded = getattr(imported, function)
+        if isinstance(loaded, App):  # a group of commands has its name already
+            loaded.help = imported.ABOUT  # a list of all commands has left its line there
+            app.command(loaded)
         else:
-            loaded = getattr(importlib.import_module(module), function)
-            if isinstance(loaded, App):  # a group of commands has its name already
-                loaded.help = importlib.import_module(
-                    module
-                ).ABOUT  # a list of all commands has left its line there
-                app.command(loaded)
-            else:
-                app.command(loaded, name=command.name, sort_key=index)
+            app.command(loaded, name=name, sort_key=index)
 
     app.meta.suppress_keyboard_interrupt = False  # not inherited from the app
 

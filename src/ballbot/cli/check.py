@@ -29,7 +29,7 @@ def check(
     pivot_distance: float | None = None,
     pivot_deviation: float | None = None,
     accept: options.Accept = None,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Check that a robot is plausible, and print quantities that follow from its parameters.
 
@@ -59,8 +59,6 @@ def check(
         Distance from the pivot to the centre of mass [m]. If not given, the pivot is at the ball's centre.
     pivot_deviation : float
         Standard deviation of that distance [m].
-    out : Path
-        Folder for report.html and results.json.
     """
     if swing is None and not (swing_column is pivot_distance is pivot_deviation is None):
         raise InputError(

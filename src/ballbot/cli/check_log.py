@@ -16,15 +16,7 @@ from ballbot.log.checks import BALANCING, DRIVELINES
 from ballbot.log.formats import is_foreign
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.mapping_search.names import InputKind
-from ballbot.log.proposal import (
-    Evaluation,
-    Proposal,
-    answer_lines,
-    contradictions,
-    evaluate,
-    propose,
-    surest,
-)
+from ballbot.log.proposal import Proposal, answer_lines, contradictions, evaluate, propose, surest
 from ballbot.printable import shell_line
 from ballbot.report.blocks import finding_line
 from ballbot.report.log_check import CheckedLog, log_check_report, proposal_report
@@ -41,7 +33,7 @@ def check_log(
     full_scale: options.Positive | None = None,
     counts_per_turn: options.Positive | None = None,
     columns: str | None = None,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Show the columns of a log and its problems. The exit code is 2 if there is an error.
 
@@ -70,8 +62,6 @@ def check_log(
     columns
         The names of a foreign table's columns in its order, with commas between, for a file without a header:
         t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3. Write _ for a column whose name you do not know.
-    out
-        A folder for report.html, results.json and, for foreign files, the mapping and the converted log.
     """
     files, described = (file, *others), Robot.load(robot) if robot else None
     proposes = described is not None and mapping is None and (columns is not None or is_foreign(file))
@@ -100,15 +90,13 @@ def _column_names(columns: str | None) -> list[str] | None:
     """Return the names of --columns; names of unknown columns get a number, so that all differ."""
     if columns is None:
         return None
-    names = [name.strip() for name in columns.split(",")]
-    named = [
-        name if any(map(str.isalnum, name)) else f"unused_{column}"
-        for column, name in enumerate(names, start=1)
-    ]
-    for name in named:
-        if named.count(name) > 1:
+    names = list[str]()
+    for number, word in enumerate(columns.split(","), start=1):
+        name = word.strip() if any(map(str.isalnum, word)) else f"unused_{number}"
+        if name in names:
             raise InputError(f"--columns has the name {name} twice.")
-    return named
+        names.append(name)
+    return names
 
 
 def _check(
@@ -147,47 +135,43 @@ def _show(paths: Sequence[Path], robot: Robot, stated: Stated, *, source: str, r
     Raise InputError if something cannot be determined, or if a log contradicts the others or the robot, after
     everything that was determined is shown and written.
     """
-    evaluated = list[Evaluation]()
+    proposals, evaluated = list[Proposal](), list[Proposal]()
     for file in paths:
         with progress_bar(result.console, f"comparing {file.name} with the robot"):
-            evaluated.append(evaluate(propose(file, robot, stated), robot))
+            proposals.append(propose(file, robot, stated))
+            evaluated.append(evaluate(proposals[-1]))
     best = surest(evaluated)
     if len(paths) > 1:
-        evaluated = [evaluate(evaluation.proposal, robot, common=best.proposal) for evaluation in evaluated]
+        evaluated = [evaluate(proposal, common=best) for proposal in proposals]
         best = surest(evaluated)
-    printed = [Text(line) for evaluation in evaluated for line in answer_lines(evaluation)]
+    printed = [Text(line) for proposal in evaluated for line in answer_lines(proposal)]
     texts: dict[str, Content] = {"mapping.toml": best.text}
     files = texts if best.log is None else texts | {"log.csv": best.log.write}
-    problem, step = _problem(evaluated, best.proposal), ""
+    problem, step = _problem(evaluated, best), ""
     if result.folder is None:
         printed.append(Text("\n" + best.text))
         step = "" if problem else "the same command with `--out checked` writes the mapping and the log."
     elif not problem:
-        attitude, commands = best.proposal.roles.attitude, best.proposal.roles.commands
+        attitude, commands = best.roles.attitude, best.roles.commands
         command = ("identify" if attitude else "identify-driveline") if commands else "check-log"
         tail = ["--mapping", str(result.folder.path / "mapping.toml")]
-        step = _next_step(command, source if commands else None, best.proposal.base.path, tail)
-    page = proposal_report(best, evaluated, robot, kept=result.folder is not None)
+        step = _next_step(command, source if commands else None, best.base.path, tail)
+    page = proposal_report(best, evaluated, kept=result.folder is not None)
     result.write(page, files=files, printed=printed, named=[*files], next_step=step)
     if problem:
         raise InputError(problem)
 
 
-def _problem(evaluated: Sequence[Evaluation], surest: Proposal) -> str:
+def _problem(evaluated: Sequence[Proposal], surest: Proposal) -> str:
     """Return why no mapping can be used for these logs; empty if one can."""
-    for other, words in contradictions([evaluation.proposal for evaluation in evaluated], surest):
+    for other, words in contradictions(evaluated, surest):
         return f"{other.base.path} contradicts the other logs in its {words}: it is from another robot or firmware."
-    for evaluation in evaluated:
-        if evaluation.proposal.base.layout.names != surest.base.layout.names:
+    for proposal in evaluated:
+        if proposal.base.layout.names != surest.base.layout.names:
             return (
-                f"The columns of {evaluation.proposal.base.path} differ from those of {surest.base.path}: the logs "
-                "agree, but each needs its own mapping. Check them one by one."
+                f"The columns of {proposal.base.path} differ from those of {surest.base.path}: the logs agree, but "
+                "each needs its own mapping. Check them one by one."
             )
     return next(
-        (
-            f"{evaluation.proposal.base.path}: {evaluation.refusal}"
-            for evaluation in evaluated
-            if evaluation.refusal
-        ),
-        "",
+        (f"{proposal.base.path}: {proposal.refusal}" for proposal in evaluated if proposal.refusal), ""
     )

@@ -26,8 +26,10 @@ from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standar
 from ballbot.errors import InputError
 from ballbot.files import write_bytes, write_text
 from ballbot.fitting.run import Executor
+from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
+from ballbot.log.pose import with_position
 from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
@@ -36,8 +38,7 @@ from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
-    from ballbot.identification.verdict import Verdict
-    from ballbot.log import Log
+    from ballbot.identification.result import Verdict
     from ballbot.report.blocks import Result
 
 _MAX_SEEDS = 100_000
@@ -46,10 +47,7 @@ _MAX_SEEDS = 100_000
 def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
     """Return the preset of that name or the robot in that file, with the values of --set.
 
-    Raises
-    ------
-    InputError
-        If there is no such robot, a change is not NAME=VALUE, or the robot cannot have the value.
+    Raise InputError if there is no such robot, a change is not NAME=VALUE, or the robot cannot have the value.
     """
     values = {}
     for change in changes or ():
@@ -194,28 +192,20 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their names; see `ballbot.log.collection.named_files`.
-
-    Raise InputError if no log is given, or one is named twice or cannot be read.
-    """
-    from ballbot.log import Log
-
+    """Return the logs by their names, see `named_files`; raise InputError if there is none or one cannot be read."""
     return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
 
 
 def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
-    """Return logs by their names, each with the ball's position: as logged, else from the wheels.
-
-    Raise InputError as `read_logs`, and if a log has neither a position nor the columns to compute it from.
-    """
+    """Return logs by their names; see `read_logs` and `read_balancing_log`."""
     return {name: read_balancing_log(path, mapping, robot) for name, path in named_files(paths).items()}
 
 
 def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
-    """Return one log with the ball's position; see `read_balancing_logs`."""
-    from ballbot.log import Log
-    from ballbot.log.pose import with_position
+    """Return a log with the ball's position: as logged, else from the wheels.
 
+    Raise InputError if it cannot be read, or has neither a position nor the columns to compute it from.
+    """
     log = Log.read(path, mapping=mapping)
     try:
         return with_position(log, robot)

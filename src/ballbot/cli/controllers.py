@@ -61,10 +61,9 @@ def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:
     for name, controller in controllers.items():
         if not isinstance(controller, Controller) or controller.compensation == "none":
             continue
-        if has_friction(controller.robot.friction):
-            continue
-        sentence = (
-            f"{name}: {controller.compensation} compensation does nothing, because the robot {controller.robot.name} "
-            "has no friction. Identify it with `ballbot identify`, or write it into the robot file."
-        )
-        notice(sentence, style="yellow")
+        if not has_friction((robot := controller.robot).friction):
+            sentence = (
+                f"{name}: {controller.compensation} compensation does nothing, because the robot {robot.name} has no "
+                "friction. Identify it with `ballbot identify`, or write it into the robot file."
+            )
+            notice(sentence, style="yellow")

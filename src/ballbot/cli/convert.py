@@ -11,7 +11,9 @@ from ballbot.log import Log
 from ballbot.log.formats import written_format
 
 
-def convert(log: Path, out: Path, /, *, mapping: options.Mapping = None, force: bool = False) -> None:
+def convert(
+    log: Path, out: Path, /, *, mapping: options.Mapping = None, force: options.Force = False
+) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .mat or .mcap.
 
     An MCAP file opens in Foxglove and PlotJuggler.
@@ -26,8 +28,6 @@ def convert(log: Path, out: Path, /, *, mapping: options.Mapping = None, force: 
         A log, or with --mapping any table.
     out
         The file to write.
-    force
-        Replace an existing file.
     """
     written_format(out)  # raises InputError before the log is read
     check_new_file(out, force=force)

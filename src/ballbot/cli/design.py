@@ -100,11 +100,8 @@ def design(
         sample_time=sample_time,
     )
     if robust:
-        plain = replace(DEFAULT_PARTS, compensation=parts.compensation)
-        if (
-            replace(gain, sample_time=None) != GainOptions()
-            or replace(parts, allow_overcompensation=False) != plain
-        ):
+        own = replace(gain, sample_time=None), replace(parts, allow_overcompensation=False)
+        if own != (GainOptions(), replace(DEFAULT_PARTS, compensation=parts.compensation)):
             raise InputError(
                 "--robust searches for the weights of the nominal kind; remove --kind, "
                 "--q, --r, --compensation-gain, --notch and --delay."
@@ -124,10 +121,8 @@ def design(
                 effort=effort,
                 run=Run(seed=seed, progress=result.report),
             )
-            page, text = (
-                robust_design_report(designed, findings),
-                search_comment(designed, result.origin.command),
-            )
+            page = robust_design_report(designed, findings)
+            text = search_comment(designed, result.origin.command)
         else:
             designed = design_controller(described, gain=gain, parts=parts)
             page, text = controller_design_report(designed, findings), ""

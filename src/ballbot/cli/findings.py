@@ -54,9 +54,13 @@ def checked_robot(
     return robot, stop_or_show(findings, accept=accept, others="`ballbot check`")
 
 
-def in_file(path: Path, findings: Iterable[Finding]) -> list[Finding]:
-    """Return findings with a file as their location."""
-    return [replace(finding, where=replace(finding.where, file=str(path))) for finding in findings]
+def in_files(named: Iterable[tuple[Path, Iterable[Finding]]]) -> list[Finding]:
+    """Return findings on files with the file of each as its location."""
+    return [
+        replace(finding, where=replace(finding.where, file=str(path)))
+        for path, findings in named
+        for finding in findings
+    ]
 
 
 def stop_or_show(

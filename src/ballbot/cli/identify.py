@@ -16,8 +16,9 @@ from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
-from ballbot.identification.identify import IdentificationOptions, identify_by_law
-from ballbot.identification.sweep import read_sweep
+from ballbot.identification.identify import IdentificationOptions
+from ballbot.identification.identify import identify as identify_friction
+from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
@@ -37,7 +38,7 @@ def identify(
     exclude_states: str = "",
     bounds: Path | None = None,
     sweep: Path | None = None,
-    window: float = 0.25,
+    window: options.Window = 0.25,
     search: Search = "multistart",
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
@@ -76,8 +77,6 @@ def identify(
     sweep
         results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
         their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
-    window
-        Length of the predicted windows [s].
     search
         How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
         thesis, which takes longer.
@@ -103,7 +102,7 @@ def identify(
         open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
         cluster_or(cluster, Threads()) as executor,
     ):
-        fit, selection = identify_by_law(
+        fit = identify_friction(
             described,
             checked,
             free=estimate,
@@ -124,7 +123,7 @@ def identify(
             for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
         ]
         page = identification_report(
-            fit, checked.logs, findings=checked.findings, selection=selection, holdouts=holdouts
+            fit, checked.logs, findings=checked.findings, selection=fit.selection, holdouts=holdouts
         )
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)

@@ -9,17 +9,17 @@ from cyclopts import Parameter
 
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_logs
-from ballbot.cli.findings import in_file, stop_or_show
+from ballbot.cli.findings import in_files, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
 from ballbot.fitting.run import Run, check_seed
 from ballbot.identification import axis
-from ballbot.identification.agreement import file_findings
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
 from ballbot.identification.driveline import fit_driveline, robot_with_friction, sweep_estimate, sweeps_of
 from ballbot.identification.geometry import geometry_findings, robot_with_geometry, survey_geometry
+from ballbot.identification.stages import file_findings
 from ballbot.identification.upside_down import identify_upside_down as find_friction
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
@@ -63,7 +63,7 @@ def identify_driveline(
     """
     described, read = Robot.load(robot), Log.read(log, mapping=mapping)
     sweeps = sweeps_of(described, read, limit=speed_limit)
-    of_sweep = in_file(log, sweep_findings(described, sweeps))
+    of_sweep = in_files([(log, sweep_findings(described, sweeps))])
     of_log = bench_findings(described, {str(log): read})
     findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)
     with open_result(out, doing="sweep", writes=["robot.toml"]) as result:
@@ -88,7 +88,7 @@ def identify_upside_down(
     out: options.Out,
     mapping: options.Mapping = None,
     seed: options.Seed = 0,
-    window: float = 1.0,
+    window: options.Window = 1.0,
     accept: options.Accept = None,
 ) -> None:
     """Identify the friction of drivelines and ball-wheel contacts with the robot clamped upside down.
@@ -104,16 +104,12 @@ def identify_upside_down(
     ----------
     logs
         One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
-    window
-        Length of the predicted windows [s].
     """
     described, named = Robot.load(robot), read_logs(logs, mapping)
     by_path = dict(zip(map(str, logs), named.values(), strict=True))
-    of_ball = [
-        finding
-        for path, log in by_path.items()
-        for finding in in_file(Path(path), upside_down_findings(described, log))
-    ]
+    of_ball = in_files(
+        (path, upside_down_findings(described, log)) for path, log in zip(logs, named.values(), strict=True)
+    )
     findings = stop_or_show([*bench_findings(described, by_path), *of_ball], accept=accept)
     check_seed(seed)
     with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
@@ -164,11 +160,10 @@ def identify_geometry(
     of_runs = list(read_logs(runs, mapping).values()) if runs else []
     named = dict(zip(map(str, (*on_wheels, *runs)), (*of_ball, *of_runs), strict=True))
     # the radii are estimated, so that encoders may differ from them
-    encoders = [
-        finding
+    encoders = in_files(
+        (path, encoder_findings(described, log, like=_RADII))
         for path, log in zip(on_wheels, of_ball, strict=True)
-        for finding in in_file(path, encoder_findings(described, log, like=_RADII))
-    ]
+    )
     findings = stop_or_show([*bench_findings(described, named), *encoders], accept=accept)
     with open_result(out, doing="identifying the geometry", writes=["robot.toml"]) as result:
         geometry = survey_geometry(
@@ -224,12 +219,8 @@ def identify_axis(
     fitted = (record, *(also or ()))
     paths = (*fitted, *against)
     read = [read_axis_record(path, columns) for path in paths]
-    of_records = [
-        finding
-        for path, axis_record in zip(paths, read, strict=True)
-        for finding in in_file(path, record_findings(axis_record))
-    ]
-    findings = stop_or_show(of_records, accept=accept)
+    of_records = ((path, record_findings(own)) for path, own in zip(paths, read, strict=True))
+    findings = stop_or_show(in_files(of_records), accept=accept)
     with open_result(out, doing="identifying the axis") as result:
         fit = axis.identify_axis(
             read[: len(fitted)],

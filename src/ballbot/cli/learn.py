@@ -10,7 +10,7 @@ from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.file import controller_text
 from ballbot.control.source import named_controller
 from ballbot.fitting.run import Run
-from ballbot.learning.learn import base_controller, confirm
+from ballbot.learning.learn import base_controller, confirm, film
 from ballbot.learning.learn import learn as learn_task
 from ballbot.learning.ppo import Training
 from ballbot.learning.robots import drawn_robots, learned_robot
@@ -50,8 +50,9 @@ def learn(
     as every other one: ballbot compare, simulate, export. Where the robot's state is not like those of the training, a
     linear law acts. Ctrl-C ends the training and keeps the best policy.
 
-    Writes report.html, results.json (with the learning curve), controller.toml, robot.toml, and contract.json, which
-    says what the policy observes and does.
+    Writes report.html (with the learning curve, and a film of the robot after 0, 5, 10 and 30 s of learning, or as many
+    parts of the time that it took), results.json, controller.toml, robot.toml, and contract.json, which says what the
+    policy observes and does.
 
     Example: ballbot learn balance found/robot.toml --out learned
 
@@ -85,23 +86,19 @@ def learn(
     with open_result(out, doing=f"learning to {task}", writes=_WRITTEN, seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         learned = learn_task(robots, wanted, base=base, training=Training(updates=updates), run=run)
-        without, tries = base or base_controller(known), [(runs, False)]
-        tries += [(confirm_on_twin, True)] if confirm_on_twin else []
         tried = []
-        for controller in (learned.controller, without):
+        for controller in (learned.controller, base or base_controller(known)):
             result.report(Progress(stage="trying it"))
-            tried.append(
-                tuple(
-                    confirm(
-                        controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run
-                    )
-                    for count, twin in tries
-                )
+            confirmed = (
+                confirm(controller, wanted, known, truth, runs=count, duration=duration, twin=twin, run=run)
+                for count, twin in ((runs, False), (confirm_on_twin, True))
+                if count
             )
+            tried.append(tuple(confirmed))
         learned = replace(learned, confirmed=tried[0], baseline_confirmed=tried[1])
         path = result.path("controller.toml")
         result.write(
-            learning_report(learned, scenario=truth.name),
+            learning_report(learned, scenario=truth.name, film=film(learned, known, truth, run=run)),
             files={
                 "controller.toml": controller_text(learned.controller),
                 "robot.toml": robot_text(known),

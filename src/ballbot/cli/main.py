@@ -38,15 +38,9 @@ _EXTRAS = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code.
+    """Run a command line, without the program's name, and return its exit code; by default the process's own.
 
-    0 for success; 2 for bad input or a missing package, with one sentence on standard error; 130 when
-    interrupted.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        The command line without the program's name; by default the process's own.
+    0 for success; 2 for bad input or a missing package, with one sentence on standard error; 130 when interrupted.
     """
     tokens = list(sys.argv[1:] if argv is None else argv)
     _survive_narrow_encodings()

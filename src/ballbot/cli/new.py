@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from ballbot.cli import options
 from ballbot.cli.output import emit, standard_output
 from ballbot.errors import InputError
 from ballbot.files import check_new_file
@@ -22,7 +23,7 @@ def new(
     from_: Annotated[str, Parameter(name="--from")] = "alten",
     like: str = "alten",
     out: Path | None = None,
-    force: bool = False,
+    force: options.Force = False,
 ) -> None:
     """Write a robot file to start from: a commented copy of a preset, or of a model in MJCF or URDF, under a new name.
 
@@ -40,8 +41,6 @@ def new(
         Preset or robot file for what a model does not state, such as gears and sensors; marked as assumed.
     out : Path
         File to write; NAME.toml if not given.
-    force : bool
-        Replace an existing file.
     """
     if out is None and Path(name).suffix.lower() == ".toml":
         out, name = Path(name), Path(name).stem

@@ -23,14 +23,8 @@ def _whole_number(_: type, tokens: Sequence[Token]) -> int:
     return int(given)
 
 
-_MAPPING = (
-    "A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
-)
-
-#: the robot of a command
 Robot = Annotated[str, Parameter(help="A preset's name or a robot file.")]
 
-#: the option --set of the commands that take a robot
 Changes = Annotated[
     list[str] | None,
     Parameter(
@@ -47,12 +41,9 @@ def _check_positive(_: type, value: float | None) -> None:
         raise ValueError("It must be above 0.")
 
 
-#: every option that must be above zero
 Positive = Annotated[float, Parameter(validator=_check_positive)]
-
 Count = Annotated[int, Parameter(converter=_whole_number, validator=_check_positive)]
 
-#: the reference that a robot follows
 Reference = Annotated[
     str,
     Parameter(
@@ -61,7 +52,6 @@ Reference = Annotated[
     ),
 ]
 
-#: the scenario of simulated robots
 Scenario = Annotated[
     str,
     Parameter(
@@ -69,10 +59,8 @@ Scenario = Annotated[
     ),
 ]
 
-#: the length of a run
 Duration = Annotated[float, Parameter(help="Length of the run [s].")]
 
-#: the option --with of the commands that make firmware's numbers
 Mixed = Annotated[
     list[Path] | None,
     Parameter(
@@ -83,7 +71,6 @@ Mixed = Annotated[
     ),
 ]
 
-#: the tilt beyond which the firmware stops a robot
 LeanLimit = Annotated[
     float,
     Parameter(
@@ -92,25 +79,28 @@ LeanLimit = Annotated[
     ),
 ]
 
-#: the option --out of every command that needs a folder
 Out = Annotated[Path, Parameter(help="The folder to write into.")]
+OptionalOut = Annotated[
+    Path | None,
+    Parameter(
+        help="The folder for report.html, results.json and other files; without it nothing is written."
+    ),
+]
+Force = Annotated[bool, Parameter(help="Replace an existing file.")]
+Window = Annotated[float, Parameter(help="Length of the predicted windows [s].")]
 
-#: the mapping of a command's logs
-Mapping = Annotated[Path | None, Parameter(help=_MAPPING)]
+Mapping = Annotated[
+    Path | None,
+    Parameter(
+        help="A TOML file that describes the columns and units of foreign logs, as `ballbot check-log` writes it."
+    ),
+]
 
-#: every integer option
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
-
-#: every random seed
 SeedNumber = Annotated[int, Parameter(converter=_whole_number, validator=lambda _, seed: check_seed(seed))]
-
-#: the option --seed
 Seed = Annotated[SeedNumber, Parameter(help="Random seed. The same seed gives the same result.")]
-
-#: each log of a command that needs one or more
 Log = Annotated[Path, Parameter(required=True)]
 
-#: the option --format of the commands that write logs
 LogFormat = Annotated[
     str,
     Parameter(
@@ -119,13 +109,11 @@ LogFormat = Annotated[
     ),
 ]
 
-#: the option --cluster of the commands whose work can be distributed
 Cluster = Annotated[
     str | None,
     Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
 ]
 
-#: the option of every command that checks its input
 Accept = Annotated[
     list[str] | None,
     Parameter(

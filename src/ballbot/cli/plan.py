@@ -111,7 +111,7 @@ def plan(
     truth = load_scenario(scenario, described)
     with open_result(out, doing="plan", writes=_WRITTEN) as result:
         result.report(Progress(stage="planning"))
-        found = find(
+        planned = find(
             described,
             to=to,
             along=along,
@@ -122,14 +122,14 @@ def plan(
             limits=limits,
         )
         result.report(Progress(stage="following"))
-        page = plan_report(found, follow(found, chosen, truth, runs=runs), scenario=truth.name)
+        page = plan_report(planned, follow(planned, chosen, truth, runs=runs), scenario=truth.name)
         files: dict[str, Content] = {
-            "reference.csv": found.write,
-            "reference.h": found.c_table(),
+            "reference.csv": planned.write,
+            "reference.h": planned.c_table(),
             "controller.toml": controller_text(chosen),
             "robot.toml": robot_text(described),
         }
-        duration = math.ceil(found.t[-1]) + 2
+        duration = math.ceil(planned.t[-1]) + 2
         step = (
             f"`ballbot simulate {result.path('robot.toml')} --reference {result.path('reference.csv')} --controller "
             f"{result.path('controller.toml')} --duration {duration} --out run`, or `ballbot run PORT` likewise."

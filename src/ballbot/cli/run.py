@@ -14,9 +14,10 @@ from cyclopts import App, Parameter
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.context import Content, open_result
 from ballbot.cli.controllers import read_others
-from ballbot.cli.output import emit, notice, standard_output
+from ballbot.cli.output import emit, notice, print_parts, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
+from ballbot.file_formats import read_results
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
 from ballbot.link.connection import Connection, LiveRun, Monitor, connect_emulated, connect_port
@@ -142,7 +143,7 @@ def balance(
     reference: str = "hold",
     duration: options.Positive = 30.0,
     ramp: float = 0.0,
-    out: Path | None = None,
+    out: options.OptionalOut = None,
 ) -> None:
     """Balance a robot: self-test, arming after a confirmation at this terminal, a reference, a log, disarming.
 
@@ -171,8 +172,6 @@ def balance(
         Longest time from arming on [s].
     ramp
         Time over which the torque limit rises from zero [s], for a first balance on a tether.
-    out
-        The folder for report.html, log.csv and results.json; nothing is written if it is not given.
     """
     if mixed and controller is None:
         raise InputError("--with needs the controller whose gain it is mixed with: give --controller.")
@@ -181,7 +180,7 @@ def balance(
             "--tune terminal and --reference keyboard both read the terminal; give a file to one."
         )
     lines = None if tune is None else command_lines(tune)
-    exported, gains, then = None, None, f"identify {link.name} LOG --out identified"
+    exported, then = None, f"identify {link.name} LOG --out identified"
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
@@ -189,8 +188,9 @@ def balance(
         others = read_others(mixed, link.described)
         read = read_controller(controller, link.described)
         exported = export_controller(read, others, described=link.described, lean=lean)
-        gains = exported.gains
-        if (study := controller.with_name("results.json")).exists():
+        study = controller.with_name("results.json")
+        results = read_results(study) if study.exists() else None
+        if isinstance(results, dict) and results.get("prediction"):  # a design's or a training's has none
             then = f"validate --prediction {study} LOG"
     with (
         closing(live_reference(reference)) as driven,
@@ -205,7 +205,7 @@ def balance(
             robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         own = robot.parameters["law"]["tuning"][0]
-        tuner = Tuner(lines, own, gains=gains, say=notice) if lines else None
+        tuner = Tuner(lines, own, gains=exported and exported.gains, say=notice) if lines else None
         commander = FollowReference(driven, sample_time=robot.sample_time, tuner=tuner)
         changes = tuner.changes if tuner else ()
         _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp, changes=changes)
@@ -229,26 +229,20 @@ def monitor(port: Port = None, /, *, link: LinkOptions = _LINK, duration: option
         robot = connection.robot
         lines = robot.parameter_lines()
         emit({"parameters": lines})
-        for line in lines:
-            console.print(line, soft_wrap=True)
+        print_parts(lines, console)
         with _monitor().shown() as monitor:
             robot.watch(connection.states_shown(monitor), duration=duration)
-        console.print(f"The robot sent its sensors for {duration:g} s; no torque was applied.")
-        console.print(f"Next: `ballbot run wiring {port or '--emulated'}`", soft_wrap=True)
+        end = f"The robot sent its sensors for {duration:g} s; no torque was applied."
+        print_parts([end, f"Next: `ballbot run wiring {port or '--emulated'}`"], console)
 
 
 @run.command
-def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None = None) -> None:
+def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: options.OptionalOut = None) -> None:
     """Check the wiring: IMU axes and encoders while you move the robot by hand, then each motor with its encoder.
 
     Example: ballbot run wiring /dev/ttyACM0 --out wiring
 
     Example: ballbot run wiring --emulated
-
-    Parameters
-    ----------
-    out
-        The folder for report.html and results.json; nothing is written if it is not given.
     """
     console = standard_output()
     with link.connect(port, imu_checked=False) as connection:
@@ -262,10 +256,9 @@ def wiring(port: Port = None, /, *, link: LinkOptions = _LINK, out: Path | None 
             result.write(page, printed=printed)
         if check.passed:
             robot.test(connection.operator)
-            console.print("Every motor turns its own encoder forward: the self-test passed.")
-            console.print(
-                f"Next: `ballbot run {port or '--emulated'} --duration 30 --out run`", soft_wrap=True
-            )
+            step = f"Next: `ballbot run {port or '--emulated'} --duration 30 --out run`"
+            end = "Every motor turns its own encoder forward: the self-test passed."
+            print_parts([end, step], console)
     if not check.passed:
         raise InputError(f"{check.findings[0].text} Correct it, and repeat the check.")
 
@@ -359,7 +352,7 @@ def compare(
     controllers = [read_controller(path, described) for path in files]
     check_controller(predicted, controllers[1])
     exported = [export_controller(controller, lean=lean) for controller in controllers]
-    weights = next((one.weights for one in exported if one.weight_bytes), "")
+    weights = next((firmware.weights for firmware in exported if firmware.weight_bytes), "")
     names = [f"{k + 1}_{'after' if k % 2 else 'before'}" for k in range(2 * rounds)]
     for name in names:
         check_no_recording(out / f"{name}{SUFFIX}")
@@ -374,12 +367,8 @@ def compare(
                 connection.robot.use_parameters(exported[k % 2].parameters)
                 course = live_reference(predicted.course.name)
                 commander = FollowReference(course, sample_time=connection.robot.sample_time)
-                live_run = connection.run(
-                    commander,
-                    _monitor(),
-                    duration=predicted.course.duration,
-                    recording=out / f"{name}{SUFFIX}",
-                )
+                recording, duration = out / f"{name}{SUFFIX}", predicted.course.duration
+                live_run = connection.run(commander, _monitor(), duration=duration, recording=recording)
                 _finish(connection, live_run)
                 result.console.print(live_run.ending.text, soft_wrap=True)
                 logs.append(live_run.whole_log())

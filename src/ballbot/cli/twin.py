@@ -70,7 +70,9 @@ def export(
 
 
 @twin.command
-def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, force: bool = False) -> None:
+def scenario(
+    source: str = "nominal", /, *, robot: str = "alten", out: Path, force: options.Force = False
+) -> None:
     """Write a scenario file to start from, with every active fault and an example of each inactive one.
 
     Example: ballbot twin scenario nominal --out mine.toml
@@ -83,8 +85,6 @@ def scenario(source: str = "nominal", /, *, robot: str = "alten", out: Path, for
         A preset's name or a robot file, which gives the rollers and the sensors.
     out
         The file to write.
-    force
-        Replace an existing file.
     """
     described = Robot.load(robot)
     check_new_file(out, force=force)

@@ -100,7 +100,7 @@ def validate(
         One or more logs of the robot balancing, with torques and states. With --prediction give the log alone: the
         robot is robot.toml beside the results.
     out
-        The folder to write into. Optional with --prediction: without it, nothing is written.
+        The folder to write into; without it, which only --prediction allows, nothing is written.
     prediction
         The results.json of a study, with the prediction for its controller.
     against

@@ -55,16 +55,34 @@ class ControllerTable(Parts):
 def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     """Return the controller of a file, for a robot's geometry; warn as `warn_if_unsuited`.
 
-    InputError if the file cannot be read or holds no controller, or its number of wheels is not the robot's.
+    InputError if the file cannot be read or holds no controller, or its number of wheels is not the robot's, or a
+    learned policy in it is for another robot, another rate or stronger motors.
     """
     described, tree = as_robot(robot), read_toml(path)
     try:
         table = validate_table(ControllerTable, take_format(tree, "controller"), of="a controller file")
         controller = _controller(table, described)
+        _check_policy(table, described)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     warn_if_unsuited(controller, described, name=str(path))
     return controller
+
+
+def _check_policy(table: ControllerTable, robot: Robot) -> None:
+    """Raise InputError unless a policy, if there is one, was trained for such a robot; a design is only warned of."""
+    if table.policy is None:
+        return
+    own, limit = robot.sensors.sample_time, robot.drive.torque_limit
+    reason = ""
+    if table.robot != robot.name:
+        reason = f"the robot {table.robot!r}, not for {robot.name!r}"
+    elif abs(table.sample_time - own) > 1e-9:
+        reason = f"samples of {table.sample_time:g} s; those of {robot.name!r} are {own:g} s"
+    elif table.policy.torque_limit > limit * (1.0 + 1e-6):
+        reason = f"torques of up to {table.policy.torque_limit:g} N m; {robot.name!r} gives {limit:g} N m"
+    if reason:
+        raise InputError(f"its policy was learned for {reason}. Learn one for this robot: ballbot learn.")
 
 
 def warn_if_unsuited(controller: Controller, robot: Robot, *, name: str) -> None:

@@ -73,13 +73,7 @@ class Cluster(Executor):
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the index and the result of each piece as they finish.
-
-        Raises
-        ------
-        ExecutorError
-            If a worker has other packages or another processor, or the connection is lost.
-        """
+        """Yield each piece's index and result; ExecutorError if a worker differs or the connection is lost."""
         try:
             held, here = self._hold(make), machine()
             indices = {

@@ -56,15 +56,8 @@ def ratio_interval(
 ) -> NDArray[np.float64]:
     """Return the ends (2, k) of the interval on (mean of numerator / mean of denominator)^power.
 
-    Parameters
-    ----------
-    numerator, denominator : array (runs, k)
-        Positive, in the order of time.
-    overlap : int
-        How many neighbouring runs share part of the log.
-    seed : int
-    power : float
-        One half for ratios of root mean squares, given squares.
+    Both are positive, (runs, k), in the order of time. `overlap` neighbouring runs share part of the log. The power is
+    one half for ratios of root mean squares, given squares.
     """
     runs, trifle = len(numerator), np.finfo(float).tiny  # an error of exactly zero has no logarithm
     numerator, denominator = numerator + trifle, denominator + trifle

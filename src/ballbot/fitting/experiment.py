@@ -27,7 +27,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, ParameterSpace
+from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.uncertainty import WindowEquations
 
 
@@ -164,11 +164,10 @@ RowsOfBlocks = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.in
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Residuals:
-    """An experiment defined by a function that returns its errors.
+    """An experiment defined by a function that returns its errors, all of the same weight.
 
-    All errors have the same weight, and their noise is their root mean square. Derivatives are finite differences
-    unless they are given. A block may have n states, each with an expected value: a deviation by one standard deviation
-    counts as an error of `state_weight`.
+    Their noise is their root mean square. Derivatives are finite differences unless they are given. A block may have n
+    states, each with an expected value: a deviation by one standard deviation counts as an error of `state_weight`.
     """
 
     coordinates: ParameterSpace  #: the parameters, with their bounds
@@ -222,10 +221,6 @@ class Residuals:
     def equations(self, at: BlockErrors) -> WindowEquations:
         """Return each block's equations, with the states eliminated."""
         return self.linearize(at).equations
-
-    def mean_squares(self, at: BlockErrors) -> NDArray[np.float64]:
-        """Return the mean square error of each block (w,)."""
-        return np.nan_to_num(np.bincount(self.block, at.errors**2) / np.bincount(self.block), nan=np.inf)
 
     @property
     def _numbers(self) -> NDArray[np.int64]:
@@ -308,7 +303,7 @@ class Residuals:
 def residuals_without_states(
     residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     *,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FitParameter],
     block: NDArray[np.int64],
     block_log: NDArray[np.int64] | None = None,
     derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,

@@ -5,23 +5,19 @@ descends in the parameters and the states of the blocks together. Each step trie
 Levenberg and Marquardt's form, and compares the least costs over the states before and after. When the descent has
 converged, the states are searched again in case they lie in a poorer minimum (`Experiment.renew`).
 
-A parameter without influence gets no value. Some parameters act only through others: v_s and delta shape how s fades,
-and have no effect without s. If s is zero, a fit still ends at some s of the size of chance, with v_s and delta that
-suit it, and their standard errors there are meaningless (R. Davies, Hypothesis testing when a nuisance parameter is
-present only under the alternative, Biometrika 64 (1977) 247-254). So they count as identified only if the fit with s is
-better than the best one without by more than chance explains, 2 N n_s (cost without - cost with) > lambda q, where N
-n_s counts the residuals, lambda corrects for their dependence as in `ballbot.fitting.intervals`, and q is the
-chi-squared quantile of as many parameters as the fit with s has more.
+Some parameters act only through others: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
+fit still ends at some s of the size of chance, with v_s and delta that suit it, and their standard errors there are
+meaningless (R. Davies, Hypothesis testing when a nuisance parameter is present only under the alternative, Biometrika
+64 (1977) 247-254). So they count as identified only if the fit with s is better than the best one without by more than
+chance explains, 2 N n_s (cost without - cost with) > lambda q, where N n_s counts the residuals, lambda corrects for
+their dependence, and q is the chi-squared quantile of as many parameters as the fit with s has more.
 
 A profile shows how far a parameter can move, all others refitted, before the fit is worse than chance explains. The
 cost of n_s states over N residuals each is, up to a constant, minus the log-likelihood divided by N n_s. Residuals
-within a block are not independent, so twice the rise of the log-likelihood is not a chi-squared variable. For one
-parameter it is that variable times
-
-    lambda = (clustered variance) / [H^-1]_ii
-
-(L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21 (2011)
-129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being Student's quantile.
+within a block are not independent, so for one parameter twice the rise of the log-likelihood is a chi-squared variable
+times lambda = (clustered variance) / [H^-1]_ii (L. Pace, A. Salvan and N. Sartori, Adjusting composite likelihood ratio
+statistics, Statistica Sinica 21 (2011) 129-148). A limit lies where 2 N n_s (cost - least cost) = lambda t^2, t being
+Student's quantile.
 """
 
 from __future__ import annotations
@@ -30,13 +26,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
-from typing import Generic, Literal
+from typing import Generic, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import lsq_linear
 
+from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import At, BlockErrors, Experiment, Residuals
 from ballbot.fitting.intervals import (
@@ -119,19 +116,10 @@ def descend(
 ) -> Descended[At]:
     """Descend in the parameters and the states of the blocks together.
 
-    Parameters
-    ----------
-    begin : ndarray (p,) or iterate
-        A scaled point, from which the states start as measured, or the end of another descent.
-    free : ndarray (p,)
-        Which parameters the descent varies.
-    most_steps, most_renewals : int
-    moved : ndarray (p,), optional
-        Change of the parameters that are not free in the first step, whatever it costs.
-    target : float
-        The descent ends early if a few more gains as large as the last do not reach this cost.
-    run : Run, optional
-        The stage "gauss_newton" is reported after each step.
+    It begins at a scaled point (p,), from which the states start as measured, or at the end of another descent, and
+    varies the parameters `free` (p,). `moved` (p,) changes others in the first step, whatever it costs. The descent
+    ends early if a few more gains as large as the last do not reach the cost `target`. The stage "gauss_newton" is
+    reported.
     """
     at = experiment.begin(begin) if isinstance(begin, np.ndarray) else begin
     fixed = np.zeros(len(at.point)) if moved is None else moved
@@ -235,35 +223,37 @@ class SearchResult:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
-    """Options of the search, and of the intervals."""
+    """Options of a fit; InputError if there is no such search, or a count is too small."""
 
-    blocks: NDArray[np.int64] | None = None  #: that the search uses; all if None
+    search: Search = "multistart"
     generations: int = 150  #: of a genetic search, at most
     population: int = 24  #: sets of parameters in each generation
-    #: a scaled point (p,) from which Gauss-Newton starts if it predicts better than the end of the search
-    earlier: NDArray[np.float64] | None = None
-    most_profiles: int = MOST_PROFILES  #: parameters with doubtful errors that are profiled, at most
+    most_steps: int = 30  #: of each descent by Gauss-Newton
+    most_profiles: int = (
+        MOST_PROFILES  #: parameters with doubtful errors whose intervals are profiled, at most
+    )
+
+    def __post_init__(self) -> None:
+        if self.search not in get_args(Search):
+            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
+        leasts = {"generations": 1, "population": 4, "most_steps": 1, "most_profiles": 0}
+        for name, least in leasts.items():
+            if getattr(self, name) < least:
+                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
 
 
 DEFAULT_OPTIONS = FitOptions()
 
 
 def search(
-    experiment: Experiment[At],
-    starts: NDArray[np.float64],
-    *,
-    method: Search,
-    options: FitOptions = DEFAULT_OPTIONS,
-    most_steps: int,
-    run: Run,
+    experiment: Experiment[At], starts: NDArray[np.float64], *, options: FitOptions, run: Run
 ) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
-    part = experiment if options.blocks is None else experiment.part(options.blocks)
-    if method == "genetic":
-        return genetic(part, generations=options.generations, population=options.population, run=run)
+    if options.search == "genetic":
+        return genetic(experiment, generations=options.generations, population=options.population, run=run)
     if starts.ndim == 1:
         return SearchResult(best=starts)
-    return multistart(part, list(starts), most_steps=most_steps, run=run)
+    return multistart(experiment, list(starts), most_steps=options.most_steps, run=run)
 
 
 def multistart(
@@ -319,19 +309,11 @@ def evolve(
     population: int,
     run: Run,
 ) -> SearchResult:
-    """Minimise a cost over the unit cube, one batch a generation.
+    """Minimise a cost over the unit cube of `size` coordinates, one batch a generation.
 
-    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`.
-
-    Parameters
-    ----------
-    cost_of : callable
-        From a population (population, p) to its costs (population,).
-    size : int
-        Number of coordinates, p.
-    generations, population : int
-    run : Run
-        Its seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
+    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. `cost_of`
+    returns the costs (population,) of a population (population, p). The run's seed fixes the search bit for bit; the
+    stage "evolution" is reported after each generation.
     """
     from cmaes import CMA  # with scipy.stats, which takes half a second
 
@@ -428,10 +410,7 @@ class Fit(Generic[At]):
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
-        """Errors and 95 % intervals, widened where groups of blocks disagree.
-
-        The stage "intervals" is reported after each profile.
-        """
+        """Errors and 95 % intervals, widened where groups of blocks disagree; the stage "intervals" is reported."""
         finished, widen = self.finished, self.discrepancy.factor
         errors = Errors(
             point=finished.point,
@@ -494,11 +473,11 @@ def fit(
     starts: NDArray[np.float64],
     *,
     also: NDArray[np.float64] | None = None,
-    method: Search = "multistart",
+    earlier: NDArray[np.float64] | None = None,
     options: FitOptions = DEFAULT_OPTIONS,
+    search_blocks: NDArray[np.int64] | None = None,
     refused: NDArray[np.bool_] | None = None,
     groups: NDArray[np.int64] | None = None,
-    most_steps: int = 30,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
     """Search, fit by Gauss-Newton, hold the parameters without influence, and fit the others again.
@@ -510,21 +489,23 @@ def fit(
         Scaled. With several, a search finds the basin; with one, Gauss-Newton starts there.
     also : ndarray (p,), optional
         A second point to descend from, perhaps to another optimum; by default the search's end in another basin.
-    method : {"multistart", "genetic"}
-        A genetic search needs no starts.
+    earlier : ndarray (p,), optional
+        A scaled point from which Gauss-Newton starts if it predicts better than the end of the search.
     options : FitOptions, optional
+        A genetic search needs no starts.
+    search_blocks : ndarray, optional
+        The blocks that the search uses; all by default.
     refused : ndarray (p,), optional
         Parameters that the data do not excite: they are fitted, but get no value.
     groups : ndarray (w,), optional
         The group of each block, from 0; groups should agree on the parameters.
-    most_steps : int
-        Of each descent.
     run : Run, optional
     """
-    searched = search(experiment, starts, method=method, options=options, most_steps=most_steps, run=run)
+    part = experiment if search_blocks is None else experiment.part(search_blocks)
+    searched, most_steps = search(part, starts, options=options, run=run), options.most_steps
     start, also = searched.best, searched.other if also is None else also
-    if options.earlier is not None:
-        points = np.stack([start, options.earlier])
+    if earlier is not None:
+        points = np.stack([start, earlier])
         start = points[experiment.costs(points).argmin()]
     coordinates = experiment.coordinates
     free = coordinates.free
@@ -557,10 +538,7 @@ def _optima(
     most_steps: int,
     run: Run,
 ) -> tuple[Descended[At], OtherOptimum | None]:
-    """Return the end of the descent from the better of two points (p,), and the other optimum if there is one.
-
-    They are compared before the states are renewed, which gains more than optima differ by and takes longest.
-    """
+    """Return the end of the descent from the better of two points (p,), before renewal, and the other optimum."""
     free = experiment.coordinates.free
     if also is None:
         return descend(experiment, start, free=free, most_steps=most_steps, run=run), None
@@ -579,13 +557,11 @@ def _optima(
 def _as_before(
     experiment: Experiment[At], point: NDArray[np.float64], no_influence: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well.
-
-    It may not: any friction above some size holds a wheel that never turns, and no friction does not.
-    """
+    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well."""
     own = experiment.coordinates.scaled(experiment.coordinates.nominal)
     before = np.where(no_influence, own, point)
     costs = experiment.costs(np.stack([point, before]))
+    # it may not: any friction above some size holds a wheel that never turns, and no friction does not
     return before if costs[1] < costs[0] + LARGEST_LOSS else point
 
 
@@ -654,8 +630,7 @@ def held_out_squares(
 ) -> NDArray[np.float64]:
     """Return the mean square error (w,) of each block by a fit that did not see it.
 
-    The groups of blocks are divided into `folds` parts, and the fit is repeated without each. `end` is the end of the
-    fit to all blocks; every block is in one group.
+    The fit is repeated without each of `folds` parts of the groups of blocks; `end` is the end of the fit to all.
     """
     squares, count = np.empty(len(end.states)), len(end.states)
     for fold in range(folds):
@@ -671,7 +646,8 @@ def held_out_squares(
             most_steps=_HELD_OUT_STEPS,
             most_renewals=0,
         )
-        squares[out] = rest.mean_squares(rest.begin(again.point, there))
+        errors = rest.begin(again.point, there).errors
+        squares[out] = np.nan_to_num(np.bincount(rest.block, errors**2) / np.bincount(rest.block), nan=np.inf)
     return squares
 
 
@@ -699,16 +675,8 @@ def profile(
 ) -> tuple[float | None, float | None]:
     """Return the 95 % limits of one parameter, scaled; None on a side where the data set none before the bound.
 
-    Parameters
-    ----------
-    index : int
-        Of the parameter.
-    free : ndarray (p,)
-        Which parameters the fit varied.
-    error : float
-        Expected half width of the interval, scaled, for the first step.
-    rise : float
-        lambda t^2; see the module's text.
+    `free` (p,) are the parameters that the fit varied, `error` is the expected half width of the interval for the first
+    step, scaled, and `rise` is lambda t^2 of the module's text.
     """
     others = free & (np.arange(len(free)) != index)
     # each fit starts from the farthest one below the limit: windows that have begun to stick do not recover

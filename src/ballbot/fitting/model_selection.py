@@ -46,12 +46,8 @@ def gain_between(
 ) -> Gain:
     """Return the gain of one model over another.
 
-    Parameters
-    ----------
-    squares, others : ndarray (w, k)
-        Sums of squared errors of each window and state, of this model and of the other.
-    groups : sequence of ndarray
-        The windows of each block.
+    `squares` and `others` (w, k) are sums of squared errors of each window and state, of this model and of the other;
+    `groups` are the windows of each block.
     """
     counts = resamples(len(groups), block=1, repeats=DRAWS, seed=_SEED)
     ours, theirs = (np.stack([table[rows].sum(axis=0) for rows in groups]) for table in (squares, others))

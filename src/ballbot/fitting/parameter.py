@@ -24,7 +24,7 @@ Limits = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameter:
+class FitParameter:
     """One number that a fit estimates or holds."""
 
     name: str  #: of the quantity in options and files, as "coulomb"
@@ -41,18 +41,20 @@ class Parameter:
         return self.bounds[1] > self.bounds[0]
 
     @staticmethod
-    def about(name: str, default: float, unit: str, *, within: float = 0.0, factor: float = 1.0) -> Parameter:
+    def about(
+        name: str, default: float, unit: str, *, within: float = 0.0, factor: float = 1.0
+    ) -> FitParameter:
         """Return a signed parameter `within` so much of its default, or a ratio within a `factor` of it."""
         scale: Scale = "ratio" if factor > 1.0 else "signed"
         bounds = (default / factor - within, default * factor + within)
-        return Parameter(name=name, symbol=name, unit=unit, scale=scale, bounds=bounds, default=default)
+        return FitParameter(name=name, symbol=name, unit=unit, scale=scale, bounds=bounds, default=default)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ParameterSpace:
     """p parameters in order, and their scaling."""
 
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FitParameter, ...]
     alike: tuple[str, ...] = ()  #: quantities whose parameters all have one common value
 
     @property

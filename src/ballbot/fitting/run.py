@@ -105,13 +105,7 @@ ALL_CORES = Processes()
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """The context of a long computation.
-
-    Raises
-    ------
-    InputError
-        If the seed is not a whole number from 0 to 2**32 - 1.
-    """
+    """The context of a long computation; InputError if the seed is not a whole number from 0 to 2**32 - 1."""
 
     seed: int = 0  #: random seed; the same seed gives the same result
     executor: Executor = field(default_factory=Threads)  #: where the work is done

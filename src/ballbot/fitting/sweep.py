@@ -58,31 +58,19 @@ class RunFolder(Generic[Made, Finished]):
     ) -> dict[str, Finished]:
         """Make the missing runs, and return all runs by name, in the order of `runs`.
 
-        Parameters
-        ----------
-        make : callable
-            Makes a run from its piece; see `ballbot.fitting.run.Executor.each`.
-        runs : mapping
-            The piece of each run by the name of its file in the folder.
-        workers : Executor
-        stage : str
-            Name of the stage for the progress, which is reported after each run.
-        progress : callable, optional
-
-        Raises
-        ------
-        InputError
-            If the folder holds runs with other inputs, or a run cannot be made or written.
+        `make` makes a run from its piece (`ballbot.fitting.run.Executor.each`), and `runs` has the piece of each run by
+        the name of its file. Progress is reported after each run. InputError if the folder holds runs with other
+        inputs, or a run cannot be made or written.
         """
         self._check(runs)
-        found = {name: run for name in runs if (run := self.read(self.path / name)) is not None}
-        missing = [name for name in runs if name not in found]
-        progress(Progress(stage=stage, done=len(found), total=len(runs)))
+        finished = {name: run for name in runs if (run := self.read(self.path / name)) is not None}
+        missing = [name for name in runs if name not in finished]
+        progress(Progress(stage=stage, done=len(finished), total=len(runs)))
         try:
             with closing(workers.each(make, [runs[name] for name in missing])) as making:
-                for place, made in making:
-                    found[missing[place]] = self._kept(self.path / missing[place], made)
-                    progress(Progress(stage=stage, done=len(found), total=len(runs)))
+                for number, made in making:
+                    finished[missing[number]] = self._kept(self.path / missing[number], made)
+                    progress(Progress(stage=stage, done=len(finished), total=len(runs)))
         except ExecutorError as error:  # nothing is wrong with the run
             raise ExecutorError(
                 f"{error} Finished runs are kept; the same command goes on with them."
@@ -91,7 +79,7 @@ class RunFolder(Generic[Made, Finished]):
             raise KeyboardInterrupt(
                 "interrupted; the same command goes on with the runs that are finished."
             ) from None
-        return {name: found[name] for name in runs}
+        return {name: finished[name] for name in runs}
 
     def _kept(self, path: Path, made: Made) -> Finished:
         """Write what a run has made, with what it is made from before the first one, and read it."""

@@ -6,16 +6,15 @@ s^2 (J^T J)^-1 is several times too small. With a window's score g_w = J_w^T r_w
     H^-1 (sum_w g_w g_w^T) H^-1 W / (W - 1)          H = sum_w J_w^T J_w
 
 (K.-Y. Liang and S. L. Zeger, Longitudinal data analysis using generalized linear models, Biometrika 73 (1986) 13-22).
-The fit follows each window, so residuals are smaller than errors, and the more so the fewer windows there are. Each
-score is corrected for this leverage, (I - H_w H^-1)^-1 g_w, which turns the above into the jackknife that leaves out
-one window after another (R. Bell and D. McCaffrey, Bias reduction in standard errors for
-linear regression with multi-stage samples, Survey Methodology 28 (2002) 169-181).
+The fit follows each window, so residuals are smaller than errors. Each score is corrected for this leverage,
+(I - H_w H^-1)^-1 g_w, which turns the above into the jackknife that leaves out one window after another (R. Bell and
+D. McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples, Survey Methodology 28
+(2002) 169-181).
 
 Block bootstrap. Neighbouring windows share the sample between them and the same interval of floor, so blocks of
 neighbours are drawn, with replacement, until there are as many as before (H. Kuensch, Annals of Statistics 17 (1989)
 1217-1241; taken round the end, D. Politis and J. Romano 1992). One Gauss-Newton step from the estimate replaces the fit
-of each resample. With m_w the number of times that window w was drawn, its equations H_w and scores
-g_w about the estimate give the resample's estimate to first order,
+of each resample: with m_w the number of times that window w was drawn,
 
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
 
@@ -37,10 +36,7 @@ NO_INFLUENCE = 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowEquations:
-    """Normal equations of the scaled parameters, window by window; zero for parameters that are held.
-
-    The states of a window are eliminated (`ballbot.fitting.experiment`).
-    """
+    """Normal equations of the scaled parameters, window by window, their states eliminated; zero for held ones."""
 
     matrices: NDArray[np.float64]  #: J^T J of each window (w, p, p)
     scores: NDArray[np.float64]  #: J^T r of each window (w, p); their sum is the gradient
@@ -202,13 +198,11 @@ class Discrepancy:
 def discrepancy(
     equations: WindowEquations, groups: NDArray[np.int64], estimated: NDArray[np.bool_], *, seed: int
 ) -> Discrepancy:
-    """Test whether all groups of windows agree on the parameters, by their scores.
+    """Test whether all groups (w,) of windows, from 0, agree on the parameters `estimated` (p,), by their scores.
 
     At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group within
-    chance; if slow windows need another friction than fast ones, they do not. With scores whitened by their own
-    covariance the statistic is the sum over groups of |sum of scores|^2 / windows, and chance is the same groups with
-    the windows shuffled. `groups` (w,) has the group of each window, from 0; `estimated` (p,) marks the
-    parameters that the fit varied.
+    chance. With scores whitened by their own covariance the statistic is the sum over groups of |sum of scores|^2 /
+    windows, and chance is the same groups with the windows shuffled.
     """
     scores = equations.scores[:, estimated]
     count, size = scores.shape

@@ -2,7 +2,6 @@
 
 from ballbot.identification.holdout import HoldoutResult, cross_validate
 from ballbot.identification.identify import IdentificationOptions, identify
-from ballbot.identification.laws import select_law
 from ballbot.identification.prediction import WindowErrors
 from ballbot.identification.quantities import Bounds, read_bounds
 from ballbot.identification.result import Identification
@@ -18,5 +17,4 @@ __all__ = [
     "cross_validate",
     "identify",
     "read_bounds",
-    "select_law",
 ]

@@ -1,33 +1,32 @@
 """The balancing experiment: the model predicts windows of logs, each from an initial state that is estimated too.
 
 A prediction from a measured initial state carries the noise of that one sample, amplified by an unstable plant, through
-all residuals of the window. On simulated logs with the noise of good sensors, this made estimates biased, as errors in
-regressors do, and scatter several times more than a log allows, with standard errors a quarter too small. So the
-initial state x_w of each window w (its start) is an unknown. A residual with the weight of the other samples ties it to
-the measured state, and it is eliminated (`ballbot.fitting.experiment`; the idea is that of multiple shooting: H. G.
-Bock, Recent advances in parameter identification techniques for O.D.E., 1983). Derivatives in a descent are narrow
-finite differences.
+all residuals of the window, which biases the parameters as errors in regressors do. So the initial state x_w of each
+window w (its start) is an unknown. A residual with the weight of the other samples ties it to the measured state, and
+it is eliminated (`ballbot.fitting.experiment`; the idea is that of multiple shooting: H. G. Bock, Recent advances in
+parameter identification techniques for O.D.E., 1983). Derivatives in a descent are narrow finite differences.
 
 Kinks. A prediction is smooth except where the sign of a wheel's or the ball's speed changes or a contact comes to rest.
 There it is continuous, and its derivatives jump. About ten of a hundred windows have their best start on such a kink,
-where no one-sided derivative is zero. Steps that use the slopes of one side stop short of it, and leave an error of the
-size of that window's gradient in the gradient of the parameters. From slopes Z = [J S] on one side and Z' on the other,
-with a shift between them,
+and steps that use the slopes of one side stop short of it. From slopes Z = [J S] on one side and Z' on the other, with
+a shift between them,
 
     Z' - Z = u n^T,     the kink:  n^T (dp, dx) = kappa,     u kappa = u n^T shift - (r' - r - Z shift).
 
 A start that is best on a kink stays there: n becomes a tie, one more residual of large weight, with which the equations
-of p and x_w are exact. The predicted gain of a step then holds to four digits, window by window.
+of p and x_w are exact.
 
-Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests
-(1e-5 to 5e-4 of the cost each). After the descent, windows therefore start again from random initial states. If a
-prediction changes linearly from the old to the new initial state, both are in one basin, and the new one is skipped.
+Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests.
+After the descent, windows therefore start again from random initial states. If a prediction changes linearly from the
+old to the new initial state, both are in one basin, and the new one is skipped.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +39,7 @@ from ballbot.identification.quantities import Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
 
+T = TypeVar("T")
 _STATES = len(STATE_NAMES)
 #: x and y of a start shift the whole prediction, so these columns of S need no simulation
 _ON_FLOOR = 2
@@ -53,62 +53,40 @@ _LOST = 1e150
 _PIECE, _SETS = 64, 4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cost:
-    """The cost that identification minimises: the mean over states of ln(error / error without friction).
-
-    Errors are root mean squares over windows and time. The gradient is that of least squares in which the weight of
-    each state is one over the variance of its residuals, so that no weights have to be chosen; exp(cost) is the
-    geometric mean of the ten ratios. Below the resolution of the simulation, 1e-6 of the error without friction, it is
-    level.
-    """
-
-    reference: NDArray[np.float64]  #: (10,), sums of squares without friction on the same windows
-    counted: NDArray[np.bool_]  #: (10,), the states that it counts
-
-    def __call__(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
-        floor = self._floor()
-        ratios = (square_sums + floor) / (self.reference + floor)
-        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
-        return np.where(np.isfinite(cost), cost, np.inf)
-
-    def weights(self, square_sums: NDArray[np.float64], compared: int) -> NDArray[np.float64]:
-        """Return the weights of states' residuals (10,), one over their deviation, from sums of `compared` squares."""
-        # the floor of the cost, and for a state that nothing moves any weight will do
-        return np.sqrt(compared / (square_sums + self._floor()))
-
-    def _floor(self) -> NDArray[np.float64]:
-        return 1e-12 * self.reference + np.finfo(float).tiny
-
-
 @dataclass(kw_only=True, eq=False)
-class _Slopes:
-    """Derivatives of the residuals of n windows; those by parameters are computed when they are first needed."""
+class Starts:
+    """Starts of n windows, and what is known there; changed in place while they settle."""
 
-    values: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10)
-    starts: NDArray[np.float64]  #: (n, 10), the starts at which they are computed
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), at these starts
-    known: NDArray[np.bool_]  #: (n,), whether those by parameters are computed
+    rows: NDArray[np.int64]  #: (n,), the windows
+    starts: NDArray[np.float64]  #: (n, 10)
+    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
+    slopes: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10), by m free parameters and the start
+    slopes_at: NDArray[np.float64]  #: (n, 10), the starts at which the slopes are computed
+    slopes_from: NDArray[np.float64]  #: (n, 1 + k, 10), the residuals there
+    known: NDArray[np.bool_]  #: (n,), whether the slopes by parameters are computed yet
+    ties: NDArray[np.float64]  #: (n, m + 10, m + 10), of starts on kinks
+    others: NDArray[np.float64]  #: (n, o, 10), starts in other basins to try at the next point
 
-    def put(self, rows: NDArray[np.int64], other: _Slopes, chosen: NDArray[np.bool_]) -> None:
-        """Replace rows by the chosen rows of another."""
-        for name in ("values", "starts", "residuals", "known"):
-            getattr(self, name)[rows] = getattr(other, name)[chosen]
+    @staticmethod
+    def joined(pieces: Sequence[Starts]) -> Starts:
+        """Return the starts of all pieces."""
+        names = vars(pieces[0])
+        return Starts(**{name: np.concatenate([vars(piece)[name] for piece in pieces]) for name in names})
+
+    def take_slopes(self, rows: NDArray[np.int64], other: Starts, chosen: NDArray[np.bool_]) -> None:
+        """Replace the slopes in rows by those in the chosen rows of another."""
+        for name in ("slopes", "slopes_at", "slopes_from", "known"):
+            vars(self)[name][rows] = vars(other)[name][chosen]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowsIterate:
-    """A point of a descent: parameters and starts, residuals, and their derivatives by both."""
+    """A point of a descent."""
 
     point: NDArray[np.float64]  #: (p,), scaled
-    starts: NDArray[np.float64]  #: (w, 10)
-    residuals: NDArray[np.float64]  #: (w, 1 + k, 10)
+    windows: Starts  #: settled there
     weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
     cost: float
-    slopes: _Slopes  #: by m free parameters and starts
-    ties: NDArray[np.float64] | float = 0.0  #: (w, m + 10, m + 10), of starts on kinks
-    others: NDArray[np.float64]  #: (n, w, 10), starts in other basins to try at the next point
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,9 +105,26 @@ class Work:
         return np.concatenate([(starts - windows.initial)[:, :, None], later], axis=2)
 
 
+def _called(work: Work, piece: tuple[Callable[..., T], *tuple[object, ...]]) -> T:
+    function, *arguments = piece
+    return function(work, *arguments)
+
+
+def _squares(
+    work: Work, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return each window's squares (sets, rows, 10)."""
+    return (work.residuals(values, starts, rows) ** 2).sum(axis=2)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Balancing:
-    """The experiment: windows, and parameters to fit."""
+    """The experiment: windows, and parameters to fit.
+
+    The cost is the mean over states of ln(error / error without friction), errors being root mean squares over windows
+    and time. Its gradient is that of least squares in which the weight of each state is one over its residuals'
+    variance. Below 1e-6 of the error without friction it is level.
+    """
 
     predictor: Predictor
     windows: Windows
@@ -144,15 +139,22 @@ class Balancing:
     dependences = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
 
     @cached_property
-    def cost(self) -> Cost:
-        """The cost that a fit minimises."""
+    def _relative_to(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The sums of squares (10,) that the cost is relative to, and its floor."""
         reference = self.reference
         if reference is None:
             before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
             none = self.predictor.layout.without_friction(before)[None]
             every = self.windows.comparison_interval
             reference = self.predictor.square_sums(none, self.windows, every=every)[0]
-        return Cost(reference=reference, counted=self.counted)
+        return reference, 1e-12 * reference + np.finfo(float).tiny
+
+    def _cost(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
+        reference, floor = self._relative_to
+        ratios = (square_sums + floor) / (reference + floor)
+        cost = 0.5 * np.log(ratios[..., self.counted]).mean(axis=-1)
+        return np.where(np.isfinite(cost), cost, np.inf)
 
     @property
     def block_log(self) -> NDArray[np.int64]:
@@ -177,81 +179,78 @@ class Balancing:
         self, points: NDArray[np.float64], starts: NDArray[np.float64] | None = None
     ) -> NDArray[np.float64]:
         """Return the costs (sets,) of points (sets, p) with starts (sets, w, 10), by default the measured ones."""
-        values = self.coordinates.physical(points)
+        values, costs = self.coordinates.physical(points), []
         if starts is None:
             starts = np.broadcast_to(self.windows.initial, (len(values), *self.windows.initial.shape))
         groups = [slice(first, first + _SETS) for first in range(0, len(values), _SETS)]
-        rows = self._rows
-        pieces = [(values[group], starts[group][:, k], k) for group in groups for k in rows]
-        pieces_squares = self.executor(_squares_piece, self._work, pieces)
-        squares = [
-            np.concatenate(pieces_squares[i : i + len(rows)], axis=1)
-            for i in range(0, len(pieces_squares), len(rows))
-        ]
-        return self.cost(np.concatenate(squares).sum(axis=1))
+        pieces = [(_squares, values[group], starts[group][:, k], k) for group in groups for k in self._rows]
+        squares = self.executor(_called, self._work, pieces)
+        for first in range(0, len(squares), len(self._rows)):
+            of_group = np.concatenate(squares[first : first + len(self._rows)], axis=1)
+            costs.append(self._cost(of_group.sum(axis=1)))
+        return np.concatenate(costs)
 
     def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
         """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
-        return self._settled(self._at(point, self.windows.initial if near is None else near.starts), point)
+        starts = self.windows.initial if near is None else near.windows.starts
+        weights, _ = self._weighed(self._residuals(point, starts))
+        return self._settled(point, weights, starts[None], np.zeros((0, *starts.shape)))
 
     def linearize(self, at: WindowsIterate) -> Linearized:
         """Return the equations about an iterate."""
-        columns, size, count = np.flatnonzero(self.coordinates.free), len(at.point), len(at.starts)
-        slopes, m = at.slopes, len(columns)
-        if not slopes.known.all():
+        known, m = at.windows, int(self.coordinates.free.sum())
+        if not known.known.all():
             about = _differences(self.coordinates, at.point, at.weights, _NARROW)
-            rows = [lacking for k in self._rows if len(lacking := k[~slopes.known[k]])]
-            pieces = [(about, slopes.starts[k], slopes.residuals[k], k) for k in rows]
-            for k, derivatives in zip(
-                rows, self.executor(_by_parameters_piece, self._work, pieces), strict=True
-            ):
-                slopes.values[k, :m] = derivatives
-            slopes.known[:] = True
-        Z, r = _flat(slopes.values, at.weights), _flat(at.residuals, at.weights)
-        # so small that BLAS uses one thread, and the order of summation never changes
-        G, z = Z @ Z.transpose(0, 2, 1) + at.ties, (Z @ r[..., None])[..., 0]
-        H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
-        H[:, columns[:, None], columns], B[:, :, columns], g[:, columns] = (
-            G[:, :m, :m],
-            G[:, m:, :m],
-            z[:, :m],
-        )
-        return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
+            rows = [lacking for k in self._rows if len(lacking := k[~known.known[k]])]
+            derivatives = self._each(
+                _differences_of,
+                lambda k: (about, known.slopes_at[k], k, slice(m), known.slopes_from[k]),
+                rows,
+            )
+            known.slopes[np.concatenate(rows), :m] = np.concatenate(derivatives)
+            known.known[:] = True
+        return self._linearized(known.slopes, known.residuals, at.weights, known.ties)
 
     def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
         """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
-        at = self._at(point, starts)
-        about = _differences(self.coordinates, point, at.weights, _WIDE, central=True)
-        derivatives = self.executor(_wide_piece, self._work, [(about, starts[k], k) for k in self._rows])
-        at.slopes.known[:] = True
-        return self.linearize(replace(at, slopes=replace(at.slopes, values=np.concatenate(derivatives))))
+        residuals = self._residuals(point, starts)
+        weights, _ = self._weighed(residuals)
+        about = _differences(self.coordinates, point, weights, _WIDE, central=True)
+        derivatives = self._each(_differences_of, lambda k: (about, starts[k], k, slice(None)))
+        return self._linearized(_with_floor(about, np.concatenate(derivatives)), residuals, weights, 0.0)
 
     def equations(self, at: WindowsIterate) -> WindowEquations:
         """Return each window's equations with the start eliminated, by wide central differences."""
-        return self.linearize_widely(at.point, at.starts).equations
+        return self.linearize_widely(at.point, at.windows.starts).equations
 
     def advance(self, at: WindowsIterate, about: Linearized, step: NDArray[np.float64]) -> WindowsIterate:
         """Return the iterate after a step (p,), with the starts settled there."""
-        ahead = at.starts + about.response @ step
-        return self._settled(at, at.point + step, np.stack([ahead, ahead + about.shift]))
+        starts, others = at.windows.starts, at.windows.others.transpose(1, 0, 2)
+        ahead = starts + about.response @ step
+        return self._settled(
+            at.point + step, at.weights, np.stack([starts, ahead, ahead + about.shift]), others
+        )
 
     def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
         """Return the same point with the best start of each window, also of those settled from random ones."""
         about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
-        pieces = [
-            (
-                about,
-                at.starts[k],
-                at.residuals[k],
-                at.slopes.values[k, -_STATES:],
-                at.others[:, k],
-                seed,
-                k,
-            )
-            for k in self._rows
-        ]
-        starts = np.concatenate(self.executor(_renewed_piece, self._work, pieces), axis=1)
-        return self._settled(replace(at, starts=starts[0], others=starts[1:]), at.point)
+        now, slopes = at.windows, at.windows.slopes[:, -_STATES:]
+        others = now.others.transpose(1, 0, 2)
+        renewed = self._each(
+            _renewed, lambda k: (about, now.starts[k], now.residuals[k], slopes[k], others[:, k], seed, k)
+        )
+        starts = np.concatenate(renewed, axis=1)
+        return self._settled(at.point, at.weights, starts[:1], starts[1:])
+
+    def _each(
+        self,
+        function: Callable[..., T],
+        arguments_of: Callable[[NDArray[np.int64]], tuple[object, ...]],
+        rows: list[NDArray[np.int64]] | None = None,
+    ) -> list[T]:
+        """Return a function of `Work` and further arguments for each piece of windows, by its rows."""
+        pieces = [(function, *arguments_of(k)) for k in (self._rows if rows is None else rows)]
+        return self.executor(_called, self._work, pieces)
 
     @cached_property
     def _work(self) -> Work:
@@ -263,66 +262,48 @@ class Balancing:
         count = len(self.windows)
         return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
 
-    def _at(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> WindowsIterate:
-        """Return the iterate at a point (p,) with starts (w, 10), without derivatives."""
+    def _residuals(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the residuals (w, 1 + k, 10) at a point (p,) with starts (w, 10)."""
         values = self.coordinates.physical(point[None])
-        pieces = [(values, starts[None, k], k) for k in self._rows]
-        parts = self.executor(_residuals_piece, self._work, pieces)
-        none = np.zeros((0, *starts.shape))
-        residuals = np.concatenate(parts, axis=1)[0]
-        unknown = np.zeros(len(starts), dtype=bool)
-        slopes = _Slopes(values=none, starts=starts, residuals=residuals, known=unknown)
-        return self._weighed(point, starts, residuals, slopes=slopes, ties=0.0, others=none)
+        return np.concatenate(self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1)[0]
 
     def _settled(
         self,
-        near: WindowsIterate,
         point: NDArray[np.float64],
-        offered: NDArray[np.float64] | None = None,
-    ) -> WindowsIterate:
-        """Return the iterate at a point (p,), its starts settled from the best of `near` and `offered` (n, w, 10)."""
-        about = _differences(self.coordinates, point, near.weights, _NARROW)
-        starts = near.starts[None] if offered is None else np.concatenate([near.starts[None], offered])
-        pieces = [(about, starts[:, k], near.others[:, k], k) for k in self._rows]
-        settled = self.executor(_settled_piece, self._work, pieces)
-        lanes, ties, others = zip(*settled, strict=True)
-        names = ("values", "starts", "residuals", "known")
-        slopes = _Slopes(
-            **{name: np.concatenate([getattr(lane.slopes, name) for lane in lanes]) for name in names}
-        )
-        return self._weighed(
-            point,
-            np.concatenate([lane.starts for lane in lanes]),
-            np.concatenate([lane.residuals for lane in lanes]),
-            slopes=slopes,
-            ties=np.concatenate(ties),
-            others=np.concatenate(others, axis=1),
-        )
-
-    def _weighed(
-        self,
-        point: NDArray[np.float64],
-        starts: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-        *,
-        slopes: _Slopes,
-        ties: NDArray[np.float64] | float,
+        weights: NDArray[np.float64],
+        offered: NDArray[np.float64],
         others: NDArray[np.float64],
     ) -> WindowsIterate:
+        """Return the iterate at a point (p,), settled from the best of the starts (n, w, 10) and others (o, w, 10)."""
+        about = _differences(self.coordinates, point, weights, _NARROW)
+        settled = Starts.joined(self._each(_settled, lambda k: (about, offered[:, k], others[:, k], k)))
+        weights, cost = self._weighed(settled.residuals)
+        return WindowsIterate(point=point, windows=settled, weights=weights, cost=cost)
+
+    def _weighed(self, residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return the weights (1 + k, 10) of residuals (w, 1 + k, 10), and their cost."""
         squares = (residuals**2).sum(axis=(0, 1))
-        by_state = self.cost.weights(squares, self.compared)
+        # the floor of the cost: for a state that nothing moves any weight will do
+        by_state = np.sqrt(self.compared / (squares + self._relative_to[1]))
         weights = np.tile(np.where(self.counted, by_state, 0.0), (residuals.shape[1], 1))
         weights[0] = by_state  # otherwise nothing would determine the start of a state that does not count
-        return WindowsIterate(
-            point=point,
-            starts=starts,
-            residuals=residuals,
-            weights=weights,
-            cost=float(self.cost(squares)),
-            slopes=slopes,
-            ties=ties,
-            others=others,
-        )
+        return weights, float(self._cost(squares))
+
+    def _linearized(
+        self,
+        slopes: NDArray[np.float64],
+        residuals: NDArray[np.float64],
+        weights: NDArray[np.float64],
+        ties: NDArray[np.float64] | float,
+    ) -> Linearized:
+        columns, size, count = np.flatnonzero(self.coordinates.free), len(self.coordinates.free), len(slopes)
+        Z, r, m = _flat(slopes, weights), _flat(residuals, weights), len(columns)
+        # so small that BLAS uses one thread, and the order of summation never changes
+        G, z = Z @ Z.transpose(0, 2, 1) + ties, (Z @ r[..., None])[..., 0]
+        H, B, g = np.zeros((count, size, size)), np.zeros((count, _STATES, size)), np.zeros((count, size))
+        H[:, columns[:, None], columns] = G[:, :m, :m]
+        B[:, :, columns], g[:, columns] = G[:, m:, :m], z[:, :m]
+        return Linearized(H=H, B=B, A=G[:, m:, m:], g=g, a=z[:, m:])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -370,34 +351,40 @@ def _differences(
     )
 
 
-@dataclass(kw_only=True, eq=False)
-class _SettlingStarts:
-    """Starts of windows while they settle; changed in place."""
-
-    rows: NDArray[np.int64]  #: (n,), the windows
-    starts: NDArray[np.float64]  #: (n, 10)
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
-    slopes: _Slopes
-
-
 def _lanes(
     work: Work,
     about: _Differences,
     starts: NDArray[np.float64],
     rows: NDArray[np.int64],
     residuals: NDArray[np.float64] | None = None,
-) -> _SettlingStarts:
+) -> Starts:
     """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals
     if here is None:
         here = work.residuals(about.values[-1:], starts[None], rows)[0]
-    values = np.zeros((len(rows), m + _STATES, *here.shape[1:]))
-    values[:, m + _ON_FLOOR :] = _differences_of(work, about, starts, rows, slice(m, None), here)
+    values = np.zeros((len(rows), m, *here.shape[1:]))
+    derivatives = _differences_of(work, about, starts, rows, slice(m, None), here)
+    values = _with_floor(about, np.concatenate([values, derivatives], axis=1))
+    return Starts(
+        rows=rows,
+        starts=starts.copy(),
+        residuals=here,
+        slopes=values,
+        slopes_at=starts.copy(),
+        slopes_from=here.copy(),
+        known=np.zeros(len(rows), dtype=bool),
+        ties=np.zeros((len(rows), m + _STATES, m + _STATES)),
+        others=np.zeros((len(rows), 0, _STATES)),
+    )
+
+
+def _with_floor(about: _Differences, derivatives: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return derivatives (w, n, 1 + k, 10) with those by the place on the floor, which moves all rows alike."""
+    m, (count, _, *shape) = about.parameters, derivatives.shape
+    of_floor = np.zeros((count, _ON_FLOOR, *shape))
     for state in range(_ON_FLOOR):
-        values[:, m + state, :, state] = 1.0
-    unknown = np.zeros(len(rows), dtype=bool)
-    slopes = _Slopes(values=values, starts=starts.copy(), residuals=here.copy(), known=unknown)
-    return _SettlingStarts(rows=rows, starts=starts.copy(), residuals=here, slopes=slopes)
+        of_floor[:, state, :, state] = 1.0
+    return np.concatenate([derivatives[:, :m], of_floor, derivatives[:, m:]], axis=1)
 
 
 def _differences_of(
@@ -408,10 +395,7 @@ def _differences_of(
     which: slice,
     behind: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Return derivatives (rows, n, 1 + k, 10) by some of the n points; zero if a prediction has no value.
-
-    `behind` are the common residuals (rows, 1 + k, 10) of one-sided differences.
-    """
+    """Return derivatives (rows, n, 1 + k, 10) by some points, with `behind` one-sided; zero without a value."""
     n = len(about.distance)
     ahead = work.residuals(about.values[:n][which], starts + about.shifts[:n][which][:, None], rows)
     if behind is None:
@@ -421,15 +405,13 @@ def _differences_of(
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
-def _complete(work: Work, about: _Differences, lanes: _SettlingStarts, rows: NDArray[np.int64]) -> None:
+def _complete(work: Work, about: _Differences, lanes: Starts, rows: NDArray[np.int64]) -> None:
     """Compute the derivatives by parameters of lanes that lack them."""
-    slopes, m = lanes.slopes, about.parameters
-    rows = rows[~slopes.known[rows]]
+    m, rows = about.parameters, rows[~lanes.known[rows]]
     if m and len(rows):
-        slopes.values[rows, :m] = _differences_of(
-            work, about, slopes.starts[rows], lanes.rows[rows], slice(m), slopes.residuals[rows]
-        )
-        slopes.known[rows] = True
+        at, before = lanes.slopes_at[rows], lanes.slopes_from[rows]
+        lanes.slopes[rows, :m] = _differences_of(work, about, at, lanes.rows[rows], slice(m), before)
+        lanes.known[rows] = True
 
 
 def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -441,46 +423,14 @@ def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
-def _residuals_piece(
-    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    return work.residuals(*piece)
-
-
-def _squares_piece(
-    work: Work, piece: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    """Return each window's squares (sets, rows, 10)."""
-    return (work.residuals(*piece) ** 2).sum(axis=2)
-
-
-def _wide_piece(
-    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    """Return slopes (rows, m + 10, 1 + k, 10) by central differences."""
-    about, starts, rows = piece
-    differences = _differences_of(work, about, starts, rows, slice(None))
-    m = about.parameters
-    slopes = np.zeros((len(rows), m + _STATES, *differences.shape[2:]))
-    slopes[:, :m], slopes[:, m + _ON_FLOOR :] = differences[:, :m], differences[:, m:]
-    for state in range(_ON_FLOOR):
-        slopes[:, m + state, :, state] = 1.0
-    return slopes
-
-
-def _by_parameters_piece(
-    work: Work, piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-) -> NDArray[np.float64]:
-    about, starts, residuals, rows = piece
-    return _differences_of(work, about, starts, rows, slice(about.parameters), residuals)
-
-
-def _settled_piece(
+def _settled(
     work: Work,
-    piece: tuple[_Differences, NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]],
-) -> tuple[_SettlingStarts, NDArray[np.float64], NDArray[np.float64]]:
-    """Return each window's start, settled from the best of those offered, its ties, and starts in other basins."""
-    about, own, others, rows = piece
+    about: _Differences,
+    own: NDArray[np.float64],
+    others: NDArray[np.float64],
+    rows: NDArray[np.int64],
+) -> Starts:
+    """Return each window's start, settled from the best of those offered, and starts in other basins."""
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
     if len(offered) > 1:
@@ -491,7 +441,9 @@ def _settled_piece(
         left = np.flatnonzero(chosen >= len(own))
         others[chosen[left] - len(own), left] = own[0, left]
     lanes = _lanes(work, about, starts, rows, residuals)
-    return lanes, _settle(work, about, lanes), others
+    lanes.others = others.transpose(1, 0, 2)
+    _settle(work, about, lanes)
+    return lanes
 
 
 #: a start has settled if a step promises less, in variances of a residual; steps at most
@@ -503,18 +455,15 @@ _HOLDS, _STRAIGHT = 0.5, 0.9
 _TIE = 1e6
 
 
-def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[np.float64]:
-    """Move each lane to the least cost over its start, and return the ties (n, m + 10, m + 10).
-
-    Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
-    the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
-    the latter case.
-    """
-    m, W = about.parameters, about.weights
-    ties = np.zeros((len(lanes.rows), m + _STATES, m + _STATES))
+def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
+    """Move each lane to the least cost over its start."""
+    # Each round tries the Gauss-Newton step of the start. If it gains less than predicted, there is a kink on the way:
+    # the slopes at both ends locate it, and the start goes to the better of the step's end and the kink, with a tie in
+    # the latter case.
+    m, W, ties = about.parameters, about.weights, lanes.ties
     active = np.arange(len(lanes.rows))
     for _ in range(_ROUNDS):
-        S, r = _flat(lanes.slopes.values[active, m:], W), _flat(lanes.residuals[active], W)
+        S, r = _flat(lanes.slopes[active, m:], W), _flat(lanes.residuals[active], W)
         A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
         own, A = A, A + ties[active][:, m:, m:]
         shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
@@ -532,17 +481,13 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         if straight.all():
             continue
         turned = np.flatnonzero(unsettled)[~straight]
-        active, shift, promised, before = (
-            active[~straight],
-            shift[~straight],
-            promised[~straight],
-            before[~straight],
-        )
+        active, shift = active[~straight], shift[~straight]
+        promised, before = promised[~straight], before[~straight]
         r, own, A, a = r[turned], own[turned], A[turned], a[turned]
         ahead = _lanes(work, about, lanes.starts[active] + shift, lanes.rows[active])
         _complete(work, about, lanes, active)
         _complete(work, about, ahead, np.arange(len(active)))
-        Z, Z_ahead = _flat(lanes.slopes.values[active], W), _flat(ahead.slopes.values, W)
+        Z, Z_ahead = _flat(lanes.slopes[active], W), _flat(ahead.slopes, W)
         r_ahead = _flat(ahead.residuals, W)
         normal, distance = _kink(Z, Z_ahead, r_ahead - r, shift)
         n = normal[:, m:]
@@ -557,7 +502,7 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
         passed, kept = active[holds], active[~holds]
         lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
-        lanes.slopes.put(passed, ahead.slopes, holds)
+        lanes.take_slopes(passed, ahead, holds)
         ties[passed] = 0.0
         # earlier ties were at the right kinks only if the gain on this one is the expected one
         expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
@@ -566,7 +511,6 @@ def _settle(work: Work, about: _Differences, lanes: _SettlingStarts) -> NDArray[
         ties[kept] += ((weight * normal)[:, :, None] * normal[:, None])[~holds]
         nearer = ~holds & (gain_on_kink > 0.0)
         lanes.starts[active[nearer]], lanes.residuals[active[nearer]] = on_kink[nearer], residuals[nearer]
-    return ties
 
 
 def _kink(
@@ -575,17 +519,8 @@ def _kink(
     change: NDArray[np.float64],
     shift: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,).
-
-    The jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n.
-
-    Parameters
-    ----------
-    Z, ahead : ndarray (n, m + 10, K)
-        Weighted slopes at the starts and after the shifts (n, 10).
-    change : ndarray (n, K)
-        Change of the weighted residuals.
-    """
+    """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,)."""
+    # the jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n
     m = Z.shape[1] - _STATES
     lengths = np.maximum(np.sqrt((Z**2).sum(axis=2)), 1e-9)
     jump = (ahead - Z) / lengths[:, :, None]
@@ -615,20 +550,17 @@ _OTHERS = 2
 _APART, _BETTER = 0.02, 0.01
 
 
-def _renewed_piece(
+def _renewed(
     work: Work,
-    piece: tuple[
-        _Differences,
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.float64],
-        int,
-        NDArray[np.int64],
-    ],
+    about: _Differences,
+    starts: NDArray[np.float64],
+    residuals: NDArray[np.float64],
+    slopes: NDArray[np.float64],
+    others: NDArray[np.float64],
+    seed: int,
+    rows: NDArray[np.int64],
 ) -> NDArray[np.float64]:
     """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
-    about, starts, residuals, slopes, others, seed, rows = piece
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
     spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
@@ -650,9 +582,8 @@ def _renewed_piece(
     promising = np.argsort(np.where(apart, there, np.inf), axis=0, kind="stable")[:_PROMISING]
     chosen = np.concatenate([least, promising])
     sets, windows = np.nonzero(np.take_along_axis(apart, chosen, axis=0))
-    best = [
-        [(float(squares) - _BETTER, start)] for squares, start in zip((r**2).sum(axis=1), starts, strict=True)
-    ]
+    now = (r**2).sum(axis=1) - _BETTER
+    best = [[(float(square), start)] for square, start in zip(now, starts, strict=True)]
     if len(windows):
         which = chosen[sets, windows]
         lanes = _lanes(work, about, offered[which, windows], rows[windows], predicted[which, windows])
@@ -661,9 +592,8 @@ def _renewed_piece(
         for window, square, start in zip(windows, squares, lanes.starts, strict=True):
             if all(abs(square - known) > _APART for known, _ in best[window]):
                 best[window].append((float(square), start))
-    kept = [sorted(known_starts, key=lambda square: square[0])[: 1 + _OTHERS] for known_starts in best]
-    filled = [
-        [start for _, start in known_starts] + [known_starts[0][1]] * (1 + _OTHERS - len(known_starts))
-        for known_starts in kept
-    ]
-    return np.array(filled).transpose(1, 0, 2)
+    kept = []
+    for known in best:
+        ordered = [start for _, start in sorted(known, key=lambda square: square[0])]
+        kept.append((ordered + [ordered[0]] * _OTHERS)[: 1 + _OTHERS])
+    return np.array(kept).transpose(1, 0, 2)

@@ -2,10 +2,9 @@
 
     J dx/dt = A^T (g u - b w - c sgn w),   w = A x,   one gain g, b and c a wheel
 
-with the ball's angular velocity x is integrated over pieces of 0.1 s and fitted, so that nothing is differentiated. A
-free wheel is an axis (`ballbot.identification.axis`) whose gain is the inertia in the file over that of the inverse
-model. Gains of 1 show that torques, axes and units are right; other gains are reported with their usual causes. Logged
-encoders check the axes and the unit of the ball's angular velocity.
+with the ball's angular velocity x is integrated over pieces of 0.1 s and fitted. A free wheel is an axis whose gain is
+the inertia in the file over that of the inverse model. Gains of 1 show that torques, axes and units are right; other
+gains are reported with their usual causes.
 """
 
 from __future__ import annotations
@@ -42,10 +41,7 @@ _FROZEN, _FROZEN_ROWS = 0.25, 20
 
 
 def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]:
-    """Return findings on the sweeps of all wheels of a robot.
-
-    InputError if a sweep has too few rows, or does not determine the inertia.
-    """
+    """Return findings on the sweeps of all wheels; InputError if one does not determine the inertia."""
     names = wheel_speed_names(len(sweeps))
     moving = [np.where(np.abs(sweep.speed) < LIMITED * sweep.limit, sweep.speed, 0.0) for sweep in sweeps]
     findings = [
@@ -55,35 +51,28 @@ def sweep_findings(robot: Robot, sweeps: Sequence[Sweep]) -> tuple[Finding, ...]
     ]
     if findings:
         return tuple(findings)
-    gains, explained = [], []
-    for sweep in sweeps:
-        gain, share = 0.0, 0.0  # for a wheel that does not turn
-        if np.any(sweep.speed):
-            motion = motion_of(sweep.record())
-            inverse = inverse_model([motion], AxisModel(law="coulomb"))
-            share = max(inverse.explained, 0.0)
-            # without relation between torque and motion there is no gain
-            gain = sweep.inertia / inverse.values["mass"] if share >= _EXPLAINED else 0.0
-        gains.append(gain)
-        explained.append(share)
-    return tuple(_of_torques(robot, gains, float(np.mean(explained)), names))
+    gains, explained = np.zeros(len(sweeps)), np.zeros(len(sweeps))
+    for i in np.flatnonzero([np.any(sweep.speed) for sweep in sweeps]).tolist():
+        inverse = inverse_model([motion_of(sweeps[i].record())], AxisModel(law="coulomb"))
+        explained[i] = max(inverse.explained, 0.0)
+        # without relation between torque and motion there is no gain
+        if explained[i] >= _EXPLAINED:
+            gains[i] = sweeps[i].inertia / inverse.values["mass"]
+    return tuple(_of_torques(robot, gains.tolist(), float(np.mean(explained)), names))
 
 
 def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
-    """Return findings on a log of the ball on the clamped robot.
-
-    It has ball_omega_x, _y, _z. With u1 .. un the torques are checked, and with wheel speeds or angles the axes.
-    """
-    findings, names, ball = (
-        encoder_findings(robot, log),
-        torque_names(robot.wheel_count),
-        ClampedBall.of_robot(robot),
-    )
+    """Return findings on a log with ball_omega_x, _y, _z: on its torques, and on wheel speeds or angles."""
+    findings, names = encoder_findings(robot, log), torque_names(robot.wheel_count)
+    ball = ClampedBall.of_robot(robot)
     if findings or not all(name in log for name in names):
         return findings
     omega, torques = (np.column_stack([log[name] for name in group]) for group in (BALL_NAMES, names))
-    rows, h = _pieces(omega, torques, log.sample_time), log.sample_time
-    if len(rows) < _LEAST_PIECES:
+    h = log.sample_time
+    length = max(2, round(_PIECE / h))
+    rows = np.arange(0, len(omega) - length, length)[:, None] + np.arange(length + 1)
+    rows = rows[np.isfinite(np.concatenate([omega[rows], torques[rows]], axis=2)).all(axis=(1, 2))]
+    if len(rows) < _LEAST_PIECES or not (np.any(torques) and np.any(omega)):
         return findings
     x, u = omega[rows], torques[rows]
     w = x[:, :-1] @ ball.A.T
@@ -146,14 +135,6 @@ def encoder_findings(
             "azimuths that differ from the robot file."
         )
     return (*frozen, error("ball-omega", text, *BALL_NAMES, *wheel_speed_names(len(A))))
-
-
-def _pieces(x: NDArray[np.float64], u: NDArray[np.float64], h: float) -> NDArray[np.int64]:
-    """Return the rows (k, m) of pieces without a missing value; no pieces if nothing moves."""
-    rows = max(2, round(_PIECE / h))
-    within = np.arange(0, len(x) - rows, rows)[:, None] + np.arange(rows + 1)
-    complete = np.isfinite(np.concatenate([x[within], u[within]], axis=2)).all(axis=(1, 2))
-    return within[complete & bool(np.any(u) and np.any(x))]
 
 
 def _of_torques(

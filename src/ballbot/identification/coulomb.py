@@ -1,15 +1,13 @@
 """An equivalent Coulomb friction, to compare logs and robots whose friction law has a Stribeck part.
 
-Balancing logs hardly separate c, the dry friction at high speed, from s, which adds to it at low speed: their errors
-compensate each other, and over ten logs of the nominal twin c alone varied by 24 to 38 %. What a log determines is the
-curve at the speeds driven. So the identified dry friction c + s E(w) is replaced by the straight line c_e + a w that is
-closest to it in least squares from rest to the speed W, the 95 % quantile of the log's speeds. Its value at rest c_e
-corresponds to the Coulomb friction of a law without Stribeck part. With x = w / W from 0 to 1,
+Balancing logs hardly separate c from s, whose errors compensate each other. What a log determines is the curve at the
+speeds driven. So the dry friction c + s E(w) is replaced by the straight line c_e + a w that is closest to it in least
+squares from rest to the speed W, the 95 % quantile of the log's speeds. With x = w / W from 0 to 1,
 
     c_e = c + s (4 A - 6 B)        A = int E dx,  B = int x E dx        E = exp(-|W x / v_s|^delta)
 
-The standard error follows from those of c, s, v_s and delta and their correlations. W and
-parameters without a standard error, such as v_s or delta at a bound, count as exact.
+The standard error follows from those of c, s, v_s and delta and their correlations. W and parameters without a standard
+error, such as v_s or delta at a bound, count as exact.
 """
 
 from __future__ import annotations
@@ -43,9 +41,7 @@ class CoulombEquivalent:
     standard_errors: NDArray[np.float64]  #: (n,) [N m]; NaN if c has none
     speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
     coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
-    coulomb_errors: NDArray[np.float64] = field(
-        metadata=left_out
-    )  #: its standard errors (n,) [N m], found likewise
+    coulomb_errors: NDArray[np.float64] = field(metadata=left_out)  #: its errors (n,) [N m]
 
     @reported
     def compared(self) -> Literal["c", "c_e"]:
@@ -88,17 +84,15 @@ def coulomb_equivalent(
         return (dry * (4.0 - 6.0 * x)).mean(axis=1)
 
     C = np.nan_to_num(covariance)
-    moved = np.flatnonzero(C.diagonal() > 0.0)
-    steps = _STEP * np.maximum(np.abs(values), 1e-6)
-    G = np.zeros((n, len(values)))
-    for i in moved:
+    steps, G = _STEP * np.maximum(np.abs(values), 1e-6), np.zeros((n, len(values)))
+    for i in np.flatnonzero(C.diagonal() > 0.0):
         step = steps[i] * np.eye(len(values))[i]
         G[:, i] = (at(values + step) - at(values - step)) / (2.0 * steps[i])
-    variances = np.einsum("ki,ij,kj->k", G, C, G, optimize=False)
+    errors = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", G, C, G, optimize=False), 0.0))
     own = np.sqrt(covariance.diagonal()[n : 2 * n])
     return CoulombEquivalent(
         values=at(values),
-        standard_errors=np.where(np.isfinite(own), np.sqrt(np.maximum(variances, 0.0)), np.nan),
+        standard_errors=np.where(np.isfinite(own), errors, np.nan),
         speeds=speeds,
         coulomb=values[n : 2 * n],
         coulomb_errors=own,

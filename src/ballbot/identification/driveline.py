@@ -2,16 +2,15 @@
 
     (j_w + j_r) w_dot = u - offset - (b w + (c + s exp(-|w/v_s|)) sgn(w))
 
-`ballbot.identification.axis` identifies it from torque and angle. Rows at the supply's speed limit are left out as
-gaps, because the recorded torque does not act there. The exponent delta of the thesis is 1: a sweep passes the low
-speeds in a few tenths of a second, and does not separate delta from s and v_s.
+Rows at the supply's speed limit are left out as gaps, because the recorded torque does not act there. The exponent
+delta of the thesis is 1: a sweep passes the low speeds in a few tenths of a second, and does not separate it from s and
+v_s.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +19,18 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import correlation
-from ballbot.identification.agreement import StageEstimate
 from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis, record_of_rows
 from ballbot.identification.axis.model import Axis
 from ballbot.identification.axis.record import LEAST_ROWS
 from ballbot.identification.quantities import BY_NAME
+from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
-from ballbot.summary import Summary, estimated, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, summarized
 
 #: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
@@ -51,10 +47,7 @@ _LARGEST_JUMP = 0.5
 
 
 def check_wheels_free(log: Log) -> None:
-    """Raise InputError if the robot balances, or has the ball on its wheels.
-
-    A log without lean and ball angular velocity passes.
-    """
+    """Raise InputError if the robot balances, or has the ball on its wheels, as far as the log shows it."""
     known = {name: log[name][np.isfinite(log[name])] for name in ("theta", "phi", *BALL_NAMES) if name in log}
     for name, values in known.items():
         if name in BALL_NAMES and values.any():
@@ -90,12 +83,11 @@ class Sweep:
         """[s]"""
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
 
-    def pieces(self) -> list[tuple[int, int]]:
-        """Return the first row and the row after the last of each piece without speed limit."""
+    def pieces(self) -> NDArray[np.int64]:
+        """Return the first row and the row after the last (k, 2) of each piece without speed limit."""
         free = np.abs(self.speed) < LIMITED * self.limit
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]])))
-        shortest = _SHORTEST_PIECE / self.sample_time
-        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= shortest]
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]))).reshape(-1, 2)
+        return edges[np.diff(edges, axis=1)[:, 0] >= _SHORTEST_PIECE / self.sample_time]
 
     def record(self) -> AxisRecord:
         """Return these pieces as a record of an axis; InputError if they are too short."""
@@ -159,8 +151,8 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class DrivelineFit:
-    """One driveline's friction."""
+class DrivelineFit(Plotted):
+    """One driveline's friction; `plot()` shows it over speed."""
 
     wheel: int  #: from 1
     values: NDArray[np.float64]  #: (4,) b, c, s, v_s
@@ -180,19 +172,15 @@ class DrivelineFit:
 
     def summary(self) -> Summary:
         """Return each parameter with its standard error, and the speed error with friction and without."""
-        numbers = zip(QUANTITIES, self.values, self.standard_errors, strict=True)
         rows = [
-            (quantity.symbol, estimated(value, error, quantity.unit)) for quantity, value, error in numbers
+            (quantity.symbol, estimated(value, error, quantity.unit))
+            for quantity, value, error in zip(QUANTITIES, self.values, self.standard_errors, strict=True)
         ]
         errors = f"{self.rmse:.3g} rad/s RMS; without friction {self.rmse_without:.3g}"
         return Summary(
             title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
             rows=(*rows, ("error of the speed", errors)),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the friction over speed."""
-        return plotted(self)
 
 
 def classical(values: NDArray[np.float64]) -> Classical:
@@ -225,7 +213,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     values, errors, halves = (np.array(list(table.values()))[rows] for table in tables)
     # a robot file has no constant torque
     axis = Axis(values={**best.values, "mass": sweep.inertia, "offset": 0.0})
-    firsts, ends = np.array(sweep.pieces(), dtype=np.int64).T.copy()
+    firsts, ends = sweep.pieces().T.copy()
     starts = np.column_stack([np.zeros(len(firsts)), sweep.speed[firsts]])
     states = axis.windows(sweep.torque, sweep.sample_time, firsts, ends - firsts - 1, starts)
     predicted = np.full(len(sweep.t), np.nan)
@@ -255,8 +243,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
 def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -> Robot:
     """Return the robot with the friction of its drivelines, with standard deviations and correlations.
 
-    `estimate` has b, c and s of each wheel, and v_s (3 n + 1), which is NaN if no wheel has s; `source` states the
-    origin.
+    `estimate` has b, c and s of each wheel, and v_s (3 n + 1), which is NaN if no wheel has s.
     """
     own, known = robot.friction, bool(np.isfinite(estimate.values[-1]))
     empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)

@@ -1,21 +1,18 @@
 """Checks of logs before identification: whether they excite the parameters, and show effects outside the model.
 
-A log without motion or torque is refused. Otherwise, parameters that the logs do not determine get no value. They still
-take part in the fit, because a wheel that friction holds throughout has friction.
+Parameters that the logs do not determine get no value. They still take part in the fit, because a wheel that friction
+holds throughout has friction.
 
-Chatter. A model without play predicts wheels that oscillate within the gearbox's play wrongly, and more so with
-friction. A stiff gain makes motors cross the play, strike, and turn back before ball and body have followed. The sign
-of the friction then follows the motor and averages out over an oscillation, whereas a model with motor and wheel fixed
-to each other holds the ball by c + s. On such windows friction from other logs predicts the lean worse than no
-friction, and a fit to them alone gives none.
+Chatter. A stiff gain makes motors cross the gearbox's play, strike, and turn back before ball and body have followed.
+The sign of the friction then follows the motor, whereas a model without play holds the ball by c + s: friction from
+other logs predicts such windows worse than no friction, and a fit to them alone gives none.
 
-Pivoting. Equal speeds of all wheels turn the body against the ball, and show psi_dot less the ball's spin. That is
-psi_dot if the ball does not pivot, and a share of it if the ball turns along on a smooth floor,
+Pivoting. Equal speeds of all wheels turn the body against the ball, and show psi_dot less the ball's spin:
 
     share = sum (psi_dot - spin) psi_dot / sum psi_dot^2            over means of a tenth of a second
 
-(0.2 and 0.5 on two logs of a course's robot, 0.99 on a physics engine's). A model without pivoting then explains the
-heading by its other parameters, mainly by rolling friction.
+is 1 if the ball does not pivot (0.2 and 0.5 on two logs of a robot on a smooth floor). A model without pivoting then
+explains the heading by its other parameters, mainly by rolling friction.
 """
 
 from __future__ import annotations
@@ -29,12 +26,13 @@ from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
+from ballbot.identification.prediction import ball_spin
 from ballbot.identification.quantities import BY_NAME, Coordinates
-from ballbot.identification.windows import Windows, ball_spin
+from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import turning_points
-from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.summary import counted
@@ -87,10 +85,7 @@ class Identifiability:
 
 
 def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Identifiability:
-    """Return the parameters that the logs cannot determine.
-
-    InputError if no wheel turns in enough windows, no torque is ever applied, or no free parameter can be determined.
-    """
+    """Return the parameters that the logs cannot determine; InputError if they determine none."""
     if not np.any(windows.torques):
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
@@ -144,11 +139,8 @@ def _reasons(
         columns = [STATE_NAMES.index(state) for state in states]
         motion = float(np.sqrt((windows.measured[..., columns] ** 2).mean()))
         if motion < least:
-            yield (
-                (name,),
-                0,
-                f"For {name}, {words} ({motion:.2g} {unit} root mean square; {least:g} are needed)",
-            )
+            text = f"For {name}, {words} ({motion:.2g} {unit} root mean square; {least:g} are needed)"
+            yield (name,), 0, text
 
 
 #: length of an oscillation within the play, over the play: an impact at its end turns the wheel a little
@@ -174,11 +166,12 @@ def chatter_findings(log: Log, robot: Robot, name: str) -> list[Finding]:
     share = float(rows[within].sum() / rows.sum())
     if not share > CHATTER:
         return []
+    oscillation, of_gears = math.degrees(np.median(lengths[within])), math.degrees(play)
     text = (
-        f"In {name} the wheels oscillate by {math.degrees(np.median(lengths[within])):.1f} deg for {100 * share:.0f} % "
-        f"of the time, within the gearbox's play of {math.degrees(play):.1f} deg: the motors "
-        "hit the stops while ball and body hardly follow. The model has no play, so friction makes its predictions of "
-        "such logs worse, mainly those of the lean. Validate friction on logs of a softer gain."
+        f"In {name} the wheels oscillate by {oscillation:.1f} deg for {100 * share:.0f} % of the time, within the "
+        f"gearbox's play of {of_gears:.1f} deg: the motors hit the stops while ball and body hardly follow. The model "
+        "has no play, so friction makes its predictions of such logs worse, mainly those of the lean. Validate "
+        "friction on logs of a softer gain."
     )
     return [warning("chatter", text)]
 
@@ -210,10 +203,7 @@ def share_shown(log: Log, robot: Robot) -> float | None:
 def heading_findings(
     shares: Sequence[float | None], *, excluded_states: Sequence[str], estimated: Sequence[str]
 ) -> list[Finding]:
-    """Return a warning if the ball pivots in some log, with what was done about it or can be done.
-
-    `shares` has the result of `share_shown` for each log.
-    """
+    """Return a warning if the ball pivots in some log by `share_shown`, with what was or can be done about it."""
     few = [share for share in shares if share is not None and SMALLEST_SHARE < share < LARGEST_SHARE]
     if not few:
         return []

@@ -16,14 +16,11 @@ on the cameras' frame; an error of e in `up`, the mean upright axis, changes the
     wheel angle_i = a_i . ( rolling / r_w - share (r_b / r_w) turning ) + pivoting
 
 Pivoting of the ball and the heading of the body add the same angle to every wheel and are removed from the windows.
-Play and rollers are half as large as the lean, so the `share` of the turning that encoders show is estimated.
+Play and rollers are half as large as the lean, so the `share` of the turning that encoders show is estimated. Both
+kinds of logs together give each radius.
 
-Both kinds of logs together give each radius:
-
-    r_w = (r_w / cos alpha) cos alpha        r_b = (r_b / r_w) r_w
-
-Standard errors are from the delta method, with independent kinds of logs. They do not include the few tenths of a
-percent by which rollers slip and the ball deforms; `SLIP` and `SLIP_ANGLE` bound these.
+Standard errors do not include the few tenths of a percent by which rollers slip and the ball deforms; `SLIP` and
+`SLIP_ANGLE` bound these.
 """
 
 from __future__ import annotations
@@ -42,7 +39,7 @@ from ballbot.findings import Finding, note
 from ballbot.fitting.experiment import BlockErrors, residuals_without_states
 from ballbot.fitting.fit import Fit, fit
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.driveline import BALL_NAMES
 from ballbot.identification.turning import (
     GYRO_NAMES,
@@ -74,10 +71,7 @@ _LEAST_SHARE = 0.5
 def _increments(
     totals: Sequence[tuple[Log, tuple[NDArray[np.float64], ...]]], *, window: float
 ) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
-    """Return the increments (w, .) of logs' running totals (N, .) over windows, end to end, and their clusters (w,).
-
-    Windows with a missing value or row are left out. InputError if a window [s] is shorter than two samples.
-    """
+    """Return increments (w, .) of running totals (N, .) over complete windows, end to end, and their clusters (w,)."""
     increments, clusters = [], []
     for number, (log, columns) in enumerate(totals):
         samples = round(window / log.sample_time)
@@ -105,8 +99,7 @@ class MocapRun:
     """A balancing run: its log, the ball's rolling from cameras, and the alignment of the two."""
 
     log: Log
-    #: in the body frame, on the cameras' clock, totals in metres; missing while the robot falls
-    rolling: Turning
+    rolling: Turning  #: [m], in the body frame, on the cameras' clock; missing while the robot falls
     motion: MotionFit  #: its `body_marker` rotates the body frame to the IMU's
 
 
@@ -167,8 +160,7 @@ class GeometryQuantity:
     standard_error: float
     in_file: float  #: value in the robot's file, or one that follows from it
     unit: str  #: "m", "rad", "s" or "1"
-    #: of its logs: "upside down", "balancing" or "both"
-    kind: str = field(metadata=key("from"))
+    kind: str = field(metadata=key("from"))  #: "upside down", "balancing" or "both"
 
     @reported
     def deviation(self) -> float:
@@ -182,13 +174,12 @@ class GeometryQuantity:
 
     def stands_out(self, turn: float = 0.0) -> bool:
         """Return whether the file differs beyond noise and slip, except for a common `turn` of azimuths."""
-        off = abs(self.in_file - self.value + turn)
-        return off > max(CLEAR * self.standard_error, self.slip)
+        return abs(self.in_file - self.value + turn) > max(CLEAR * self.standard_error, self.slip)
 
 
-def _azimuths(robot: Robot) -> list[Parameter]:
+def _azimuths(robot: Robot) -> list[FitParameter]:
     return [
-        Parameter.about(f"wheels.azimuths[{i}]", azimuth, "rad", within=0.5 * math.pi)
+        FitParameter.about(f"wheels.azimuths[{i}]", azimuth, "rad", within=0.5 * math.pi)
         for i, azimuth in enumerate(robot.wheels.azimuths)
     ]
 
@@ -201,7 +192,7 @@ _LARGEST_CONDITION = 1e10
 
 def _fitted(
     kind: str,
-    parameters: Sequence[Parameter],
+    parameters: Sequence[FitParameter],
     residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     clusters: NDArray[np.int64],
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
@@ -225,11 +216,9 @@ def _fitted(
     if not result.estimated.all() or condition > _LARGEST_CONDITION:
         raise InputError(_UNDETERMINED[kind])
     numbers = zip(parameters, result.values.tolist(), result.errors.tolist(), strict=True)
-    quantities = [
-        GeometryQuantity(parameter.name, value, error, parameter.default, parameter.unit, kind)
-        for parameter, value, error in numbers
-    ]
-    return quantities, result
+    return [
+        GeometryQuantity(p.name, value, error, p.default, p.unit, kind) for p, value, error in numbers
+    ], result
 
 
 #: length of a window [s]
@@ -239,12 +228,19 @@ ROLLING_WINDOW, UPSIDE_DOWN_WINDOW = 0.5, 0.25
 def _of_rolling(
     robot: Robot, runs: Sequence[MocapRun], leaning: float
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
-    """Identify r_w / cos(tilt), the azimuths, the share of the leaning seen and the delay of the encoders.
-
-    The share is relative to `leaning`, (r_b / r_w) cos(tilt), the wheel angle for an angle of lean.
-    """
-    n = robot.wheel_count
-    totals = [(run.log, _rolling_totals(run, n)) for run in runs]
+    """Identify r_w / cos(tilt), the azimuths, the share of `leaning`, (r_b / r_w) cos(tilt), seen, and the delay."""
+    n, totals = robot.wheel_count, []
+    for run in runs:
+        log, rolling, motion = run.log, run.rolling, run.motion
+        angles, gyro = (
+            np.column_stack([log[name] for name in names]) for names in (wheel_angle_names(n), GYRO_NAMES)
+        )
+        turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)[:, :2]
+        t = motion.clock.to_cameras(log.t)
+        known = rolling.covers(t - 0.05, t + 0.05) & np.isfinite(gyro).all(axis=1)
+        rolled = np.where(known[:, None], rolling.over(np.full(len(t), rolling.t[0]), t)[:, :2], np.nan)
+        rate = rolling.over(t - 0.02, t + 0.02)[:, :2] / 0.04  # [m/s] over 40 ms
+        totals.append((log, (angles, rolled, turning, rate)))
     (wheels, rolls, turns, speeds), clusters = _increments(totals, window=ROLLING_WINDOW)
     wheels = wheels - wheels.mean(axis=1, keepdims=True)
 
@@ -256,32 +252,19 @@ def _of_rolling(
 
     length = robot.wheels.radius / math.cos(robot.wheels.tilt)
     parameters = [
-        Parameter.about("wheels.radius / cos(wheels.tilt)", length, "m", factor=2.0),
+        FitParameter.about("wheels.radius / cos(wheels.tilt)", length, "m", factor=2.0),
         *_azimuths(robot),
-        Parameter.about("leaning seen", 1.0, "1", within=2.0),
-        Parameter.about("delay of the encoders", 0.0, "s", within=0.5),
+        FitParameter.about("leaning seen", 1.0, "1", within=2.0),
+        FitParameter.about("delay of the encoders", 0.0, "s", within=0.5),
     ]
     return _fitted(BALANCING, parameters, residuals, clusters)
-
-
-def _rolling_totals(run: MocapRun, wheel_count: int) -> tuple[NDArray[np.float64], ...]:
-    """Return wheel angles, horizontal rolling and turning, and the rate of rolling, at a log's rows (N, .)."""
-    log, rolling, motion = run.log, run.rolling, run.motion
-    angles = np.column_stack([log[name] for name in wheel_angle_names(wheel_count)])
-    gyro = np.column_stack([log[name] for name in GYRO_NAMES])
-    turning = motion.body_marker.inv().apply(Turning.of_rates(log.t, gyro - motion.bias).total)
-    t = motion.clock.to_cameras(log.t)
-    known = rolling.covers(t - 0.05, t + 0.05) & np.isfinite(gyro).all(axis=1)
-    rolled = rolling.over(np.full(len(t), rolling.t[0]), t)[:, :2]
-    rate = rolling.over(t - 0.02, t + 0.02)[:, :2] / 0.04  # [m/s] over 40 ms
-    return angles, np.where(known[:, None], rolled, np.nan), turning[:, :2], rate
 
 
 def _of_upside_down(
     robot: Robot, logs: Sequence[Log]
 ) -> tuple[list[GeometryQuantity], list[GeometryQuantity], Fit[BlockErrors]]:
     """Identify r_b / r_w, tilt, azimuths, the camera's tilt and delay, and r_b / r_w of each wheel by itself."""
-    n = robot.wheel_count
+    n, ratio = robot.wheel_count, robot.ball.radius / robot.wheels.radius
     totals = []
     for log in logs:
         angles, omega = (
@@ -295,14 +278,12 @@ def _of_upside_down(
         return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axles(p[2 : 2 + n], p[1]).T
 
     parameters = [
-        Parameter.about(
-            "ball.radius / wheels.radius", robot.ball.radius / robot.wheels.radius, "1", factor=2.0
-        ),
-        Parameter.about("wheels.tilt", robot.wheels.tilt, "rad", within=0.5),
+        FitParameter.about("ball.radius / wheels.radius", ratio, "1", factor=2.0),
+        FitParameter.about("wheels.tilt", robot.wheels.tilt, "rad", within=0.5),
         *_azimuths(robot),
-        Parameter.about("camera tilt about x", 0.0, "rad", within=1.0),
-        Parameter.about("camera tilt about y", 0.0, "rad", within=1.0),
-        Parameter.about("camera delay", 0.0, "s", within=0.5),
+        FitParameter.about("camera tilt about x", 0.0, "rad", within=1.0),
+        FitParameter.about("camera tilt about y", 0.0, "rad", within=1.0),
+        FitParameter.about("camera delay", 0.0, "s", within=0.5),
     ]
     quantities, common_fit = _fitted(UPSIDE_DOWN, parameters, residuals, clusters)
     # without assuming a wheel's direction: the length of its row of G (n, 3) in wheels = turns G^T
@@ -321,8 +302,7 @@ class Geometry:
     """A robot's geometry from its logs."""
 
     measured: tuple[GeometryQuantity, ...]
-    #: r_b / r_w of each wheel by itself; empty without logs upside down
-    wheel_ratios: tuple[GeometryQuantity, ...] = ()
+    wheel_ratios: tuple[GeometryQuantity, ...] = ()  #: r_b / r_w of each by itself
     #: delay of the camera upside down [s], and the share of the lean that the encoders show; play hides the rest
     others: tuple[GeometryQuantity, ...] = ()
 
@@ -388,12 +368,11 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
-    stages = ["fitting the logs upside down"] if upside_down else []
-    stages += (
-        [*("aligning the motion capture" for _ in balancing), "fitting the balancing logs"]
-        if balancing
-        else []
-    )
+    stages = [
+        *(["fitting the logs upside down"] if upside_down else []),
+        *(["aligning the motion capture"] * len(balancing)),
+        *(["fitting the balancing logs"] if balancing else []),
+    ]
     steps = (Progress(stage=stage, done=k, total=len(stages)) for k, stage in enumerate(stages))
     leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
     measured, ratios, runs = list[GeometryQuantity](), list[GeometryQuantity](), list[MocapRun]()
@@ -424,16 +403,16 @@ _OTHERS = ("camera delay", "leaning seen")
 
 
 def _of_both(robot: Robot, on_wheels: Fit[BlockErrors], rolling: Fit[BlockErrors]) -> list[GeometryQuantity]:
-    """Return both radii, r_w = length cos(tilt) and r_b = ratio r_w."""
+    """Return both radii, r_w = length cos(tilt) and r_b = ratio r_w, by the delta method."""
     ratio, tilt, length = (*on_wheels.values[:2].tolist(), float(rolling.values[0]))
     c, s = math.cos(tilt), math.sin(tilt)
     covariance = block_diag(on_wheels.covariance[:2, :2], rolling.errors[0] ** 2)
     # derivatives by ratio, tilt and length
     J = np.array([[0.0, -length * s, c], [length * c, -ratio * length * s, ratio * c]])
-    errors = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
+    wheel, ball = np.sqrt(np.diag(J @ covariance @ J.T)).tolist()
     return [
-        GeometryQuantity("wheels.radius", length * c, errors[0], robot.wheels.radius, "m", BOTH),
-        GeometryQuantity("ball.radius", ratio * length * c, errors[1], robot.ball.radius, "m", BOTH),
+        GeometryQuantity("wheels.radius", length * c, wheel, robot.wheels.radius, "m", BOTH),
+        GeometryQuantity("ball.radius", ratio * length * c, ball, robot.ball.radius, "m", BOTH),
     ]
 
 
@@ -459,19 +438,16 @@ def robot_with_geometry(robot: Robot, geometry: Geometry) -> Robot:
     >>> robot_with_geometry(Robot.load("alten"), Geometry(measured=(radius,))).wheels.radius
     0.0635
     """
-    by_name = {
-        quantity.name: [quantity] for quantity in reversed(geometry.measured)
-    }  # the first of a name counts
-    by_name["wheels.azimuths"] = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
     values, sources, deviations = dict[str, Value](), dict(robot.sources), dict(robot.standard_deviations)
+    azimuths = geometry.azimuths(UPSIDE_DOWN) or geometry.azimuths(BALANCING)
     for name in ("ball.radius", "wheels.radius", "wheels.tilt", "wheels.azimuths"):
-        if quantities := by_name.get(name):
+        of_all, single = name == "wheels.azimuths", [q for q in geometry.measured if q.name == name][:1]
+        if quantities := azimuths if of_all else single:
             rounded = float if name.endswith("radius") else _in_degrees
-            azimuths = name == "wheels.azimuths"
-            turn = common_turn(quantities) if azimuths else 0.0
+            turn = common_turn(quantities) if of_all else 0.0
             numbers = tuple(rounded(q.value - turn) for q in quantities)
             sizes = tuple(rounded(math.hypot(q.standard_error, q.slip)) for q in quantities)
-            values[name], deviations[name] = (numbers, sizes) if azimuths else (numbers[0], sizes[0])
+            values[name], deviations[name] = (numbers, sizes) if of_all else (numbers[0], sizes[0])
             sources[name] = f"identified: geometry from logs ({quantities[0].kind})"
     return robot.replace(values).annotated(sources=sources, standard_deviations=deviations)
 
@@ -485,46 +461,40 @@ _AGREES = (
     "The file agrees with the logs: no value differs by more than "
     "three standard errors and by more than slip and rollers can cause."
 )
-_NO_BALANCING = (
-    "Each radius by itself and the mounting of the IMU need a balancing run with motion capture as well."
-)
-_NO_UPSIDE_DOWN = (
-    "The tilt and both radii by themselves need a log of the robot upside down as well: while it "
-    "balances, the body leans too little compared with play and rollers, and the ball may pivot."
-)
+#: by the kind of logs that are lacking
+_WITHOUT = {
+    BALANCING: "Each radius by itself and the mounting of the IMU need a balancing run with motion capture as well.",
+    UPSIDE_DOWN: "The tilt and both radii by themselves need a log of the robot upside down as well: while it "
+    "balances, the body leans too little compared with play and rollers, and the ball may pivot.",
+}
 
 
 def geometry_findings(geometry: Geometry) -> list[Finding]:
     """Return the findings on a geometry, the most severe first."""
-    sentences, turns = list[str](), dict[str, float]()
+    kinds = {quantity.kind for quantity in geometry.measured}
+    sentences, named, turns = list[str](), dict[str, str](), dict[str, float]()
     for kind in (UPSIDE_DOWN, BALANCING):
         azimuths = geometry.azimuths(kind)
         turn = common_turn(azimuths) if azimuths else 0.0
-        if azimuths and abs(turn) > max(
-            *(CLEAR * azimuth.standard_error for azimuth in azimuths), SLIP_ANGLE
-        ):
+        if abs(turn) > max([SLIP_ANGLE, *(CLEAR * azimuth.standard_error for azimuth in azimuths)]):
             turns[kind] = turn
             sentences.append(
                 f"All azimuths are turned by {math.degrees(turn):+.2f} deg in the logs ({kind}): the "
                 "cameras' forward direction differs from the robot file's, or all wheels are mounted turned."
             )
-    kinds = {quantity.kind for quantity in geometry.measured}
-    named = dict[str, str]()
     for quantity in geometry.measured:
         turn = turns.get(quantity.kind, 0.0) if "azimuths" in quantity.name else 0.0
         # with both radii known, their ratio adds nothing
         if quantity.stands_out(turn) and not (BOTH in kinds and "/" in quantity.name):
             named.setdefault(quantity.name, _sentence(quantity))
     sentences += named.values()
-    for number, ratio in enumerate(geometry.wheel_ratios, start=1):
-        if ratio.stands_out():
-            more = 100.0 * (ratio.value / ratio.in_file - 1.0)
-            sentences.append(
-                f"Wheel {number} turns {more:+.1f} % faster than the mean of the wheels "
-                "for the same motion of the ball: its radius differs, or it slips."
-            )
-    missing = [] if BALANCING in kinds else [_NO_BALANCING]
-    missing += [] if UPSIDE_DOWN in kinds else [_NO_UPSIDE_DOWN]
+    sentences += [
+        f"Wheel {number} turns {100.0 * (ratio.value / ratio.in_file - 1.0):+.1f} % faster than the mean of the wheels "
+        "for the same motion of the ball: its radius differs, or it slips."
+        for number, ratio in enumerate(geometry.wheel_ratios, start=1)
+        if ratio.stands_out()
+    ]
+    missing = [text for kind, text in _WITHOUT.items() if kind not in kinds]
     return [note("geometry", text) for text in (*(sentences or [_AGREES]), *missing)]
 
 

@@ -1,16 +1,13 @@
 """Validation of an identification on a log that it was not fitted to, by window and by horizon.
 
-The windows are as long as those of the fit. The errors by horizon are those of wheel speeds and lean after 0.1, 0.25
-and 0.5 s. Predicted speeds are compared with those of the encoders if the log has them, so that effects that the model
-lacks, such as a ball that pivots on the floor, count as errors too.
-
-The log also shows how much of the identified friction it needs. With e_0 the errors without friction and d = e_0 - e
-the effect of friction on the prediction, the factor on d that minimises the squared errors is
+Windows are as long as those of the fit. The errors by horizon are those of wheel speeds, as the encoders have them, and
+of the lean. The log also shows how much of the identified friction it needs: with e_0 the errors without friction and
+d = e_0 - e the effect of friction on the prediction, the factor on d that minimises the squared errors is
 
     a = (sum e_0 d) / (sum d^2)
 
-It is 1 if the log has the identified friction, and less if it has less. It separates friction that differs between
-logs, which makes a < 1 for speeds and lean alike, from errors without relation to friction, which do not change a.
+It is 1 if the log has the identified friction, and less if it has less. Errors without relation to friction do not
+change it.
 """
 
 from __future__ import annotations
@@ -29,8 +26,7 @@ from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
-from ballbot.log.pose import without_encoder_lag
-from ballbot.log.wheel_speeds import measured_wheel_speeds
+from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.results import key
 from ballbot.rounding import plus_minus
@@ -101,21 +97,30 @@ def friction_by_horizon(
         # a prediction in which the robot falls has no value, and neither has an encoder that was not read
         known = np.isfinite(np.concatenate([speeds, leans], axis=2)).all(axis=(0, 2))
         if known.any():
-            effects.append(
-                FrictionAtHorizon(
-                    horizon=after * sample_time,
-                    starts=int(known.sum()),
-                    wheel_speed=_errors(speeds[:, known]),
-                    lean=_errors(leans[:, known]),
-                )
+            effect = FrictionAtHorizon(
+                horizon=after * sample_time,
+                starts=int(known.sum()),
+                wheel_speed=_errors(speeds[:, known]),
+                lean=_errors(leans[:, known]),
             )
+            effects.append(effect)
     return tuple(effects)
 
 
 def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
     """Return the errors from differences (3, w, k) with friction, with its viscous part, and without."""
     with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
-    share, error = _share(differences[2], differences[2] - differences[0])
+    effect = differences[2] - differences[0]
+    products, squares = (differences[2] * effect).sum(axis=1), (effect**2).sum(axis=1)
+    share = error = float("nan")
+    if squares.any():
+        share = float(products.sum() / squares.sum())
+        blocks = np.array_split(np.arange(len(squares)), _BLOCKS)
+        left = np.array(
+            [(products.sum() - products[b].sum(), squares.sum() - squares[b].sum()) for b in blocks]
+        )
+        if len(squares) >= 2 * _BLOCKS and left[:, 1].all():
+            error = float(np.sqrt((_BLOCKS - 1) * (left[:, 0] / left[:, 1]).var()))
     return FrictionErrors(
         with_friction=with_friction,
         viscous_part=viscous,
@@ -123,20 +128,6 @@ def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
         share=share,
         share_error=error,
     )
-
-
-def _share(without: NDArray[np.float64], effect: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the factor on the effect of friction (w, k) that explains most of the errors without it, and its error."""
-    products, squares = (without * effect).sum(axis=1), (effect**2).sum(axis=1)
-    if not squares.any():
-        return float("nan"), float("nan")
-    share = float(products.sum() / squares.sum())
-    blocks = np.array_split(np.arange(len(squares)), _BLOCKS)
-    left = np.array([[products.sum() - products[b].sum(), squares.sum() - squares[b].sum()] for b in blocks])
-    if len(squares) < 2 * _BLOCKS or not left[:, 1].all():
-        return share, float("nan")
-    shares = left[:, 0] / left[:, 1]
-    return share, float(np.sqrt((_BLOCKS - 1) * shares.var()))
 
 
 #: the friction differs if its factor differs from 1 by this much and by this many standard errors
@@ -149,9 +140,7 @@ class HoldoutResult:
 
     name: str  #: of the log
     errors: WindowErrors
-    horizons: tuple[
-        FrictionAtHorizon, ...
-    ]  #: empty if the log is shorter than the longest horizon everywhere
+    horizons: tuple[FrictionAtHorizon, ...]  #: empty if the log is too short
     causal: bool  #: whether they start from causal states instead of the log's rows
     findings: tuple[Finding, ...]  #: states that friction does not help to predict, and reasons
 
@@ -213,10 +202,7 @@ def cross_validate(
 
 
 def _share_findings(name: str, horizons: Sequence[FrictionAtHorizon]) -> list[Finding]:
-    """Return a warning if a log needs clearly more or less friction than was identified.
-
-    The shortest horizon decides: other errors grow with time, as the robot is unstable.
-    """
+    """Return a warning if a log needs clearly more or less friction than was identified, by the shortest horizon."""
     if not horizons:
         return []
     speed, lean = horizons[0].wheel_speed, horizons[0].lean

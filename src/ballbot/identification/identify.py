@@ -1,9 +1,8 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
-On some of the windows a search finds the basin, by short descents from a few fixed starts or by the thesis's genetic
-algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result. The problem is that of the thesis
-(section 3.4: twelve parameters at once, within bounds, on short windows because the plant is unstable). Estimated
-initial states, standard errors and held-out windows are additions.
+The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
+plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts or by the
+thesis's genetic algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result.
 """
 
 from __future__ import annotations
@@ -12,23 +11,16 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
-from ballbot.fitting.fit import Fit, FitOptions, Search, fit
-from ballbot.fitting.intervals import MOST_PROFILES, Uncertainty
+from ballbot.fitting.fit import Fit, FitOptions, fit
+from ballbot.fitting.intervals import Uncertainty
+from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.identification.agreement import StageEstimate, file_findings
-from ballbot.identification.alike import (
-    alike_finding,
-    inseparable,
-    uncertainty_of_each,
-    wheels_mean,
-)
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import (
@@ -39,7 +31,7 @@ from ballbot.identification.excitation import (
     heading_findings,
     share_shown,
 )
-from ballbot.identification.laws import LawSelection, bounds_of, law_named, robot_by_law, select_law
+from ballbot.identification.laws import LAWS, bounds_of, law_named, robot_by_law
 from ballbot.identification.prediction import Predictor, window_errors, windows_for
 from ballbot.identification.quantities import (
     BY_NAME,
@@ -51,15 +43,19 @@ from ballbot.identification.quantities import (
     names_in,
     scale_between,
 )
-from ballbot.identification.result import Identification
+from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
+from ballbot.identification.stages import StageEstimate, file_findings, with_sweep
 from ballbot.identification.stated_uncertainty import found_robot
-from ballbot.identification.sweep import with_sweep
 from ballbot.identification.variation import (
     Variation,
+    alike_finding,
     discrepancy_finding,
+    inseparable,
     shipped_priors,
+    uncertainty_of_each,
     variation_findings,
+    wheels_mean,
     widened,
     with_torque_scale,
 )
@@ -78,7 +74,6 @@ from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
-from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import Progress
 from ballbot.robot import Robot, RobotLike, as_robot
 
@@ -87,52 +82,27 @@ INNER_STEP = 5e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class IdentificationOptions:
-    """Options of `identify` besides what it estimates; the defaults suit most logs.
+class IdentificationOptions(FitOptions):
+    """Options of `identify` besides what it estimates; InputError if one is not possible."""
 
-    Raises
-    ------
-    InputError
-        If the held-out fraction is not between 0 and 1, a count is too small, or an excluded state does not exist.
-    """
-
+    most_steps: int = 75  #: of each descent by Gauss-Newton
+    search_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
     accept: Collection[str] = ()  #: codes of errors in the logs to ignore; see `ballbot.findings.CODES`
-    formulation: Formulation = "exact"  #: of the equations of motion
     held_out: float = HELD_OUT  #: fraction of each log that the fit does not see, to validate it on
-    excluded_states: tuple[
-        str, ...
-    ] = ()  #: whose errors do not count, such as the heading if the ball pivots
-    #: b_e of motors driven by voltage [N m s/rad], if the logged torques contain their back-EMF
-    back_emf: float = 0.0
-    #: Gauss-Newton starts from its values if they predict better than the end of the search
-    warm_start: Identification | None = None
-    #: a sweep of the free wheels, whose b and c of each wheel are combined with the logs'
-    sweep: StageEstimate | None = None
-    search: Search = "multistart"
-    generations: int = 150  #: of the genetic search, at most
-    population: int = 24  #: sets of parameters in each generation
-    evolution_windows: int = 64  #: windows that the search uses; Gauss-Newton uses all
-    gauss_newton_steps: int = 75  #: Gauss-Newton steps, at most
-    #: parameters with doubtful errors whose intervals are profiled, at most
-    most_profiles: int = MOST_PROFILES
+    excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
+    back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
+    warm_start: Identification | None = None  #: Gauss-Newton starts there if it predicts better
+    sweep: StageEstimate | None = None  #: of the free wheels, combined with the logs
     step: float = INNER_STEP  #: longest integration step [s]
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 0.0 < self.held_out < 1.0:
             raise InputError(
                 f"held_out is {self.held_out!r}; it must be a fraction between 0 and 1, such as 0.25."
             )
-        if self.search not in get_args(Search):
-            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
-        for name, least in (
-            ("generations", 1),
-            ("population", 4),
-            ("evolution_windows", 1),
-            ("gauss_newton_steps", 1),
-            ("most_profiles", 0),
-        ):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
+        if self.search_windows < 1:
+            raise InputError(f"search_windows is {self.search_windows!r}; it must be 1 or more.")
         for name in self.excluded_states:
             if name not in STATE_NAMES:
                 hint = suggest(name, STATE_NAMES, otherwise="the states are")
@@ -175,7 +145,8 @@ def identify(
         separated by commas.
     law : str
         The friction law if "friction" is estimated: one of `ballbot.identification.laws.LAWS`, or a registered law
-        (`ballbot.register_friction_law`) by its name or as FILE.py:NAME.
+        (`ballbot.register_friction_law`) by its name or as FILE.py:NAME; "best" fits each of `LAWS`, starting from the
+        simpler law within it, and selects one by the errors on held-out windows.
     bounds : Bounds or bounds file, optional
         Of the parameters; equal bounds hold a quantity.
     window : float
@@ -208,76 +179,78 @@ def identify(
     True
     """
     robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
-    robot = robot_by_law(robot, law, free=free)
-    checked = checked_logs(robot, logs, accept=options.accept)
-    fitted = list(checked.logs.values())
-    coordinates = estimated_parameters(robot, free=free, law=law, bounds=as_bounds(bounds))
-    prepared = prepare(robot, coordinates, fitted, window=window, options=options, run=run)
-    searching = FitOptions(
-        blocks=prepared.drawn,
-        generations=options.generations,
-        population=options.population,
-        earlier=options.warm_start and _values_of(coordinates, options.warm_start),
-        most_profiles=options.most_profiles,
+    checked, within = checked_logs(robot, logs, accept=options.accept), as_bounds(bounds)
+
+    def fitted(name: str, start: Identification | None) -> Identification:
+        own = robot_by_law(robot, name, free=free)
+        coordinates = estimated_parameters(own, free=free, law=name, bounds=within)
+        return _identified(
+            own, coordinates, checked, name, window, options=replace(options, warm_start=start), run=run
+        )
+
+    if law != "best":
+        return fitted(law, options.warm_start)
+    known: dict[str | None, LawCandidate] = {}
+    for candidate in LAWS:
+        inner = over = known.get(candidate.within)
+        by_law = fitted(candidate.name, inner and inner.found)
+        while over and not over.accepted:
+            over = known.get(over.law.within)
+        known[candidate.name] = LawCandidate(
+            law=candidate,
+            found=by_law,
+            gain=_gain(by_law, inner),
+            over=over and over.law.name,
+            gain_over=_gain(by_law, over),
+            error=1.0 - _gain(by_law, None).share,
+        )
+    selection = LawSelection(candidates=tuple(known.values()))
+    return replace(selection.best.found, selection=selection)
+
+
+def _gain(own: Identification, other: LawCandidate | None) -> Gain:
+    """Return the gain over another law, or over no friction."""
+    theirs = own.held_out.squares_without if other is None else other.found.held_out.squares_with
+    ours, counted = own.held_out.squares_with, own.counted
+    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(own.held_out.spans))
+
+
+def _identified(
+    robot: Robot,
+    coordinates: Coordinates,
+    logs: CheckedLogs,
+    law: str,
+    window: float,
+    *,
+    options: IdentificationOptions,
+    run: Run,
+) -> Identification:
+    """Identify by one law."""
+
+    def report(progress: Progress) -> None:
+        error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
+        run.progress(replace(progress, note=f"{law}{error}"))
+
+    reported = replace(run, progress=report)
+    prepared = prepare(
+        robot, coordinates, list(logs.logs.values()), window=window, options=options, run=reported
     )
     estimate = fit(
         prepared.experiment,
         fixed_starts(coordinates),
-        method=options.search,
-        options=searching,
+        earlier=options.warm_start and _values_of(coordinates, options.warm_start),
+        options=options,
+        search_blocks=prepared.drawn,
         refused=prepared.excitation.refused,
         groups=prepared.groups,
-        most_steps=options.gauss_newton_steps,
-        run=run,
+        run=reported,
     )
     prepared, estimate = _alike(prepared, estimate, options=options)
-    return _result(prepared, estimate, checked, window, law, options=options)
-
-
-def identify_by_law(
-    robot: Robot,
-    logs: CheckedLogs,
-    *,
-    free: Sequence[str] | str,
-    law: str,
-    bounds: Bounds,
-    window: float,
-    options: IdentificationOptions = DEFAULT_OPTIONS,
-    run: Run = DEFAULT_RUN,
-) -> tuple[Identification, LawSelection | None]:
-    """Identify by one law; or, for "best", by each law, starting from the simpler law within it.
-
-    The parameters and errors are those of `identify`. Returns the identification by the given law and None, or by the
-    selected law and the selection.
-    """
-
-    def by_law(law: str, start: Identification | None) -> Identification:
-        def report(progress: Progress) -> None:
-            error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
-            run.progress(replace(progress, note=f"{law}{error}"))
-
-        return identify(
-            robot,
-            logs,
-            free=free,
-            law=law,
-            bounds=bounds,
-            window=window,
-            options=replace(options, warm_start=start),
-            run=replace(run, progress=report),
-        )
-
-    if law == "best":
-        selection = select_law(by_law)
-        return selection.best.found, selection
-    return by_law(law, options.warm_start), None
+    return _result(prepared, estimate, logs, window, law, options=options)
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
-    """Return the parameters that `identify` estimates or holds, with their bounds.
-
-    InputError if a name is not a quantity or a group.
-    """
+    """Return the parameters that `identify` estimates or holds; InputError if a name is not a quantity or a group."""
     names, chosen = names_in(free), law_named(law)
     if set(FRICTION) <= set(names):
         names = (*chosen.free, *(name for name in names if name not in FRICTION))
@@ -316,7 +289,6 @@ def prepare(
     """
     predictor = Predictor(
         robot=robot,
-        formulation=options.formulation,
         step=options.step,
         layout=coordinates.layout,
         back_emf=options.back_emf,
@@ -328,7 +300,7 @@ def prepare(
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fitted = windows.take(fit_rows)
     excitation = check_excitation(fitted, robot, coordinates)
-    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.evolution_windows])
+    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.search_windows])
     experiment = Balancing(
         predictor=predictor,
         windows=fitted,
@@ -336,12 +308,8 @@ def prepare(
         counted=options.counted,
         executor=run.executor,
     )
-    return Prepared(
-        experiment=experiment,
-        drawn=drawn,
-        held_out=windows.take(held_rows),
-        excitation=excitation,
-    )
+    held_out = windows.take(held_rows)
+    return Prepared(experiment=experiment, drawn=drawn, held_out=held_out, excitation=excitation)
 
 
 #: fixed starts of friction, scaled: of amounts, and of v_s and delta
@@ -351,15 +319,15 @@ _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
     """Return the scaled points (s, p) from which the search starts; quantities other than friction are nominal."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
-    points = []
+    points, own_amounts = [], ("viscous", "coulomb", "stribeck", "rolling")
     for amount, shape in product(_AMOUNTS, _SHAPES):
+        starts = dict.fromkeys(own_amounts, amount) | dict.fromkeys(
+            ("stribeck_speed", "stribeck_exponent"), shape
+        )
+        for name in coordinates.layout.own:
+            starts[name] = shape if BY_NAME[name].scale == "ratio" else amount
         point = own.copy()
-        for name, value in {
-            **dict.fromkeys(("viscous", "coulomb", "stribeck", "rolling"), amount),
-            "stribeck_speed": shape,
-            "stribeck_exponent": shape,
-            **{name: shape if BY_NAME[name].scale == "ratio" else amount for name in coordinates.layout.own},
-        }.items():
+        for name, value in starts.items():
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, other) for other in points):
             points.append(point)
@@ -406,8 +374,7 @@ def _alike(
         coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
         refused=refused,
         groups=estimate.groups,
-        options=FitOptions(most_profiles=options.most_profiles),
-        most_steps=options.gauss_newton_steps,
+        options=replace(options, search="multistart"),
         run=estimate.run,
     )
     return prepared, replace(again, other=estimate.other, searched=estimate.searched)
@@ -428,11 +395,8 @@ def _uncertainty(
     uncertainty, findings = uncertainty_of_each(coordinates, uncertainty), ()
     if options.sweep is not None:  # it does not vary between logs
         uncertainty, findings = with_sweep(coordinates, uncertainty, options.sweep)
-    return (
-        uncertainty,
-        varied,
-        [*findings, *discrepancy_finding(estimate.discrepancy), *variation_findings(varied)],
-    )
+    others = [*discrepancy_finding(estimate.discrepancy), *variation_findings(varied)]
+    return uncertainty, varied, [*findings, *others]
 
 
 #: number of groups of windows by speed
@@ -509,13 +473,12 @@ def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Se
     """Return findings on effects that the model lacks: corrupted rows, play, and a ball that pivots."""
     robot = predictor.robot
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
-    chatter = [chatter_findings(log, robot, name) for log, name in zip(logs, names, strict=True)]
-    shares = [share_shown(log, robot) for log, found in zip(logs, chatter, strict=True) if not found]
-    return [
-        *(finding for log, name in zip(logs, names, strict=True) for finding in _corrupted(log, robot, name)),
-        *(finding for found in chatter for finding in found),
-        *heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra),
-    ]
+    by_name = list(zip(names, logs, strict=True))
+    corrupted = [finding for name, log in by_name for finding in _corrupted(log, robot, name)]
+    chatter = {name: chatter_findings(log, robot, name) for name, log in by_name}
+    shares = [share_shown(log, robot) for name, log in by_name if not chatter[name]]
+    pivoting = heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra)
+    return [*corrupted, *(finding for findings in chatter.values() for finding in findings), *pivoting]
 
 
 def _corrupted(log: Log, robot: Robot, name: str) -> list[Finding]:

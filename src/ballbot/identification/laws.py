@@ -1,4 +1,4 @@
-"""Friction laws, and the selection of one by its error on held-out windows.
+"""Friction laws.
 
 Each law contains a simpler one:
 
@@ -10,35 +10,22 @@ Each law contains a simpler one:
     directed             the same, and s that differs with direction by e of each wheel
     load                 the same as stribeck with c + mu |u| in place of c
 
-Asymmetric. Let wheel i have dry friction c+ turning forward and c- turning backward, and hold any torque from -c- to
-c+ at rest. With c = (c+ + c-)/2 and o = (c+ - c-)/2 that is c sgn(w) + o:
+Asymmetric. Dry friction c+ turning forward and c- backward, which holds any torque from -c- to c+ at rest, is
+c sgn(w) + o with c = (c+ + c-)/2 and o = (c+ - c-)/2: the symmetric law with a constant torque -o, estimated as
+`torque_offset`. The offset of a motor driver has the same effect, and no log separates the two. It is friction while
+|o| <= c. Directed: with s+ and s- by direction and e = (s+ - s-)/2, |e| <= s, e exp(-|w/v_s|^delta) adds to it.
 
-    forward   c + o = c+          backward  -c + o = -c-          at rest   [-c, c] + o = [-c-, c+]
-
-So it is the symmetric law with a constant torque -o on the wheel, estimated as `torque_offset`. The offset of a motor
-driver has the same effect, and no log separates the two. It is friction while |o| <= c. Directed: with s+ and s- by
-direction and e = (s+ - s-)/2 e exp(-|w/v_s|^delta) adds to the friction and fades at speeds around v_s; |e| <= s.
-
-Load. Gear teeth rub in proportion to their load, here the motor's torque u, which is constant over a sample, as is then
-the size of the friction. It is an alternative to asymmetric: both contain stribeck.
-
-Selection. All laws are fitted to the same windows and predict the same held-out windows. A law is accepted if the
-interval of its gain (`ballbot.fitting.model_selection`) is above zero over the simpler law within it and, if that one
-was not accepted, over the largest accepted law within it; the simplest is no friction. The best law is the accepted one
-with the least error. A law is rejected if an interval lies below a useful gain of 1 %; otherwise it is undecided.
+Load. Gear teeth rub in proportion to their load, here the motor's torque u. It is an alternative to asymmetry.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 from ballbot.errors import InputError, suggest
-from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between
-from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bounds, Limits, names_in
-from ballbot.identification.result import Identification
-from ballbot.identification.verdict import window_blocks
+from ballbot.fitting.parameter import Limits
+from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bounds, names_in
 from ballbot.robot import Robot
 from ballbot.robot.friction_law import CLASSICAL, friction_law, registered_laws
 
@@ -74,10 +61,7 @@ LAWS: tuple[Law, ...] = (
 
 
 def law_named(name: str) -> Law:
-    """Return the law of that name, or the registered law of that name or of FILE.py:NAME.
-
-    InputError if the name is unknown.
-    """
+    """Return the law, or the registered law, of that name or of FILE.py:NAME; InputError if it is unknown."""
     names = [law.name for law in LAWS]
     if name in names:
         return LAWS[names.index(name)]
@@ -110,92 +94,3 @@ def bounds_of(law: Law, bounds: Bounds) -> Bounds:
     absent = [name for name in FRICTION if name not in law.free]
     held = {name: (BY_NAME[name].neutral, BY_NAME[name].neutral) for name in absent}
     return Bounds({**law.wide_bounds, **bounds.limits, **held})
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LawCandidate:
-    """A fitted law, and its gain on held-out windows."""
-
-    law: Law
-    found: Identification
-    gain: Gain  #: over the simpler law within it
-    over: str | None  #: the largest accepted law within it; None: no friction
-    gain_over: Gain  #: over that one
-    error: float  #: relative to the error without friction
-
-    @property
-    def accepted(self) -> bool:
-        """Whether held-out windows support the law."""
-        return self.gain.significant and self.gain_over.significant
-
-    @property
-    def decision(self) -> Literal["accepted", "rejected", "undecided"]:
-        """Whether held-out windows support the law, exclude a useful gain, or leave it undecided."""
-        if self.accepted:
-            return "accepted"
-        return "rejected" if min(self.gain.upper, self.gain_over.upper) < USEFUL_GAIN else "undecided"
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "law": self.law.name,
-            "formula": self.law.formula,
-            "within": self.law.within,
-            "gain": self.gain.to_dict(),
-            "highest_accepted_below": self.over,
-            "gain_over_highest_accepted": self.gain_over.to_dict(),
-            "accepted": self.accepted,
-            "decision": self.decision,
-            "error_over_no_friction": self.error,
-            "parameters": self.found.to_dict()["parameters"],
-        }
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LawSelection:
-    """All fitted laws, and the best one."""
-
-    candidates: tuple[LawCandidate, ...]
-
-    @property
-    def best(self) -> LawCandidate:
-        """The accepted law with the least error; viscous friction if none is accepted."""
-        accepted = [candidate for candidate in self.candidates if candidate.accepted]
-        return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "candidates": [candidate.to_dict() for candidate in self.candidates],
-            "best": self.best.law.name,
-        }
-
-
-def select_law(fit: Callable[[str, Identification | None], Identification]) -> LawSelection:
-    """Fit every friction law and select one by its error on held-out windows.
-
-    `fit` calls `ballbot.identification.identify` with the name of a law and, as `warm_start`, the identification by the
-    simpler law within it (None for the first); everything else is the same each time.
-    """
-    known: dict[str | None, LawCandidate] = {}
-    for law in LAWS:
-        inner = over = known.get(law.within)
-        found = fit(law.name, inner and inner.found)
-        while over and not over.accepted:
-            over = known.get(over.law.within)
-        known[law.name] = LawCandidate(
-            law=law,
-            found=found,
-            gain=_gain(found, inner),
-            over=over and over.law.name,
-            gain_over=_gain(found, over),
-            error=1.0 - _gain(found, None).share,
-        )
-    return LawSelection(candidates=tuple(known.values()))
-
-
-def _gain(found: Identification, other: LawCandidate | None) -> Gain:
-    """Return the gain over another law, or over no friction."""
-    theirs = found.held_out.squares_without if other is None else other.found.held_out.squares_with
-    ours, counted = found.held_out.squares_with, found.counted
-    return gain_between(ours[:, counted], theirs[:, counted], window_blocks(found.held_out.spans))

@@ -1,4 +1,25 @@
-"""Predictions of windows by many sets of parameters, in one batched call."""
+"""Predictions of windows by many sets of parameters, in one batched call, with the motors and sensors of the log.
+
+Torques. Over the sample that begins at row k, the torque that acts on wheel i is
+
+    gain_i ((1 - f) u_i[k - m] + f u_i[k - m - 1]) + offset_i        delay = (m + f) sample times, 0 <= f < 1
+
+A torque that is late by a fraction f of a sample has its old value in the first part of the sample. Here the weighted
+mean of both values acts throughout, with the same impulse a sample.
+
+Sensors. An IMU that is tilted by small angles (a, b) about the body's x and y axes reads R Rx(a) Ry(b) instead of
+R = Rx(theta) Ry(phi) Rz(psi); a centre of mass off the axis has the same effect. To first order it reads
+
+    theta + a cos psi - b sin psi        phi + a sin psi + b cos psi
+
+and the gyro's bias (g_x, g_y, g_z) appears in the rates of the lean likewise. The bias about z adds to psi_dot, and a
+heading that is the integral of psi_dot drifts by g_z times the time since the start.
+
+Sensor delays are relative to x and y in the same row: an IMU's message waits for the next row, and velocities from
+differenced encoder counts are means over the last sample. A sensor that is late by d shows state(t_k - d) in row k,
+interpolated between samples. The initial state is seen late too: the true one is ahead by d times the slope of a first
+sample, simulated from what was seen.
+"""
 
 from __future__ import annotations
 
@@ -9,24 +30,17 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import InputError
 from ballbot.identification.quantities import RIGID, Layout
-from ballbot.identification.windows import (
-    Span,
-    Windows,
-    acting_torques,
-    ball_spin,
-    cut_windows,
-    samples_before,
-    seen_late,
-    sensor_offsets,
-    state_delays,
-)
+from ballbot.identification.windows import Span, Windows, common_sample_time, cut_windows
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.columns import wheel_speed_names
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
+from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import (
     COLUMN_SPEED_SCALE,
     COLUMNS,
-    Formulation,
     friction_columns,
     law_columns,
     pack,
@@ -37,6 +51,11 @@ from ballbot.robot import Robot
 
 #: windows simulated in one call, which limits the memory and fixes the order of sums
 CHUNK = 256
+#: which states each quantity delays
+_LATE = {
+    "imu_delay": ("theta", "phi", "psi", "theta_dot", "phi_dot", "psi_dot"),
+    "velocity_delay": ("x_dot", "y_dot"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +63,6 @@ class Predictor:
     """A robot with variable parameters."""
 
     robot: Robot  #: its parameters that the layout has are not used
-    formulation: Formulation
     step: float  #: longest integration step [s]
     #: which parameters vary; the ball pivots if "pivoting" is one of them
     layout: Layout = field(default_factory=lambda: Layout(wheel_count=3))
@@ -65,7 +83,7 @@ class Predictor:
         initial states of the windows.
         """
         sets, count = len(values), len(windows)
-        torques, window_of = acting_torques(self.layout, values, windows), np.tile(np.arange(count), sets)
+        torques, window_of = self._acting_torques(values, windows), np.tile(np.arange(count), sets)
         lanes = Lanes(
             parameters=self._packed(values),
             parameter_of=np.repeat(np.arange(sets), count),
@@ -73,17 +91,14 @@ class Predictor:
             torques=windows.torques if torques is None else torques.reshape(-1, *torques.shape[2:]),
             torque_of=window_of if torques is None else None,
         )
-        late = state_delays(self.layout, values)
-        if late is None:
+        if set(_LATE) & set(self.layout.extra):
+            states = self._seen_late(values, lanes, windows.sample_time)[:, :, every - 1 :: every]
+        else:
             states = self._simulate(lanes, sample_time=windows.sample_time, every=every)
             states = states.reshape(sets, count, -1, states.shape[-1])[..., : len(STATE_NAMES)]
-        else:
-            states = self._seen_late(lanes, late, sample_time=windows.sample_time)
-            states = states[:, :, every - 1 :: every]
         measured = windows.measured[:, every - 1 :: every]
         times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
-        offsets = sensor_offsets(self.layout, values, measured, times)
-        return states - measured if offsets is None else states - measured + offsets
+        return states - measured + self._sensor_offsets(values, measured, times)
 
     def in_chunks(
         self,
@@ -114,32 +129,81 @@ class Predictor:
         """Return the true initial states (sets, w, 10 or 11)."""
         shape = (len(values), *windows.initial.shape)
         initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
-        offsets = sensor_offsets(self.layout, values, windows.initial[:, None], np.zeros(1))
-        if offsets is not None:
-            initial = initial - offsets[:, :, 0]
+        offsets = self._sensor_offsets(values, windows.initial[:, None], np.zeros(1))
+        initial = initial - np.broadcast_to(offsets, (*shape[:2], 1, shape[2]))[:, :, 0]
         if self._pivots:
             spin = np.broadcast_to(windows.spin[:, None], (*shape[:2], 1))
             initial = np.concatenate([initial, spin], axis=2)
         return initial
 
-    def _seen_late(
-        self, lanes: Lanes, late: NDArray[np.float64], *, sample_time: float
+    def _acting_torques(self, values: NDArray[np.float64], windows: Windows) -> NDArray[np.float64] | None:
+        """Return the acting torques (sets, w, m, n); None if they are those logged."""
+        part = self.layout.part
+        gain, offset, delay = (part(name, values) for name in ("torque_gain", "torque_offset", "delay"))
+        if gain is None and offset is None and delay is None:
+            return None
+        u = np.broadcast_to(windows.torques, (len(values), *windows.torques.shape))
+        if delay is not None:
+            record = np.concatenate([windows.earlier, windows.torques], axis=1)
+            before, count = windows.earlier.shape[1], windows.samples
+            samples = delay[:, 0] / windows.sample_time
+            full = np.minimum(np.floor(samples).astype(np.int64), before - 1)
+            u = np.empty(u.shape)
+            for i, (m, f) in enumerate(zip(full, samples - full, strict=True)):
+                first = before - m
+                u[i] = (1.0 - f) * record[:, first : first + count]
+                u[i] += f * record[:, first - 1 : first - 1 + count]
+        u = u if gain is None else u * gain[:, None, None, :]
+        return u if offset is None else u + offset[:, None, None, :]
+
+    def _sensor_offsets(
+        self, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return the states (sets, w, m, 10) and initial states as sensors with delays (sets, 10) [s] show them."""
-        names = len(STATE_NAMES)
+        """Return the errors (sets, w, k, 10) of sensors with a bias at `times` (k,) [s]; (1,) without a bias."""
+        lean, gyro = (self.layout.part(name, values) for name in ("lean_bias", "gyro_bias"))
+        if lean is None and gyro is None:
+            return np.zeros(1)
+        offsets, psi = np.zeros((len(values), *states.shape)), STATE_NAMES.index("psi")
+        cosine, sine = np.cos(states[..., psi]), np.sin(states[..., psi])
+        for bias, first in ((lean, STATE_NAMES.index("theta")), (gyro, STATE_NAMES.index("theta_dot"))):
+            if bias is not None:
+                a, b = bias[:, 0, None, None], bias[:, 1, None, None]
+                offsets[..., first], offsets[..., first + 1] = cosine * a - sine * b, sine * a + cosine * b
+        if gyro is not None:
+            about_z = gyro[:, 2, None, None]
+            offsets[..., STATE_NAMES.index("psi_dot")] = about_z
+            offsets[..., psi] = about_z * times
+        return offsets
+
+    def _seen_late(
+        self, values: NDArray[np.float64], lanes: Lanes, sample_time: float
+    ) -> NDArray[np.float64]:
+        """Return the states (sets, w, m, 10) as sensors with delays show them; the first and last line are extended."""
+        names, delays = len(STATE_NAMES), np.zeros((len(values), len(STATE_NAMES)))
+        for name, late in _LATE.items():
+            part = self.layout.part(name, values)
+            if part is not None:
+                delays[:, [STATE_NAMES.index(state) for state in late]] = part
         set_of, start = lanes.row_of[:, 0], lanes.initial.copy()
         first = replace(lanes, torques=lanes.torques[:, :1])
         ahead = self._simulate(first, sample_time=sample_time, every=1)[:, 0]
-        start[:, :names] += late[set_of] * (ahead - start)[:, :names] / sample_time
+        start[:, :names] += delays[set_of] * (ahead - start)[:, :names] / sample_time
         states = self._simulate(replace(lanes, initial=start), sample_time=sample_time, every=1)
-        seen = np.concatenate([start[:, None], states], axis=1)[..., :names]
-        return seen_late(seen.reshape(len(late), -1, *seen.shape[1:]), late, sample_time)
+        states = np.concatenate([start[:, None], states], axis=1)[..., :names]
+        states = states.reshape(len(values), -1, *states.shape[1:])
+        m = states.shape[2] - 1
+        sample = np.arange(1.0, m + 1.0)[:, None] - delays[:, None] / sample_time  # (sets, m, 10)
+        before = np.clip(np.floor(sample), 0, m - 1).astype(np.int64)
+        share = (sample - before)[:, None]
+        earlier = np.take_along_axis(states, before[:, None], axis=2)
+        later = np.take_along_axis(states, before[:, None] + 1, axis=2)
+        return (1.0 - share) * earlier + share * later
 
     def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> NDArray[np.float64]:
         """Return the states (lanes, m // every, 10 or 11)."""
         law, wheels = self.robot.friction.own_law, self.robot.wheel_count
         return simulate_lanes(
-            selector(self.formulation, wheels, pivoting=self._pivots, law=law),
+            selector("exact", wheels, pivoting=self._pivots, law=law),
             lanes,
             sample_time=sample_time,
             steps=max(1, int(np.ceil(sample_time / self.step - 1e-9))),
@@ -152,7 +216,7 @@ class Predictor:
         """Return the parameters as compiled code reads them (sets, size)."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
-            rows = np.stack([pack(layout.with_rigid_body(robot, row), self.formulation) for row in values])
+            rows = np.stack([pack(layout.with_rigid_body(robot, row), "exact") for row in values])
         else:
             rows = np.repeat(self._own[None], len(values), axis=0)
         n = robot.wheel_count
@@ -184,7 +248,7 @@ class Predictor:
     @cached_property
     def _own(self) -> NDArray[np.float64]:
         """The robot's own parameters as compiled code reads them."""
-        return pack(self.robot, self.formulation)
+        return pack(self.robot, "exact")
 
 
 def windows_for(
@@ -192,13 +256,33 @@ def windows_for(
 ) -> Windows:
     """Cut logs into windows, with the torques before them and the spin that parameters up to `upper` (p,) need."""
     layout, pivots = predictor.layout, "pivoting" in predictor.layout.extra
+    sample_time, delay = common_sample_time(logs, duration=duration), layout.part("delay", upper)
     return cut_windows(
         logs,
         wheel_count=layout.wheel_count,
         duration=duration,
-        before=lambda sample_time: samples_before(layout, upper, sample_time),
+        history=0 if delay is None else int(np.floor(delay[0] / sample_time + 1e-9)) + 1,
         spins=[ball_spin(log, predictor.robot) for log in logs] if pivots else None,
     )
+
+
+def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
+    """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
+
+    The encoders measure A (z - w), with the rates w of the body and z = R^T Omega of the ball in the body frame, so the
+    spin is the vertical component of R (A^-1 wheel speeds + w). InputError if the log has no wheel speeds.
+    """
+    names = wheel_speed_names(robot.wheel_count)
+    if not all(name in log for name in names):
+        raise InputError(
+            f"To estimate pivoting, the log needs the wheel speeds {names[0]} .. {names[-1]}, "
+            "which it does not have; exclude the heading from the cost instead."
+        )
+    states = np.column_stack([log[name] for name in STATE_NAMES])
+    angles, rates = states[:, 2:5], states[:, 7:10]
+    w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]
+    z = measured_wheel_speeds(log, robot) @ transforms(robot).T_obw.T + w
+    return (rotation(*angles.T)[:, 2] * z).sum(axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -207,8 +291,7 @@ class WindowErrors:
 
     spans: tuple[Span, ...]  #: (w,), the windows
     window_samples: int  #: samples compared in each window
-    #: (w, 10), sums of squared errors in each window with friction
-    squares_with: NDArray[np.float64]
+    squares_with: NDArray[np.float64]  #: (w, 10), sums of squared errors with friction
     squares_without: NDArray[np.float64]  #: (w, 10), without friction
 
     @property
@@ -230,22 +313,22 @@ class WindowErrors:
     def with_over_without(self) -> dict[str, float]:
         """Error with friction over error without, for each state."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            return _by_state(self.rmse_with / self.rmse_without)
+            ratios = self.rmse_with / self.rmse_without
+        return dict(zip(STATE_NAMES, ratios.tolist(), strict=True))
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; errors are by (4.1), |x - x_hat| / n, and root mean squares."""
-        return {
-            "windows": len(self.spans),
-            "samples": self.samples,
-            "with_friction": _by_state(self.rmse_with / np.sqrt(self.samples)),
-            "without_friction": _by_state(self.rmse_without / np.sqrt(self.samples)),
-            "rmse_with_friction": _by_state(self.rmse_with),
-            "rmse_without_friction": _by_state(self.rmse_without),
+        root = np.sqrt(self.samples)
+        errors = {
+            "with_friction": self.rmse_with / root,
+            "without_friction": self.rmse_without / root,
+            "rmse_with_friction": self.rmse_with,
+            "rmse_without_friction": self.rmse_without,
         }
-
-
-def _by_state(values: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(STATE_NAMES, values.tolist(), strict=True))
+        by_state = {
+            name: dict(zip(STATE_NAMES, values.tolist(), strict=True)) for name, values in errors.items()
+        }
+        return {"windows": len(self.spans), "samples": self.samples, **by_state}
 
 
 def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:

@@ -1,22 +1,12 @@
 """The table of quantities that identification can estimate: name, symbol, unit, scale and default bounds.
 
-Those of the robot's own parameters are stated beside the fields in `ballbot.robot.components`.
+Those of the robot's own parameters are stated beside the fields in `ballbot.robot.components`. A row of parameters
+begins with friction, [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]; others follow in the order of the table.
+A quantity that is not estimated has the robot's own value, or the neutral one of an input or a sensor without fault,
+which is 1 for a gain and 0 for all others.
 
-A row of parameters begins with the friction, in the order [b_1 .. b_n, c_1 .. c_n, s_1 .. s_n, v_s, delta, C_rr]. Other
-quantities follow in the order of the table. A quantity that is not estimated has its nominal value: the robot's own
-value, or the neutral value of an input or a sensor without fault, which is 1 for a gain and 0 for all others.
-
-The bounds keep the robot physical. The body's second moments S_x, S_y, S_z about its centre of mass stand for its
-inertia: J_xx = S_y + S_z, and so on in turn. Any positive second moments belong to some body, because S > 0 is the
-triangle inequality of the inertia.
-
-Users set bounds in Python or in a TOML file:
-
-    coulomb = [0.0, 0.5]             # c [N m], every wheel's
-    delay = [0.012, 0.012]           # held at that value [s]
-
-Missing keys keep the defaults of the table. Bounds apply to every number of a quantity, in its unit. Equal bounds hold
-it at that value, such as a delay known from elsewhere.
+The body's second moments S_x, S_y, S_z about its centre of mass stand for its inertia: J_xx = S_y + S_z, and so on in
+turn. Any positive second moments belong to some body, because S > 0 is the triangle inequality of the inertia.
 """
 
 from __future__ import annotations
@@ -34,7 +24,7 @@ from numpy.typing import NDArray
 from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
-from ballbot.fitting.parameter import Limits, Parameter, ParameterSpace, Scale
+from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
 from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
@@ -89,11 +79,9 @@ def _body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Body:
         S = S * np.outer(ratio, ratio)
         np.fill_diagonal(S, quantities["second_moment"])
     J = np.trace(S) * np.eye(3) - S
-    height = (
-        float(quantities["center_of_mass"][0])
-        if "center_of_mass" in quantities
-        else robot.body.center_of_mass
-    )
+    height = robot.body.center_of_mass
+    if "center_of_mass" in quantities:
+        height = float(quantities["center_of_mass"][0])
     if robot.body.inertia_about == "ball_center":
         J = J + robot.body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
     xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
@@ -112,19 +100,15 @@ class Quantity:
     name: str  #: in options and files
     symbol: str  #: in results
     unit: str
-    #: default bounds of each of its numbers, as shares of `share_of(robot)` if that is given
-    bounds: Limits
+    bounds: Limits  #: of each number, as shares of `share_of(robot)` if that is given
     meaning: str
-    #: "" for one number, "wheels" for one a wheel, or letters, as "xyz", for one each
-    each: str = ""
+    each: str = ""  #: one a number, "wheels", or letters, as "xyz"
     scale: Scale = "signed"
     _: KW_ONLY
     #: the robot's own values; None for an input or a sensor, whose nominal values are neutral
     own: Callable[[Robot], Sequence[float]] | None = None
     share_of: Callable[[Robot], Sequence[float]] | None = None
-    #: other effects in its estimate from balancing; empty for a physical quantity, None if not measured. From
-    #: `campaigns.between_logs.effective`, on the twin with single faults on and off
-    stands_for: str | None = None
+    stands_for: str | None = None  #: other effects in its estimate from balancing; None if not measured
     lines: tuple[str, ...] = ()  #: keys in a robot file
 
     def labels(self, wheel_count: int) -> tuple[str, ...]:
@@ -133,9 +117,9 @@ class Quantity:
             return tuple(f"{self.symbol}{i}" for i in range(1, wheel_count + 1))
         return tuple(f"{self.symbol}_{letter}" for letter in self.each) if self.each else (self.symbol,)
 
-    def parameter(self, label: str, bounds: Limits, default: float) -> Parameter:
+    def parameter(self, label: str, bounds: Limits, default: float) -> FitParameter:
         """Return its number with that label as a parameter of a fit."""
-        return Parameter(
+        return FitParameter(
             name=self.name,
             symbol=label,
             unit=self.unit,
@@ -181,10 +165,7 @@ def _of_robot(
     bounds: Limits | None = None,
     share_of: Callable[[Robot], Sequence[float]] | None = None,
 ) -> Quantity:
-    """Return the quantity of a parameter of the robot, from what is stated beside its field.
-
-    The bounds are its usual values, or those given as shares of `share_of(robot)` or of the robot's own value.
-    """
+    """Return the quantity of a robot's parameter; its bounds may be shares of `share_of(robot)` or of the own value."""
     stated = ROBOT_PARAMETERS[key]
 
     def own(robot: Robot) -> Sequence[float]:
@@ -320,10 +301,7 @@ GROUPS = MappingProxyType(
 
 
 def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
-    """Return the quantities in a list of names and groups (a string has commas), in the order of the table.
-
-    InputError if a name is neither, or the list is empty.
-    """
+    """Return the quantities in a list of names and groups, in the table's order; InputError if one is neither."""
     words = names_listed(free) if isinstance(free, str) else free
     if not words:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")

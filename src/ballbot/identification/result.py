@@ -1,31 +1,45 @@
-"""The result of an identification: the identified robot, its parameters with their uncertainty, and findings."""
+"""The result of an identification: the identified robot, its parameters with their uncertainty, and findings.
+
+It is usable if
+
+- held-out windows are predicted better with friction than without: the 95 % interval of the gain over all logs and the
+  states that count (`ballbot.fitting.model_selection`) is above zero, and the gain is positive for the lean, on which
+  balancing depends, and on each log by itself;
+- no b or c of a wheel is at the upper end of its usual range, which is not an estimate;
+- the logs agree on the Coulomb friction: between logs it varies by less than half of its size, or within their errors.
+
+A law is accepted if the interval of its gain on held-out windows is above zero over the simpler law within it and, if
+that one was not accepted, over the largest accepted law within it. The best law is the accepted one with the least
+error. A law is rejected if an interval lies below a useful gain; otherwise it is undecided.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.errors import every
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
+from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, neighbours
 from ballbot.identification.coulomb import CoulombEquivalent
+from ballbot.identification.laws import Law
 from ballbot.identification.prediction import Predictor, WindowErrors
 from ballbot.identification.quantities import BY_NAME, FRICTION, Layout
 from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
-from ballbot.identification.verdict import Verdict, verdict_of
+from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
-from ballbot.results import to_results
+from ballbot.results import reported, to_results
 from ballbot.robot import Robot
-from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.rounding import digits
+from ballbot.summary import Plotted, Summary, counted, estimated, first_texts, summarized
 
 #: logs disagree if the dry friction varies between them by more than this share of it (standard deviation)
 WIDELY = 0.5
@@ -35,27 +49,25 @@ ParameterTable = dict[str, list[float] | float]
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Identification:
-    """The identified parameters of a robot, friction's 3 n + 3 first."""
+class Identification(Plotted):
+    """The identified parameters of a robot, friction's 3 n + 3 first; `plot()` shows it over speed, with a band."""
 
-    #: the robot with the friction found; a parameter without influence is as it was before, where that predicts as well
-    robot: Robot
+    robot: Robot  #: with the friction found
     predictor: Predictor  #: predicts windows by any such parameters
     uncertainty: Uncertainty  #: of the estimate, including the variation between logs
-    #: (p,), parameters without influence on the logs, or that these do not excite
-    unknown: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]  #: (p,), without influence on the logs, or not excited by them
     variation: Variation  #: between logs, and intervals of the estimate from another log
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
     held_out: WindowErrors  #: on the held-out windows
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
-    #: best cost after each generation of a genetic search, on the windows drawn for it
-    evolution_cost: tuple[float, ...]
+    evolution_cost: tuple[float, ...]  #: best cost after each generation of a genetic search
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
     other: OtherOptimum | None = None
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the logs
+    selection: LawSelection | None = None  #: of the law, if it is "best"
 
     @property
     def layout(self) -> Layout:
@@ -136,12 +148,14 @@ class Identification:
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the identification is usable, and why."""
-        names, values = self.uncertainty.coordinates.names, self.values
-        ended = np.zeros(len(values), dtype=bool)
-        for name in ("viscous", "coulomb"):
-            lower, upper = self.bounds.T
-            far = (upper > lower) & (upper >= BY_NAME[name].bounds[1]) & (values >= upper * (1.0 - 1e-9))
-            ended |= far & (np.array(names) == name)
+        names, values, (lower, upper) = (
+            np.array(self.uncertainty.coordinates.names),
+            self.values,
+            self.bounds.T,
+        )
+        usual = np.array([BY_NAME[name].bounds[1] for name in names])
+        ended = np.isin(names, ("viscous", "coulomb")) & (upper > lower) & (upper >= usual)
+        ended &= values >= upper * (1.0 - 1e-9)
         dry = np.mean(values[np.isin(names, ("coulomb", "stribeck"))]) * 2.0
         varied = self.variation.deviations if self.variation.differ else {}
         return verdict_of(
@@ -160,35 +174,22 @@ class Identification:
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, the error on held-out windows, and warnings."""
         rows = [("parameter", "value ± standard error, or 95 % interval")]
-        errors, counts = self.standard_errors, self.names
-        for name, (symbol, value) in zip(self.layout.names, self.parameters.items(), strict=True):
-            if name not in counts:
-                continue
-            unit = "" if BY_NAME[name].unit == "1" else BY_NAME[name].unit
-            known = map(self.intervals.get, BY_NAME[name].labels(self.layout.wheel_count))
+        values, errors, shown = self.parameters, self.standard_errors, self.names
+        for quantity in (BY_NAME[name] for name in self.layout.names if name in shown):
+            unit, symbol = quantity.unit.removeprefix("1"), quantity.symbol
+            known = map(self.intervals.get, quantity.labels(self.layout.wheel_count))
             # an interval from a profile replaces the standard error
             ends = [(i.lower, i.upper) if i and i.method == "profile" else None for i in known]
-            rows.append((symbol, estimated(value, errors[symbol], unit, intervals=ends)))
+            rows.append((symbol, estimated(values[symbol], errors[symbol], unit, intervals=ends)))
         ratios = np.array(list(self.held_out.with_over_without.values()))
         share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
-        rows.append(
-            ("prediction error", f"{share} of that without friction (median of the states, held out)")
-        )
-        rows.append(
-            (
-                "windows",
-                f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s",
-            )
-        )
+        error = f"{share} of that without friction (median of the states, held out)"
+        windows = f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s"
         return Summary(
             title=f"Identification of the robot {self.robot.name}. {self.verdict.sentence}",
-            rows=tuple(rows),
+            rows=(*rows, ("prediction error", error), ("windows", windows)),
             sentences=first_texts([*self.log_findings, *self.findings]),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of each wheel's identified friction over its speed, with a 95 % band."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -222,6 +223,65 @@ class Identification:
         return to_results(results)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawCandidate:
+    """A fitted law, and its gain on held-out windows."""
+
+    law: Law
+    found: Identification
+    gain: Gain  #: over the simpler law within it
+    over: str | None  #: the largest accepted law within it; None: no friction
+    gain_over: Gain  #: over that one
+    error: float  #: relative to the error without friction
+
+    @property
+    def accepted(self) -> bool:
+        """Whether held-out windows support the law."""
+        return self.gain.significant and self.gain_over.significant
+
+    @property
+    def decision(self) -> Literal["accepted", "rejected", "undecided"]:
+        """Whether held-out windows support the law, exclude a useful gain, or leave it undecided."""
+        if self.accepted:
+            return "accepted"
+        return "rejected" if min(self.gain.upper, self.gain_over.upper) < USEFUL_GAIN else "undecided"
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "law": self.law.name,
+            "formula": self.law.formula,
+            "within": self.law.within,
+            "gain": self.gain.to_dict(),
+            "highest_accepted_below": self.over,
+            "gain_over_highest_accepted": self.gain_over.to_dict(),
+            "accepted": self.accepted,
+            "decision": self.decision,
+            "error_over_no_friction": self.error,
+            "parameters": self.found.to_dict()["parameters"],
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LawSelection:
+    """All fitted laws, and the best one."""
+
+    candidates: tuple[LawCandidate, ...]
+
+    @property
+    def best(self) -> LawCandidate:
+        """The accepted law with the least error; viscous friction if none is accepted."""
+        accepted = [candidate for candidate in self.candidates if candidate.accepted]
+        return min(accepted, key=lambda candidate: candidate.error, default=self.candidates[0])
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return {
+            "candidates": [candidate.to_dict() for candidate in self.candidates],
+            "best": self.best.law.name,
+        }
+
+
 def represents_sentence(names: Sequence[str]) -> str:
     """Return the sentence on quantities that include other effects than their own; empty if none is known to."""
     by_effect: dict[str, list[str]] = {}
@@ -230,3 +290,93 @@ def represents_sentence(names: Sequence[str]) -> str:
             by_effect.setdefault(also, []).append(BY_NAME[name].symbol)
     parts = [f"{', '.join(symbols)} ({also})" for also, symbols in by_effect.items()]
     return f"Effective parameters, and what else they stand for: {'; '.join(parts)}." if parts else ""
+
+
+#: neighbouring windows drawn together: 1 s of motion
+BLOCK = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """Whether an identification is usable, and why."""
+
+    gain: Gain  #: of the prediction with friction over that without, on held-out windows
+    windows: int  #: number of held-out windows
+    reasons: tuple[str, ...]  #: why it is not usable; empty if it is
+
+    @reported
+    def usable(self) -> bool:
+        """Whether there is no reason against it."""
+        return not self.reasons
+
+    @reported
+    def sentence(self) -> str:
+        """The verdict: usable and how much better the prediction is, or not usable and why."""
+        if self.reasons:
+            return f"Not usable: {'; '.join(self.reasons)}."
+        gain = self.gain
+        return (
+            f"Usable: on {counted(self.windows, 'window')} that the fit did not see, the error with this friction is "
+            f"{digits(1.0 - gain.share, 2)} times that without (95 % interval {digits(1.0 - gain.upper, 2)} to "
+            f"{digits(1.0 - gain.lower, 2)})."
+        )
+
+
+def verdict_of(
+    squares: NDArray[np.float64],
+    without: NDArray[np.float64],
+    spans: Sequence[Span],
+    *,
+    lean: NDArray[np.bool_] | None = None,
+    at_end: Sequence[str] = (),
+    disagree: Sequence[str] = (),
+) -> Verdict:
+    """Return the verdict from held-out windows.
+
+    `squares` and `without` (w, k) are sums of squared errors of each window and state that counts, with friction and
+    without; `lean` (k,) marks the states of the lean; `at_end` are labels of friction at the end of its usual range,
+    `disagree` those on which the logs disagree.
+    """
+    logs = np.array([span.log for span in spans])
+
+    def gain_on(rows: NDArray[np.intp], states: NDArray[np.bool_] | slice = slice(None)) -> Gain:
+        blocks = window_blocks([spans[row] for row in rows.tolist()])
+        return gain_between(squares[rows][:, states], without[rows][:, states], blocks)
+
+    everywhere = np.arange(len(spans))
+    overall = gain_on(everywhere)
+    of_lean = overall if lean is None or not lean.any() else gain_on(everywhere, lean)
+    by_log = {int(log): gain_on(np.flatnonzero(logs == log)) for log in np.unique(logs)}
+    worse = [f"log {log + 1} ({_times(gain)})" for log, gain in by_log.items() if not gain.share > 0.0]
+    seen = f"on {counted(len(spans), 'window')} that the fit did not see"
+    reasons = []
+    if not overall.lower > 0.0:
+        reasons.append(
+            f"{seen}, the prediction is no better with friction than without ({_times(overall)}, 95 % interval "
+            f"{digits(1.0 - overall.upper, 2)} to {digits(1.0 - overall.lower, 2)})"
+        )
+    elif not of_lean.share > 0.0:
+        reasons.append(
+            f"{seen}, the lean is predicted no better with friction than without ({_times(of_lean)})"
+        )
+    elif worse and len(by_log) > 1:
+        reasons.append(f"the logs disagree: {every(worse)} is predicted no better with friction than without")
+    if at_end:
+        reasons.append(f"{every(at_end)} {'is' if len(at_end) == 1 else 'are'} at the end of the usual range")
+    if disagree:
+        reasons.append(f"the logs disagree on {every(disagree)}, by half of the friction or more")
+    return Verdict(gain=overall, windows=len(spans), reasons=tuple(reasons))
+
+
+def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
+    """Return the rows of windows in blocks of `BLOCK` neighbours of one log."""
+    groups = []
+    for log in sorted({span.log for span in spans}):
+        rows = [row for row, span in enumerate(spans) if span.log == log]
+        rows.sort(key=lambda row: spans[row].start)
+        groups += neighbours(rows, block=BLOCK)
+    return groups
+
+
+def _times(gain: Gain) -> str:
+    return f"{digits(1.0 - gain.share, 2)} times the error"

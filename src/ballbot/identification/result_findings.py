@@ -72,10 +72,10 @@ def parameter_findings(
     for i in np.flatnonzero(at_bound).tolist():
         # a search ends beside its bound, not on it
         lowest = coordinates.scaled(values)[i] < 0.5
-        bound = coordinates.lower[i] if lowest else coordinates.upper[i]
+        side, bound = ("lower", coordinates.lower[i]) if lowest else ("upper", coordinates.upper[i])
         zero = "zero friction of this kind" if coordinates.names[i] in FRICTION else "zero"
         advice = f"{zero} fits best" if bound == 0.0 else "widen the bound, or fix the parameter"
-        ends.setdefault((f"{'lower' if lowest else 'upper'} bound {bound:g}", advice), {})[labels[i]] = ""
+        ends.setdefault((f"{side} bound {bound:g}", advice), {})[labels[i]] = ""
     return [
         *_of(
             "no-influence",

@@ -3,11 +3,7 @@
 The robot's numbers y follow from the estimated parameters p. With the covariance C of p and the derivatives G = dy/dp,
 the delta method gives the covariance G C G^T of y. A number that depends on a parameter without a standard error has
 none either: its standard deviation is infinite, and its interval is the range of its values over that parameter's
-interval or, without one, its bounds. A number that depends on no estimated parameter has no standard deviation,
-and counts as exact.
-
-A robot that is written and read again has the same covariance within the digits of its file: four digits of standard
-deviations, and five decimals of correlations.
+interval or, without one, its bounds. A number that depends on no estimated parameter counts as exact.
 """
 
 from __future__ import annotations
@@ -35,12 +31,13 @@ _UNCHANGED = 1e-12
 def ends_without_error(uncertainty: Uncertainty) -> dict[int, tuple[float, float]]:
     """Return the interval, or else the bounds, of each estimated parameter without a standard error, by index."""
     space, ends = uncertainty.coordinates, dict[int, tuple[float, float]]()
-    values = space.physical(uncertainty.point)
-    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(uncertainty.standard_errors)).tolist():
+    values, errors = space.physical(uncertainty.point), uncertainty.standard_errors
+    for i in np.flatnonzero((space.upper > space.lower) & ~np.isfinite(errors)).tolist():
         known = uncertainty.intervals.get(space.labels[i])
-        low, high = (-np.inf, np.inf) if known is None else (known.lower, known.upper)
-        least, most = max(low, float(space.lower[i])), min(high, float(space.upper[i]))
-        ends[i] = (min(least, float(values[i])), max(most, float(values[i])))
+        least, most, value = float(space.lower[i]), float(space.upper[i]), float(values[i])
+        if known is not None:
+            least, most = max(known.lower, least), min(known.upper, most)
+        ends[i] = (min(least, value), max(most, value))
     return ends
 
 
@@ -77,7 +74,7 @@ def found_robot(
 
 
 def with_uncertainty(
-    found: Robot,
+    robot: Robot,
     robot_of: Callable[[NDArray[np.float64]], Robot],
     values: NDArray[np.float64],
     covariance: NDArray[np.float64],
@@ -87,11 +84,11 @@ def with_uncertainty(
 ) -> Robot:
     """Return the robot with standard deviations, correlations and intervals of its parameters `names`, dotted.
 
-    `robot_of` returns the robot of estimated parameters (p,), SI units, and `found` that of `values`. `covariance`
+    `robot_of` returns the robot of estimated parameters (p,), SI units, and `robot` is that of `values`. `covariance`
     (p, p) is zero or NaN for parameters without a standard error, whose `ends` `ends_without_error` returns.
     """
-    names = [name for name in BY_NAME if name in set(names) and value_of(found, BY_NAME[name]) != ()]
-    covariance, numbers = np.nan_to_num(covariance), _numbers(found, names)
+    names = [name for name in BY_NAME if name in set(names) and value_of(robot, BY_NAME[name]) != ()]
+    covariance, numbers = np.nan_to_num(covariance), _numbers(robot, names)
 
     def with_value(index: int, value: float) -> NDArray[np.float64] | None:
         """Return the numbers with another value of one parameter; None if no robot has it."""
@@ -121,7 +118,7 @@ def with_uncertainty(
     sizes[unknown] = np.inf
     stated, labels = dict[str, Value](), list[str]()
     for name in names:
-        value, first = value_of(found, BY_NAME[name]), len(labels)
+        value, first = value_of(robot, BY_NAME[name]), len(labels)
         labels += [f"{name}[{i}]" for i in range(len(value))] if isinstance(value, tuple) else [name]
         rounded = tuple(float(f"{size:.4g}") for size in sizes[first : len(labels)])
         if any(size > 0.0 for size in rounded):
@@ -130,9 +127,9 @@ def with_uncertainty(
     kept = np.flatnonzero((sizes > 0.0) & ~unknown)
     R = spread[np.ix_(kept, kept)] / np.outer(sizes[kept], sizes[kept])
     related = np.flatnonzero((np.abs(R - np.diag(R.diagonal())) > 5e-6).any(axis=1))
-    return found.annotated(
-        standard_deviations={**found.standard_deviations, **stated},
-        intervals={**found.intervals, **intervals},
+    return robot.annotated(
+        standard_deviations={**robot.standard_deviations, **stated},
+        intervals={**robot.intervals, **intervals},
         correlation=Correlation.of_matrix([labels[i] for i in kept[related]], R[np.ix_(related, related)]),
     )
 

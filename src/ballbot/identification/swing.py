@@ -7,15 +7,12 @@ viscous friction b [N m s/rad], its dry friction c [N m] and the inertia I about
 period grows with the amplitude A: T = T_0 2 K(sin(A/2)) / pi, with the complete elliptic integral K (L. Landau and
 E. Lifshitz, Mechanics, section 11), so that large swings distinguish radians from degrees.
 
-The experiment (`pendulum_experiment`) has six parameters: omega_n^2, beta, kappa, the first angle and rate, and the
-sensor's zero. Its residuals are predicted less recorded sensor values, in blocks of one swing, because errors of
-neighbouring samples depend on each other. The inertia follows from the frequency:
+The inertia follows from the frequency:
 
     I_pivot = m g r / omega_n^2        I_com = I_pivot - m r^2        J_0 = I_com + m l^2
 
 m the hanging mass, r from the pivot to its centre of mass, l from the ball's centre to it (thesis, Appendix III, which
-hung the body at the ball's centre, r = l). The errors of frequency, m, r and l count as independent; with the
-derivative d_i of a result by each, its variance is the sum of (d_i s_i)^2.
+hung the body at the ball's centre, r = l). The errors of frequency, m, r and l count as independent.
 """
 
 from __future__ import annotations
@@ -37,7 +34,7 @@ from ballbot.findings import Finding, error, finding, finding_results, note, war
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
 from ballbot.log.columns import unit_of
@@ -76,11 +73,10 @@ class Swing:
 
 
 def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
-    """Return the free swing in a log of the hanging body.
+    """Return the free swing in a log of the hanging body; InputError if there is none.
 
     It is taken from `column`, an angle [rad] or a rate [rad/s] by its name; by default from the gyro about its main
-    axis, or from the one of theta, phi and psi that swings most. InputError if the log has none of these, or no free
-    swing.
+    axis, or from the one of theta, phi and psi that swings most.
     """
     gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
     if column is None and gyro:
@@ -160,21 +156,16 @@ _STEP = 0.03
 
 
 def pendulum_motion(
-    stiffness: float,
-    viscous: float,
-    dry: float,
-    angle: float,
-    rate: float,
-    t: NDArray[np.float64],
+    p: NDArray[np.float64], t: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return angle [rad] and rate [rad/s] (n,) at times t (n,) of a pendulum from `angle` and `rate` at t_0.
+    """Return angle [rad] and rate [rad/s] (n,) at times t (n,) of a pendulum.
 
-    `stiffness` is omega_n^2 [1/s^2], `viscous` beta [1/s] and `dry` kappa [1/s^2]. The axis's steps are of second order
-    in gravity, and extrapolation with steps of half the length removes that term of the error (L. F. Richardson 1911).
+    `p` begins with omega_n^2 [1/s^2], beta [1/s], kappa [1/s^2], and angle and rate at t_0. The axis's steps are of
+    second order in gravity, and extrapolation with steps of half the length removes that term of the error (L. F.
+    Richardson 1911).
     """
-    pendulum = Axis(
-        values={"mass": 1.0, "gravity_sine": stiffness, "viscous": viscous, "coulomb": dry, "stribeck": 0.0}
-    )
+    stiffness, viscous, dry, angle, rate = p[:5].tolist()
+    pendulum = Axis(values={"mass": 1.0, "gravity_sine": stiffness, "viscous": viscous, "coulomb": dry})
     span = float(t[-1] - t[0])
     rows = max(1, math.ceil(span * math.sqrt(max(abs(stiffness), 1e-12)) / _STEP))
     start, first = np.array([[angle, rate]]), np.array([0])
@@ -188,10 +179,7 @@ def pendulum_motion(
 
 
 def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
-    """Return the experiment, and start values (6,) with the frequency of the spectrum and no friction.
-
-    Friction may be estimated below zero, so that the interval of a swing without friction contains zero.
-    """
+    """Return the experiment and start values (6,); friction may be below zero, so that intervals contain zero."""
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
     zero, angular = float(first.min()) + size, swing.kind == "angle"
@@ -204,12 +192,12 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     viscous = omega * math.log(1.0 / _SMALLEST) / (math.pi * _LEAST_SWINGS)
     dry = omega**2 * amplitude / (4.0 * _LEAST_SWINGS)
     parameters = (
-        Parameter.about("omega_n^2", omega**2, "1/s^2", factor=4.0),
-        Parameter.about("beta", 0.0, "1/s", within=viscous),
-        Parameter.about("kappa", 0.0, "1/s^2", within=dry),
-        Parameter.about("first angle", 0.0, "rad", within=4.0),
-        Parameter.about("first rate", 0.0, "rad/s", within=4.0 * omega),
-        Parameter.about("zero", 0.0, "rad" if angular else "rad/s", within=abs(zero) + 4.0 * size),
+        FitParameter.about("omega_n^2", omega**2, "1/s^2", factor=4.0),
+        FitParameter.about("beta", 0.0, "1/s", within=viscous),
+        FitParameter.about("kappa", 0.0, "1/s^2", within=dry),
+        FitParameter.about("first angle", 0.0, "rad", within=4.0),
+        FitParameter.about("first rate", 0.0, "rad/s", within=4.0 * omega),
+        FitParameter.about("zero", 0.0, "rad" if angular else "rad/s", within=abs(zero) + 4.0 * size),
     )
     block = np.minimum((swing.t - swing.t[0]) // swing.period, swing.swings // 1.0 - 1.0).astype(np.int64)
     experiment = residuals_without_states(
@@ -220,9 +208,8 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
 
 def _sensed(p: NDArray[np.float64], swing: Swing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the angle [rad] and the sensor's value, both (n,)."""
-    stiffness, viscous, dry, angle, rate, zero = p.tolist()
-    angles, rates = pendulum_motion(stiffness, viscous, dry, angle, rate, swing.t)
-    return angles, (angles if swing.kind == "angle" else rates) + zero
+    angles, rates = pendulum_motion(p, swing.t)
+    return angles, (angles if swing.kind == "angle" else rates) + p[5]
 
 
 #: swings that are fitted first, so that the fit to the complete recording is not a swing off
@@ -288,15 +275,14 @@ def _fitted(swing: Swing) -> SwingFit:
         point = descend(part, point, free=space.free, most_steps=30, most_renewals=0).point
         until *= 2.0
     result = fit(experiment, point)
-    # errors are clustered by swing
-    quantile = stdtrit(len(experiment.block_log) - 1, 0.975)
     angles, predicted = _sensed(result.values, swing)
     ends = swing.t <= swing.t[0] + swing.period, swing.t >= swing.t[-1] - swing.period
     first, last = (float(np.abs(angles[rows]).max()) for rows in ends)
     return SwingFit(
         swing=swing,
         values=result.values,
-        half_widths=quantile * result.errors,
+        # clustered by swing
+        half_widths=stdtrit(len(experiment.block_log) - 1, 0.975) * result.errors,
         predicted=predicted,
         amplitudes=(first, last),
     )
@@ -400,21 +386,18 @@ class SwingInertia:
         """Return the rows of the printed table: quantity, value with 95 % half width, unit."""
         (frequency, half), viscous, dry = self._numbers.values()
         period = 2.0 * np.pi / frequency
-        inertias = [
-            (f"inertia about the {name}", (about.value, about.half_width), "kg m^2")
-            for name, about in (
-                ("pivot", self.about_pivot),
-                ("centre of mass", self.about_center_of_mass),
-                ("ball's centre", self.about_ball_center),
-            )
-        ]
         rows = [
             ("small swings' frequency", (frequency, half), "rad/s"),
             ("small swings' period", (period, period * half / frequency), "s"),
             ("pivot's viscous friction", viscous, "N m s/rad"),
             ("pivot's dry friction", dry, "N m"),
-            *inertias,
         ]
+        for name, about in (
+            ("pivot", self.about_pivot),
+            ("centre of mass", self.about_center_of_mass),
+            ("ball's centre", self.about_ball_center),
+        ):
+            rows.append((f"inertia about the {name}", (about.value, about.half_width), "kg m^2"))
         return [[name, plus_minus(*number), unit] for name, number, unit in rows]
 
     def to_dict(self, findings: Sequence[Finding] = ()) -> dict[str, object]:
@@ -440,14 +423,11 @@ class SwingInertia:
 def inertia_of_swing(
     fit: SwingFit, robot: Robot, *, distance: float | None = None, deviation: float | None = None
 ) -> SwingInertia:
-    """Return the inertia of the body that swung, with its uncertainty.
+    """Return the inertia of the body that swung, with its uncertainty; InputError if the pivot is not possible.
 
     Hanging mass, l and g with their standard deviations are those of the robot. The pivot is at `distance` r [m] from
     the centre of mass, with a standard `deviation` [m] of zero by default. Without a distance, the pivot is at the
     ball's centre, r = l, by default with the deviation in the robot's file.
-
-    InputError if the distance is not above zero or so long that the inertia about the centre of mass is not above
-    zero, or if the deviation is below zero.
     """
     stated, height, there = robot.standard_deviations, robot.body.center_of_mass, distance is None
     of_mass, of_height = (
@@ -478,10 +458,9 @@ def inertia_of_swing(
             f"{robot.gravity / at[0] ** 2:.4g} m. {_CHECK_UNITS}"
         )
     # one standard deviation of each source; r and l change together if they are the same
-    sources = np.diag(
-        [fit.frequency_half_width / HALF_WIDTH, of_mass, pivot["deviation"], 0.0 if there else of_height]
-    )
-    sources[2, 3] = pivot["deviation"] if there else 0.0
+    sources = np.diag([fit.frequency_half_width / HALF_WIDTH, of_mass, pivot["deviation"], of_height])
+    if there:
+        sources[2:, 3] = pivot["deviation"], 0.0
     changes = [0.5 * (inertias(*(at + source)) - inertias(*(at - source))) for source in sources]
     numbers = zip(values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
     about_pivot, own, about_ball = (SwingQuantity(value=value, deviation=error) for value, error in numbers)

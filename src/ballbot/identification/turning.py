@@ -4,14 +4,13 @@
     e_k = R (C(t_k + h) - C(t_k)) - (L(s_k + h) - L(s_k)) + b h,      s = (t - offset) / (1 + rate)
 
 C and L are running totals of the turning in the body frame, from the cameras and from the log: the integral of w dt
-from a gyro, and the sum of log(R_k^T R_k+1) from orientations, whose noise cancels between neighbours. R rotates the
-marker frame to the log's body frame, and b is the bias of the gyro.
+from a gyro, and the sum of log(R_k^T R_k+1) from orientations. R rotates the marker frame to the log's body frame, and
+b is the bias of the gyro.
 
 The fit starts from clocks with which both turn equally fast, which needs no frame: the speeds are correlated over all
 shifts and over rates up to 1 %, with each overlap normalised by the samples that both have (D. Padfield, IEEE Trans.
 Image Processing 21 (2012) 2706-2718). A periodic motion gives several peaks; all are fitted, and the most
-likely one is kept. R starts from the closed solution of Wahba's problem. Large errors count less (Huber). Standard
-errors are clustered by blocks of time, because errors depend on each other over seconds.
+likely one is kept. R starts from the closed solution of Wahba's problem. Large errors count less (Huber).
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
-from ballbot.fitting.parameter import Parameter
+from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
 from ballbot.log.pose import Poses
 
@@ -75,10 +74,7 @@ class Turning:
 
 
 def log_turning(log: Log) -> Turning:
-    """Return the rotation of a log from its gyro or, without one, from its angles.
-
-    InputError if it has neither, or hardly any values of them.
-    """
+    """Return the rotation of a log from its gyro or, without one, from its angles; InputError if it has neither."""
     if has_gyro(log):
         return Turning.of_rates(log.t, _columns(log, GYRO_NAMES)[0])
     if not all(name in log for name in ANGLE_NAMES):
@@ -190,10 +186,8 @@ def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
 def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the mean turning speeds (k,) [rad/s] around times (k,), and 1 where they are known, else 0."""
     start, end = t - 0.5 * _MEAN, t + 0.5 * _MEAN
-    known = turning.covers(start, end)
-    return np.where(known, np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, 0.0), known.astype(
-        np.float64
-    )
+    known = turning.covers(start, end).astype(np.float64)
+    return known * np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, known
 
 
 def _scores(
@@ -294,8 +288,7 @@ class MotionFit:
 def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tuple[MotionFit, Clock | None]:
     """Return the most likely clock and rotation, and the clock of another fit that is nearly as likely.
 
-    `least_share` is the least common share of the rotation in the same run. InputError if the two are of different
-    runs, or turn about one axis only.
+    InputError if log and cameras share less than `least_share` of the rotation, or turn about one axis only.
     """
     fits = [fit for clock in _candidate_clocks(log, cameras) if (fit := _fitted(log, cameras, clock))]
     fits.sort(key=lambda fit: -fit.gain)
@@ -313,21 +306,17 @@ def match_turning(log: Turning, cameras: Turning, *, least_share: float) -> tupl
             "known. Balance and turn the heading in the same run."
         )
     middle = np.array(0.5 * (log.t[0] + log.t[-1]))
+    likely = [fit.clock for fit in fits[1:] if fit.gain > _RIVAL * best.gain]
     here = best.clock.to_cameras(middle)
-    rivals = (
-        fit.clock
-        for fit in fits[1:]
-        if abs(fit.clock.to_cameras(middle) - here) > _SAME and fit.gain > _RIVAL * best.gain
-    )
-    return best, next(rivals, None)
+    return best, next((clock for clock in likely if abs(clock.to_cameras(middle) - here) > _SAME), None)
 
 
 #: changes of clock and rotation from the start of the fit, and the bias of the gyro
 _PARAMETERS = (
-    Parameter.about("offset in the middle", 0.0, "s", within=2.0),
-    Parameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
-    *(Parameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
-    *(Parameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
+    FitParameter.about("offset in the middle", 0.0, "s", within=2.0),
+    FitParameter.about("rate", 0.0, "s/s", within=_LARGEST_RATE),
+    *(FitParameter.about(f"rotation about {axis}", 0.0, "rad", within=3.0) for axis in "xyz"),
+    *(FitParameter.about(f"bias about {axis}", 0.0, "rad/s", within=2.0) for axis in "xyz"),
 )
 
 
@@ -373,9 +362,7 @@ class _Pairs:
         offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
         return Clock(offset=float(offset), rate=float(rate))
 
-    def _at(
-        self, x: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def _at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return start and end (n,) on the log's clock, and the cameras' increments (n, 3) in its frame."""
         clock = self.clock_of(x)
         rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
@@ -427,6 +414,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     # the offset at the log's zero, from that in the middle and the rate
     to_zero = np.array([1.0, -pairs.middle])
     body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
+    every = float(np.median(np.diff(pairs.start)))
     return MotionFit(
         clock=pairs.clock_of(x),
         body_marker=body_marker,
@@ -438,9 +426,7 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         error=float(np.sqrt(np.mean(residuals**2))),
         motion=float(np.sqrt(np.mean(_centred(pairs.turned) ** 2))),
         increments=len(pairs.start),
-        axis_error=_axis_error(
-            body_marker.apply(pairs.turned), residuals, float(np.median(np.diff(pairs.start)))
-        ),
+        axis_error=_axis_error(body_marker.apply(pairs.turned), residuals, every),
     )
 
 
@@ -452,12 +438,7 @@ def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:
-    """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least.
-
-    If all motion is about one axis, a rotation about it hardly changes the residuals, which clustered errors do not
-    show. The motion about the other two axes that log and cameras have in common determines it, as the singular values
-    of their covariance show. One independent increment is counted for each `SPAN`.
-    """
+    """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least."""
     turned = _centred(turned)
     U, shared, Vt = np.linalg.svd((turned - _centred(residuals)).T @ turned / len(turned))
     across = shared[1] + shared[2] * np.sign(np.linalg.det(U) * np.linalg.det(Vt))

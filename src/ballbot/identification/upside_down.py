@@ -5,12 +5,11 @@ by the torques of the motors and the friction only:
 
     d/dt (J Omega + (j_w + j_r) A^T w) = A^T (u - tau(w))        tau = b w + (c + s exp(-|w/v_s|)) sgn(w)
 
-w is measured by the encoders, or A Omega in a log without them. The parameters of the experiment (`momentum_balance`)
-are b, c and s of each wheel, and v_s. Its residuals are those of the integrated equation over pieces of 0.05 s, in
-blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a function of speed; the
-directions in which it acts are then left out. So are rows at the limit of speed or torque, where the logged torque does
-not act. The exponent delta of the thesis is 1, as for the sweep (`ballbot.identification.driveline`): a log of a minute
-does not determine it.
+w is measured by the encoders, or A Omega in a log without them. Residuals are those of the integrated equation over
+pieces of 0.05 s, in blocks of a window. The sign of a slow wheel's speed is uncertain, and its friction is not a
+function of speed; the directions in which it acts are then left out. So are rows at the limit of speed or torque, where
+the logged torque does not act. The exponent delta of the thesis is 1, as for the sweep
+(`ballbot.identification.driveline`): a log of a minute does not determine it.
 
 Standard errors are clustered by window and widened by `WIDENED`. Held-out windows validate the friction: the ball is
 simulated with and without it, from the mean of the samples around a window's first row.
@@ -20,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,12 +29,11 @@ from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_
 from ballbot.fitting.fit import fit
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import correlation, discrepancy
-from ballbot.identification.agreement import StageEstimate, file_findings
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
-from ballbot.identification.result import ParameterTable
-from ballbot.identification.verdict import Verdict, verdict_of
-from ballbot.identification.windows import LARGEST_JITTER, Span, common_sample_time, split
+from ballbot.identification.result import ParameterTable, Verdict, verdict_of
+from ballbot.identification.stages import StageEstimate, file_findings
+from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
@@ -44,10 +41,7 @@ from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
-from ballbot.summary import Summary, estimated, first_texts, listed, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, first_texts, listed, summarized
 
 #: the initial state of a window is the mean over so many samples on either side of its first
 NEIGHBOURS = 4
@@ -107,41 +101,19 @@ def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
     return [np.concatenate([missing, slope, missing]) for slope in slopes]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class BallWindows:
-    """w windows of m samples each."""
-
-    initial: NDArray[np.float64]  #: (w, 3), initial Omega [rad/s]
-    torques: NDArray[np.float64]  #: (w, m, n) [N m]
-    measured: NDArray[np.float64]  #: (w, m, 3), Omega after each sample [rad/s]
-    spans: tuple[Span, ...]  #: (w,)
-    sample_time: float  #: [s]
-
-    def __len__(self) -> int:
-        return len(self.initial)
-
-    def take(self, rows: NDArray[np.int64]) -> BallWindows:
-        """Return the windows in these rows."""
-        columns = {name: getattr(self, name)[rows] for name in ("initial", "torques", "measured")}
-        return replace(self, **columns, spans=tuple(self.spans[row] for row in rows))
-
-    def predicted(self, robot: Robot, friction: Friction) -> NDArray[np.float64]:
-        """Return the predicted Omega (w, m, 3) [rad/s] with a friction."""
-        return simulate_balls(
-            ClampedBall.of_robot(robot),
-            friction=friction,
-            initial=self.initial,
-            torques=self.torques,
-            sample_time=self.sample_time,
-        )
+def predicted_velocity(windows: Windows, robot: Robot, friction: Friction) -> NDArray[np.float64]:
+    """Return the ball's predicted Omega (w, m, 3) [rad/s] with a friction."""
+    return simulate_balls(
+        ClampedBall.of_robot(robot),
+        friction=friction,
+        initial=windows.initial,
+        torques=windows.torques,
+        sample_time=windows.sample_time,
+    )
 
 
-def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> BallWindows:
-    """Cut logs into windows of a duration [s], without gaps, missing values and rows at a limit.
-
-    InputError if there is no log, a column is missing, the sample times differ, or the duration is invalid or longer
-    than every log.
-    """
+def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> Windows:
+    """Cut logs into complete windows of Omega [rad/s] without rows at a limit; InputError if there are none."""
     sample_time = common_sample_time(logs, duration=duration)
     samples = round(duration / sample_time)
     initial, torques, measured, spans = [], [], [], []
@@ -158,10 +130,12 @@ def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> B
             f"No log has {duration:g} s without a gap, a missing value or a row at the limit of speed or torque; "
             "choose a shorter window."
         )
-    return BallWindows(
+    return Windows(
         initial=np.array(initial),
         torques=np.array(torques),
         measured=np.array(measured),
+        earlier=np.empty((len(spans), 0, robot.wheel_count)),
+        spin=np.full(len(spans), np.nan),
         spans=tuple(spans),
         sample_time=sample_time,
     )
@@ -177,10 +151,7 @@ def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
 def momentum_balance(
     robot: Robot, logs: Sequence[Log], *, duration: float, without: Sequence[Span]
 ) -> Residuals:
-    """Return the experiment on windows of a duration [s], end to end, `without` some of them.
-
-    Its residuals [N m s] are of pieces of `PIECE` seconds in which a wheel turns and no row is missing or at a limit.
-    """
+    """Return the experiment on windows of a duration [s], `without` some; residuals [N m s] of turning pieces."""
     ball, h = ClampedBall.of_robot(robot), common_sample_time(logs, duration=duration)
     A, J, n = ball.A, robot.ball.inertia * np.eye(3), robot.wheel_count
     # ball.inertia is J + (j_w + j_r) A^T A
@@ -226,16 +197,15 @@ def momentum_balance(
 
     # friction is below the largest torque, and so is its viscous part at the usual speed
     usual = float(np.sqrt(np.mean(speeds**2))) if speeds.size else 1.0
-    bounds = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
+    amounts = {"viscous": (0.0, largest / usual), "coulomb": (0.0, largest), "stribeck": (0.0, largest)}
+    parameters = [
+        quantity.parameter(label, amounts.get(quantity.name, SHAPES), float(quantity.name not in amounts))
+        for quantity in QUANTITIES
+        for label in quantity.labels(n)
+    ]
     return residuals_without_states(
         lambda values: change.ravel() + impulses(values[-1])[:, : 3 * n] @ values[:-1],
-        parameters=tuple(
-            quantity.parameter(
-                label, bounds.get(quantity.name, SHAPES), 0.0 if quantity.name in bounds else 1.0
-            )
-            for quantity in QUANTITIES
-            for label in quantity.labels(n)
-        ),
+        parameters=parameters,
         dependences=(Dependence(through="stribeck", dependent=("stribeck_speed",)),),
         block=np.repeat(window, 3),
         block_log=np.array([number for number, _ in begins], dtype=np.int64),
@@ -245,15 +215,13 @@ def momentum_balance(
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class UpsideDown:
-    """Friction of drivelines and ball-wheel contacts without the robot's weight on the ball; p = 3 n + 1 parameters."""
+class UpsideDown(Plotted):
+    """Friction without the robot's weight on the ball, p = 3 n + 1 parameters; `plot()` shows it over speed."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     verdict: Verdict  #: whether the friction is usable
     estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
-    #: root mean square error (3,) [rad/s] of Omega on held-out windows: with the friction "found", with that of the
-    #: "robot file" if it has any, and with "none"
-    held_out: Mapping[str, NDArray[np.float64]]
+    held_out: Mapping[str, NDArray[np.float64]]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of a window [s]
@@ -272,13 +240,10 @@ class UpsideDown:
     @property
     def intervals(self) -> dict[str, tuple[float, float]]:
         """95 % intervals by label, of parameters with a standard error."""
-        own = self.estimate
-        numbers = zip(own.labels, own.values.tolist(), own.errors.tolist(), strict=True)
-        return {
-            label: (max(value - QUANTILE * error, 0.0), value + QUANTILE * error)
-            for label, value, error in numbers
-            if np.isfinite(error)
-        }
+        own, half = self.estimate, QUANTILE * self.estimate.errors
+        ends = zip(np.maximum(own.values - half, 0.0).tolist(), (own.values + half).tolist(), strict=True)
+        by_label = dict(zip(own.labels, ends, strict=True))
+        return {label: interval for label, interval in by_label.items() if np.isfinite(interval[1])}
 
     def summary(self) -> Summary:
         """Return the verdict, each parameter with its standard error, held-out errors, and warnings."""
@@ -296,31 +261,21 @@ class UpsideDown:
             sentences=(self.verdict.sentence, *first_texts(self.findings)),
         )
 
-    def plot(self) -> Figure:
-        """Return a figure of each wheel's friction over its speed."""
-        return plotted(self)
-
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-
-        def listed_spans(spans: Sequence[Span]) -> list[list[float]]:
-            return [[span.log, span.start, span.end] for span in spans]
-
+        windows = {
+            name: [[span.log, span.start, span.end] for span in spans]
+            for name, spans in (("fit", self.fit_windows), ("held_out", self.held_out_windows))
+        }
+        matrix = correlation(self.estimate.covariance)
         results = {
             "verdict": self.verdict,
             "parameters": self.parameters,
             "standard_errors": self.standard_errors,
             "intervals": self.intervals,
-            "correlation": {
-                "labels": list(self.estimate.labels),
-                "matrix": correlation(self.estimate.covariance),
-            },
+            "correlation": {"labels": list(self.estimate.labels), "matrix": matrix},
             "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
-            "windows": {
-                "length": self.window,
-                "fit": listed_spans(self.fit_windows),
-                "held_out": listed_spans(self.held_out_windows),
-            },
+            "windows": {"length": self.window, **windows},
             "findings": finding_results(self.findings),
         }
         return to_results(results)
@@ -376,7 +331,8 @@ def identify_upside_down(
     robot, named = as_robot(robot), as_logs(logs)
     n, everything = robot.wheel_count, list(named.values())
     windows = cut_ball_windows(robot, everything, duration=window)
-    fit_rows, held_rows = split(len(windows), held_out=held_out, seed=run.seed)
+    order = np.random.default_rng(run.seed).permutation(len(windows))
+    held_rows, fit_rows = map(np.sort, np.split(order, [max(1, round(held_out * len(windows)))]))
     kept = windows.take(held_rows)
     experiment = momentum_balance(robot, everything, duration=window, without=kept.spans)
     if not np.any(windows.torques):
@@ -396,7 +352,7 @@ def identify_upside_down(
     if robot.friction == frictions["none"]:
         del frictions["robot file"]
     squares = {
-        name: ((kept.predicted(robot, friction) - kept.measured) ** 2).mean(axis=1)
+        name: ((predicted_velocity(kept, robot, friction) - kept.measured) ** 2).mean(axis=1)
         for name, friction in frictions.items()
     }
     verdict = verdict_of(squares["found"], squares["none"], kept.spans)

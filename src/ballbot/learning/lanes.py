@@ -84,6 +84,7 @@ class Episodes(NamedTuple):
     drawn: NDArray[np.int64]  #: (lanes,) which robot of the pool
     actions: NDArray[np.float64]  #: (lanes, n) torques given from outside [N m]
     history: NDArray[np.float64]  #: (lanes, HISTORY, n) those of the last steps, limited, newest first [N m]
+    references: NDArray[np.float64]  #: (lanes, 10) what is asked for, with the velocity
     late: NDArray[np.float64]  #: (lanes,) by which the last sampling instant was late [s]
     changes: NDArray[np.int64]  #: (lanes,) age at which something else is asked for
     started: NDArray[np.bool_]  #: (lanes,) whether an episode is to start
@@ -144,10 +145,13 @@ def _begin(draws, pool, task, commands, episodes, lane):
         return False
     commands.todo[lane] = ADVANCED
     _draw_sample(draws, pool, task, episodes, lane)
+    asked = episodes.references[lane]
     if task.drive > 0.0:
-        asked = commands.references[lane]
         asked[0] += task.sample_time * asked[5]
         asked[1] += task.sample_time * asked[6]
+    # a base controller is shown a pose alone, as on a course: with a velocity it would be a plan
+    for i in (0, 1, 4):
+        commands.references[lane, i] = asked[i]
     return True
 
 
@@ -159,7 +163,7 @@ def _end(task, inputs, blocks, commands, out, episodes, lane):
     truth, age = blocks.truths[lane], commands.ages[lane] + 1
     commands.ages[lane] = age
     episodes.rewards[lane] += reward(
-        task, truth, commands.references[lane], blocks.commanded[lane], blocks.last[lane]
+        task, truth, episodes.references[lane], blocks.commanded[lane], blocks.last[lane]
     )
     lean = max(abs(truth[2]), abs(truth[3]))
     if out.ended[lane] <= age or not lean <= task.fallen:
@@ -174,7 +178,7 @@ def _end(task, inputs, blocks, commands, out, episodes, lane):
 @inlined
 def _ask(task, inputs, commands, episodes, lane):
     """Draw what a lane is asked for from now on, and when that changes: U(0.3, 1) of the task's interval."""
-    stream, asked, age = episodes.streams[lane], commands.references[lane], commands.ages[lane]
+    stream, asked, age = episodes.streams[lane], episodes.references[lane], commands.ages[lane]
     wait = max(1, int(uniform(stream, 0.3, 1.0) * task.interval))
     episodes.changes[lane] = age + wait
     if task.reach > 0.0 or task.reach_heading > 0.0:
@@ -195,12 +199,12 @@ def _ask(task, inputs, commands, episodes, lane):
 
 
 @inlined
-def _end_for_good(task, blocks, commands, episodes, lane):
+def _end_for_good(task, blocks, episodes, lane):
     """Keep the end of a lane's episode, after which another one starts in the same step."""
     fill(episodes.final_truths[lane], blocks.truths[lane])
-    fill(episodes.final_references[lane], commands.references[lane])
+    fill(episodes.final_references[lane], episodes.references[lane])
     out = episodes.final_observations[lane]
-    observe(blocks.states[lane], commands.references[lane], episodes.history[lane], task.torque_limit, out)
+    observe(blocks.states[lane], episodes.references[lane], episodes.history[lane], task.torque_limit, out)
 
 
 @inlined
@@ -226,7 +230,7 @@ def _start(inputs, draws, pool, task, commands, out, episodes, lane):
         draws.positions[lane, i] = uniform(stream, -0.5, 0.5)
         draws.turns[lane, i] = uniform(stream, 0.0, 2.0 * np.pi)
     for i in range(10):
-        commands.references[lane, i] = 0.0
+        episodes.references[lane, i] = 0.0
     for k in range(HISTORY):
         for i in range(n):
             episodes.history[lane, k, i] = 0.0
@@ -279,7 +283,7 @@ def play(selected, world, span, samples, ending, parts):
                 commands.todo[lane] = LEFT
                 if episodes.started[lane] or (ending == SAME_STEP and not episodes.active[lane]):
                     if ending == SAME_STEP and episodes.ended[lane]:
-                        _end_for_good(task, blocks, commands, episodes, lane)
+                        _end_for_good(task, blocks, episodes, lane)
                     else:
                         episodes.fallen[lane] = episodes.ended[lane] = False
                     _start(inputs, draws, pool, task, commands, out, episodes, lane)
@@ -291,7 +295,7 @@ def play(selected, world, span, samples, ending, parts):
                     _end(task, inputs, blocks, commands, out, episodes, lane)
         if parts & OBSERVE:
             for lane in range(first, last):
-                seen, asked = blocks.states[lane], commands.references[lane]
+                seen, asked = blocks.states[lane], episodes.references[lane]
                 observe(seen, asked, episodes.history[lane], task.torque_limit, episodes.observations[lane])
 
 
@@ -363,7 +367,7 @@ class TaskLanes:
         _check_kinds(robots, self.sample_time, base)
         self._selected = robots[0].model.selected
         self._world = world = self._new_world(robots, base, estimator, seed)
-        self.ages, self.references = world.commands.ages, world.commands.references
+        self.ages, self.references = world.commands.ages, world.episodes.references
         self.truths, self.states = world.blocks.truths, world.blocks.states
         episodes = world.episodes
         self.observations, self.rewards = episodes.observations, episodes.rewards
@@ -565,6 +569,7 @@ def _new_episodes(loops: NDArray[np.void], n: int, seed: int) -> Episodes:
         drawn=np.zeros(lanes, np.int64),
         actions=np.zeros((lanes, n)),
         history=np.zeros((lanes, HISTORY, n)),
+        references=np.zeros((lanes, 10)),
         late=np.zeros(lanes),
         changes=np.zeros(lanes, np.int64),
         rewards=np.zeros(lanes),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import monotonic
@@ -18,10 +18,10 @@ from ballbot.control.presets import nominal_controller
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import TaskLanes
-from ballbot.learning.ppo import Layers, Training, TrainingState, train
+from ballbot.learning.ppo import Layers, Training, TrainingState, new_actor, random_of, train
 from ballbot.learning.tasks import Task
 from ballbot.log import Log
-from ballbot.progress import Progress
+from ballbot.progress import Progress, sparkline
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import Push
@@ -35,10 +35,15 @@ if TYPE_CHECKING:
 
 #: largest speed at which a policy acts [m/s]; beyond it the linear law does
 LARGEST_SPEED = 2.0
+#: and largest lean [rad]: with 0.35 policies fell after pushes and in a stop from 1.4 m/s that the law stands
+LARGEST_LEAN = 0.12
 #: torque of an output of 1, over that of an action: of a policy alone, and of one that is added to a controller
 SCALE, RESIDUAL_SCALE = 2.0, 0.8
 #: seconds of the loop in which a baseline's reward is measured, and robots
 _BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
+#: the film has the policies after these parts of a training, which are 0, 5, 10 and 30 s of one that takes 30 s, and so
+#: long a run of each [s]
+FILM_PARTS, FILM_DURATION = (0.0, 1.0 / 6.0, 1.0 / 3.0, 1.0), 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +55,7 @@ class CurvePoint:
     reward: float  #: mean a second, with the noise of the exploration
     fallen: float  #: fraction of the episodes that ended, that fell; NaN if none ended
     length: float  #: mean of the episodes that ended [s]; NaN if none did
+    episodes: int  #: that ended since the update before
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,6 +81,8 @@ class Learned:
     seed: int
     residual: bool  #: whether the policy is added to a controller
     contract: Contract = field(metadata=left_out)  #: what the policy observes and does
+    #: with the best policy after each of `FILM_PARTS`, by the seconds of learning
+    stages: Mapping[float, Controller] = field(metadata=left_out)
     curve: tuple[CurvePoint, ...]
     baseline: float  #: reward a second of the linear law alone, or of the controller to which it is added
     stopped: bool  #: by the user before its end
@@ -135,7 +143,7 @@ def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual:
         torque_scale=torque_scale,
         torque_limit=lanes.torque_limit,
         period=lanes.repeat * lanes.sample_time,
-        largest_lean=lanes.task.fallen,
+        largest_lean=LARGEST_LEAN,
         largest_speed=LARGEST_SPEED,
         first=first,
         second=second,
@@ -183,15 +191,21 @@ def learn(
         robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator
     )
     scale = (RESIDUAL_SCALE if residual else SCALE) * lanes.torque_limit
+    untrained = new_actor(lanes, training, random_of(run.seed))
     try:
-        curve, best, stopped = _followed(
-            train(lanes, training, torque_scale=scale, seed=run.seed), lanes, training, run
+        curve, actors, stopped = _followed(
+            train(lanes, training, torque_scale=scale, seed=run.seed), untrained, lanes, training, run
         )
     finally:
         lanes.close()
-    policy = policy_of(best.actor, lanes, torque_scale=scale, residual=residual)
+
+    def controller(actor: Layers) -> Controller:
+        policy = policy_of(actor, lanes, torque_scale=scale, residual=residual)
+        return around.with_parts(replace(around.parts, policy=policy))
+
     return Learned(
-        controller=around.with_parts(replace(around.parts, policy=policy)),
+        controller=controller(actors[-1]),
+        stages={seconds: controller(actor) for seconds, actor in _stages(curve, actors)},
         task=task,
         training=training,
         seed=run.seed,
@@ -211,11 +225,11 @@ def learn(
 
 
 def _followed(
-    updates: Iterator[TrainingState], lanes: TaskLanes, training: Training, run: Run
-) -> tuple[tuple[CurvePoint, ...], TrainingState, bool]:
-    """Return the learning curve of a training, its best state, and whether the user stopped it."""
+    updates: Iterator[TrainingState], untrained: Layers, lanes: TaskLanes, training: Training, run: Run
+) -> tuple[tuple[CurvePoint, ...], list[Layers], bool]:
+    """Return the learning curve, the best policy before and at each of its points, and whether the user stopped it."""
     curve: list[CurvePoint] = []
-    best: TrainingState | None = None
+    actors, best = [untrained], None
     begun, stopped = monotonic(), False
     run.progress(Progress(stage="learning", total=training.updates))
     try:
@@ -228,18 +242,26 @@ def _followed(
                     reward=update.reward,
                     fallen=update.fallen / ended if ended else math.nan,
                     length=update.length,
+                    episodes=ended,
                 )
             )
             if best is None or _worth(update) >= _worth(best):
                 best = update
-            note = f"reward {update.reward:.2f}"
+            actors.append(best.actor)
+            note = f"reward {update.reward:.2f} a second {sparkline([point.reward for point in curve])}"
             run.progress(Progress(stage="learning", done=len(curve), total=training.updates, note=note))
     except KeyboardInterrupt:
         if best is None:
             raise
         stopped = True
-    assert best is not None
-    return tuple(curve), best, stopped
+    return tuple(curve), actors, stopped
+
+
+def _stages(curve: Sequence[CurvePoint], actors: Sequence[Layers]) -> Iterator[tuple[float, Layers]]:
+    """Yield the seconds of learning and the best policy after each of `FILM_PARTS`."""
+    for part in FILM_PARTS:
+        done = round(part * len(curve))
+        yield curve[done - 1].seconds if done else 0.0, actors[done]
 
 
 def _worth(update: TrainingState) -> tuple[bool, float]:
@@ -298,6 +320,52 @@ def confirm(
 
     The scenario is as it is: on the twin with its own friction, rollers and play.
     """
+    conditions = fresh_conditions(
+        task, robot, scenario, runs=runs, duration=duration, seed=run.seed, twin=twin
+    )
+    tried = [
+        GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
+    ]
+    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
+    return Confirmed(
+        plant="twin" if twin else "loop",
+        runs=runs,
+        duration=duration,
+        fell=int(np.isnan(errors[:, 0]).sum()),
+        rms_position=_rms(errors[:, 0]),
+        rms_velocity=_rms(errors[:, 1]),
+    )
+
+
+def _alone(controller: Controller, task: Task) -> Controller:
+    """Return a controller whose policy acts until the robot falls, with no law to catch it."""
+    policy = controller.parts.policy
+    assert policy is not None
+    return controller.with_parts(replace(controller.parts, policy=replace(policy, largest_lean=task.fallen)))
+
+
+def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> dict[str, Log]:
+    """Return runs on the loop of what had been learned after some seconds, each from the same start until it falls."""
+    (condition,) = fresh_conditions(
+        learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed
+    )
+    runs = [
+        GridRun(
+            candidate=f"{seconds:.0f} s", controller=_alone(controller, learned.task), condition=condition
+        )
+        for seconds, controller in learned.stages.items()
+    ]
+    logs = run_grid(runs, lambda _, log: log, run=run).answers
+    return {str(shown.candidate): log for shown, log in zip(runs, logs, strict=True)}
+
+
+def fresh_conditions(
+    task: Task, robot: Robot, scenario: Scenario, *, runs: int, duration: float, seed: int, twin: bool = False
+) -> list[Condition]:
+    """Return the conditions of runs that are asked for the most that a task asks for, each with a seed of its own.
+
+    The true robot is in the scenario, with its friction; `robot` is what the estimator knows.
+    """
     if task.impulse:
         times = np.arange(2.0, duration, task.interval)
         angles = 2.0 * np.pi * 0.618 * np.arange(len(times))  # of the golden section: every direction in turn
@@ -316,40 +384,30 @@ def confirm(
         if twin
         else LoopRobot.of(robot.replace(friction=scenario.friction), scenario, known=robot)
     )
-    conditions = [
+    return [
         Condition(
             plant=plant,
             reference=partial(TaskReference, task=task),
             duration=duration,
-            seed=run.seed + 1000 + k,
+            seed=seed + 1000 + k,
         )
         for k in range(runs)
     ]
-    tried = [
-        GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
-    ]
-    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
-    return Confirmed(
-        plant="twin" if twin else "loop",
-        runs=runs,
-        duration=duration,
-        fell=int(np.isnan(errors[:, 0]).sum()),
-        rms_position=_rms(errors[:, 0]),
-        rms_velocity=_rms(errors[:, 1]),
-    )
 
 
 def _errors(_: GridRun, log: Log) -> tuple[float, float]:
     """Return the root mean squares of the errors of position and velocity; NaN after a fall."""
     if log.ended is not None:
         return math.nan, math.nan
-    place, h = true_place(log), log.sample_time
-    asked = [np.gradient(log[f"ref_{axis}"], h) for axis in "xy"]
-    # the place asked for may jump, which is no velocity
-    asked = [np.where(np.abs(v) > LARGEST_SPEED, 0.0, v) for v in asked]
-    velocity = [np.gradient(place[axis], h) for axis in "xy"]
-    error = np.hypot(velocity[0] - asked[0], velocity[1] - asked[1])
-    return _rms(position_error(log)), _rms(error)
+    place, asked = true_place(log), velocity_asked(log)
+    velocity = np.stack([np.gradient(place[axis], log.sample_time) for axis in "xy"], axis=1)
+    return _rms(position_error(log)), _rms(np.hypot(*(velocity - asked).T))
+
+
+def velocity_asked(log: Log) -> NDArray[np.float64]:
+    """Return the velocity of the place asked for (N, 2) [m/s]; a jump is none."""
+    asked = np.stack([np.gradient(log[f"ref_{axis}"], log.sample_time) for axis in "xy"], axis=1)
+    return np.where(np.abs(asked) > LARGEST_SPEED, 0.0, asked)
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -8,6 +8,7 @@ Whatever limits the action comes last (`Clip`), since a policy's torques are lim
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from ballbot.control.parts.policy import Policy
 from ballbot.errors import InputError, missing_package
 from ballbot.files import read_bytes, write_bytes
+from ballbot.learning.contract import Contract
 
 try:
     import onnx
@@ -74,7 +76,8 @@ def _tensor(name: str, values: Matrix) -> onnx.TensorProto:
 def read_onnx(path: str | Path, *, like: Policy) -> Policy:
     """Return the policy in a file; period, torque limit and trained range are those of `like`.
 
-    InputError if the file is no ONNX model, or no network as the module describes, for the same robot.
+    InputError if the file is no ONNX model, or no network as the module describes, for the same robot; or a file
+    contract.json beside it states another contract than that of `like`, or that the true state was observed.
     """
     try:
         model = onnx.load_model_from_string(read_bytes(path))
@@ -87,6 +90,17 @@ def read_onnx(path: str | Path, *, like: Policy) -> Policy:
     if len(layers) != 3:
         raise InputError(f"{path} has {len(layers)} layers; a policy has three, with tanh between.")
     first, second, last = layers
+    beside = Path(path).with_name("contract.json")
+    if beside.exists():
+        its = Contract.read(beside)
+        own = Contract.of(
+            its.robot,
+            wheels=len(like.last),
+            torque_limit=like.torque_limit,
+            period=like.period,
+            delay=its.delay,
+        )
+        replace(own, added_to=its.added_to).require(its, of=str(path))
     shapes = [layer.shape[1] - 1 for layer in layers] + [len(last)]
     wanted = [like.first.shape[1] - 1, len(first), len(second), len(like.last)]
     if shapes != wanted or len(first) != len(second):

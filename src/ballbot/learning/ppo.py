@@ -148,12 +148,23 @@ class _Experience:
         self.chances, self.paid, self.going, self.after = np.empty((4, T, N), np.float32)
 
 
+def random_of(seed: int) -> np.random.Generator:
+    """Return the random numbers of a training: first those of `new_actor`."""
+    return np.random.default_rng([seed, 1])
+
+
+def new_actor(lanes: TaskLanes, training: Training, random: np.random.Generator) -> Layers:
+    """Return the actor before its first update, whose torques are nearly zero."""
+    sizes = (lanes.observations.shape[1], training.hidden, training.hidden, lanes.wheels)
+    return new_layers(sizes, random, last=0.01)
+
+
 def train(lanes: TaskLanes, training: Training, *, torque_scale: float, seed: int) -> Iterator[TrainingState]:
     """Train a network, and yield it after each update; the same seed gives the same bits on one machine."""
-    random, n = np.random.default_rng([seed, 1]), lanes.wheels
+    random, n = random_of(seed), lanes.wheels
     lanes.start()
     hidden = (training.hidden, training.hidden)
-    actor = new_layers((lanes.observations.shape[1], *hidden, n), random, last=0.01)
+    actor = new_actor(lanes, training, random)
     critic = new_layers((_known_now(lanes).shape[1], *hidden, 1), random, last=0.1)
     spread = np.full(n, np.log(training.spread), np.float32)
     descents = Adam([*actor, spread]), Adam(critic)

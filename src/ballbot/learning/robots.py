@@ -1,29 +1,22 @@
 """The robots that learning draws from: one, uniform boxes about it, or what an identification leaves open.
 
 A study or an identification writes the standard deviations and correlations of what it found into `robot.toml`, and
-the spread between logs into `results.json`. Another day's robot is drawn from both: its numbers p are normal about the
-estimates with the covariance C + diag(t^2), C of the estimates and t the spread between logs. v_s and delta vary by a
-factor, so they stay positive; other numbers below zero are taken as zero. A number whose deviation is unknown is
-uniform between its limits.
+the spread between logs into `results.json`. Another day's robot is drawn from both, as every command draws robots from
+an identification (`ballbot.robot.variations.draw_robots`): its numbers are normal about the estimates with the
+covariance C + diag(t^2), C of the estimates and t the spread between logs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.files import read_json
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
 from ballbot.identification.quantities import FRICTION
 from ballbot.robot import Robot, as_robot
-from ballbot.robot.components import BY_NAME, Value, deviation_labels
-from ballbot.robot.parameters import value_of
-from ballbot.robot.robot import with_values
+from ballbot.robot.variations import draw_robots, uncertain
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import LoopRobot
@@ -34,8 +27,6 @@ DRAWN = 64
 #: mass and height of the body within a fifth, friction within a third as in published work (floor friction of 0.6 to
 #: 1.2), up to two samples of delay, a floor of up to a degree
 BOXES = PerturbationRanges(friction=1.0 / 3.0)
-#: quantities that vary by a factor, and the largest, to either side
-_BY_FACTOR, _LARGEST_FACTOR = ("friction.stribeck_speed", "friction.stribeck_exponent"), 3.0
 
 
 def learned_robot(robot: Robot | None, randomize: str | Path | None) -> Robot:
@@ -83,76 +74,15 @@ def drawn_robots(
     if randomize == "boxes":
         return draw_perturbed(robot, count, spread=BOXES, scenario=scenario, seed=seed)[0]
     folder = Path(randomize)
-    labels, values, covariance, limits = _identified(robot, folder)
-    random = np.random.default_rng([seed, 73])
-    away = random.multivariate_normal(np.zeros(len(labels)), covariance, size=count, method="eigh")
-    return [
-        LoopRobot.of(_drawn(robot, labels, values, row, limits, random), scenario, known=robot)
-        for row in away
-    ]
-
-
-def _identified(
-    robot: Robot, folder: Path
-) -> tuple[list[str], NDArray[np.float64], NDArray[np.float64], Mapping[str, tuple[float, float]]]:
-    """Return labels, values and covariance of an identified robot's numbers, and limits of those of unknown error."""
-    stated = {
-        label: (name, index, size) for label, name, index, size in deviation_labels(robot.standard_deviations)
-    }
-    if not stated:
+    if not uncertain(robot):
         raise InputError(
             f"{folder / 'robot.toml'} states no standard deviations; give a study's or identify's folder."
         )
-    labels = list(stated)
-    values = np.array(
-        [np.atleast_1d(value_of(robot, BY_NAME[name]))[index] for name, index, _ in stated.values()]
-    )
-    sizes = np.array([size if np.isfinite(size) else 0.0 for *_, size in stated.values()])
-    correlation = np.eye(len(labels))
-    known = robot.correlation.among(labels)
-    at = [labels.index(label) for label in known.of]
-    correlation[np.ix_(at, at)] = known.matrix()
-    between = _between_logs(read_json(_in_folder(folder, "results.json")), robot.wheel_count)
-    covariance = correlation * np.outer(sizes, sizes) + np.diag(
-        [between.get(label, 0.0) ** 2 for label in labels]
-    )
-    return (
-        labels,
-        values,
-        covariance,
-        {
-            label: pair
-            for label, pair in robot.intervals.items()
-            if label in stated and np.isfinite(pair).all()
-        },
-    )
-
-
-def _drawn(
-    robot: Robot,
-    labels: list[str],
-    values: NDArray[np.float64],
-    away: NDArray[np.float64],
-    limits: Mapping[str, tuple[float, float]],
-    random: np.random.Generator,
-) -> Robot:
-    changes: dict[str, Value] = {}
-    for label, value, error in zip(labels, values.tolist(), away.tolist(), strict=True):
-        name, _, place = label.partition("[")
-        if label in limits:
-            drawn = float(random.uniform(*limits[label]))
-        elif name in _BY_FACTOR:
-            drawn = value * float(np.clip(np.exp(error / value), 1.0 / _LARGEST_FACTOR, _LARGEST_FACTOR))
-        else:
-            drawn = max(value + error, 0.0)
-        own = changes.get(name, value_of(robot, BY_NAME[name]))
-        if place:
-            row = list(cast("tuple[float, ...]", own))
-            row[int(place[:-1])] = drawn
-            changes[name] = tuple(row)
-        else:
-            changes[name] = drawn
-    return with_values(robot, changes)
+    spread = _between_logs(read_json(_in_folder(folder, "results.json")), robot.wheel_count)
+    return [
+        LoopRobot.of(drawn, scenario, known=robot)
+        for drawn in draw_robots(robot, count, seed=seed, further=spread)
+    ]
 
 
 def _between_logs(tree: object, wheels: int) -> dict[str, float]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballbot.control.controller import Controller
-from ballbot.control.law import control_law
+from ballbot.control.law import LIMIT_AT, control_law
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.learning.lanes import BEGIN, END, KEPT, OBSERVE, REPEAT, START, TAKE, TaskLanes
@@ -116,8 +116,9 @@ class TwinLanes(TaskLanes):
         torques[:] = self._world.commands.torques[lane]
         if self._law is not None:
             memory, own = self._world.blocks.memories[lane], np.zeros(self.wheels)
-            control_law(self._law, memory, self.states[lane], self.references[lane], own, plans=True)
-            torques += own
+            control_law(self._law, memory, self.states[lane], self._world.commands.references[lane], own)
+            limit = self._law[LIMIT_AT]
+            torques[:] = np.clip(torques + own, -limit, limit)
             memory[: self.wheels] = torques  # the law's history begins with the torques that act
         if self.task.impulse > 0.0:
             begin, end, *force, height = self._world.inputs.pushes[lane, 0].tolist()

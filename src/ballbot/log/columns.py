@@ -6,7 +6,7 @@ measured ones, in columns named `true_` and the state's name.
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,16 +89,15 @@ def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tu
     return tuple(numbered)
 
 
-def similar_column(missing: Iterable[str], present: Iterable[str]) -> str:
-    """Return " (it has thta)" if one of the missing columns is perhaps there under a misspelt name, else nothing."""
-    present = list(present)
+def missing_words(missing: Sequence[str], present: Sequence[str]) -> str:
+    """Return "columns theta, phi (it has thta)": those missing, and one present that is perhaps misspelt."""
+    words = f"column{'s' * (len(missing) > 1)} {', '.join(missing)}"
     for name in missing:
         # a name that Ballbot knows is not a misspelling of another
-        others = present if unit_of(name) is None else [other for other in present if unit_of(other) is None]
-        near = nearest(name, others)
-        if near:
-            return f" (it has {near[0]})"
-    return ""
+        others = [other for other in present if unit_of(name) is None or unit_of(other) is None]
+        if near := nearest(name, others):
+            return f"{words} (it has {near[0]})"
+    return words
 
 
 #: by Ballbot's unit, the units of the same kind: the factor that turns each into it, and how names write it, in lower

@@ -27,7 +27,7 @@ QUATERNION_ANGLES = (
     "yaw [rad] of the quaternion",
 )
 
-#: a shorter quaternion, as of zeros before the first message, is none
+#: a shorter quaternion is missing, such as zeros before the first message
 _LEAST_NORM = 0.1
 
 
@@ -47,7 +47,7 @@ def quaternion_angles(wxyz: Floats) -> Columns:
 
 
 def less_half_a_turn(roll: Floats, half: float) -> Floats:
-    """Return the roll (N,) of an IMU that hangs upside down as that of one that does not, from -half to half a turn."""
+    """Return the roll (N,) of an IMU mounted upside down as that of an upright one, from -half to half a turn."""
     return np.mod(roll, 2.0 * half) - half
 
 

@@ -29,8 +29,8 @@ from ballbot.log.columns import (
     Columns,
     Floats,
     mark_missing,
+    missing_words,
     numbered_names,
-    similar_column,
     unit_of,
 )
 from ballbot.log.formats import read_columns, write_columns
@@ -146,7 +146,12 @@ class Log:
         >>> frame.index.name, frame.attrs["units"]["theta"]
         ('t', 'rad')
         """
-        return _frame_of(self.columns)
+        import pandas
+
+        rest = {name: values for name, values in self.columns.items() if name != "t"}
+        frame = pandas.DataFrame(rest, index=pandas.Index(self.t, name="t"), copy=True)
+        frame.attrs["units"] = {name: unit for name in self.names if (unit := unit_of(name)) is not None}
+        return frame
 
     @staticmethod
     def from_pandas(frame: DataFrame, *, mapping: str | Path | LogMapping | None = None) -> Log:
@@ -232,10 +237,8 @@ class Log:
     @property
     def reference(self) -> NDArray[np.float64]:
         """The reference (N, 10): ref_x, ref_y and ref_psi in their places in the state, zero elsewhere."""
-        reference = np.zeros((len(self), len(STATE_NAMES)))
-        reference[:, [STATE_NAMES.index(name) for name in _TRACKED]] = self._table(
-            [f"ref_{name}" for name in _TRACKED]
-        )
+        reference, indices = np.zeros((len(self), len(STATE_NAMES))), map(STATE_NAMES.index, _TRACKED)
+        reference[:, [*indices]] = self._table([f"ref_{name}" for name in _TRACKED])
         return reference
 
     def require(self, *names: str) -> None:
@@ -368,10 +371,8 @@ class Log:
 
     def _need(self, names: Iterable[str]) -> None:
         """Raise InputError if one of these is no column."""
-        missing = [name for name in names if name not in self.columns]
-        if missing:
-            plural = "columns" if len(missing) > 1 else "column"
-            columns = f"{plural} {', '.join(missing)}{similar_column(missing, self.names)}"
+        if missing := [name for name in names if name not in self.columns]:
+            columns = missing_words(missing, self.names)
             raise InputError(
                 f"The log has no {columns}. Add or rename columns, in the file or by a mapping file."
             )
@@ -428,19 +429,6 @@ def _check_shape(columns: Mapping[str, NDArray[np.float64]]) -> None:
     for name, column in columns.items():
         if column.shape != rows:
             raise InputError(f"The log's column {name} has the shape {column.shape}, but t has {rows}.")
-
-
-# --- pandas' tables: the index is the time t [s], `frame.attrs["units"]` has each column's unit, as "rad/s" ---
-
-
-def _frame_of(columns: Mapping[str, Floats]) -> DataFrame:
-    """Return a log's columns, t among them, as a DataFrame; see `Log.to_pandas`."""
-    import pandas
-
-    rest = {name: values for name, values in columns.items() if name != "t"}
-    frame = pandas.DataFrame(rest, index=pandas.Index(columns["t"], name="t"), copy=True)
-    frame.attrs["units"] = {name: unit for name in columns if (unit := unit_of(name)) is not None}
-    return frame
 
 
 def _columns_of(frame: DataFrame) -> Columns:

@@ -60,19 +60,19 @@ An example with everything in it::
 
 A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
 
-Each of Ballbot's columns comes from one of the file's, times a factor (unit, scale, sign) plus an offset, or is the
-derivative of another of Ballbot's columns or, of a wheel's angle, the integral of its speed, or comes with others from
-an IMU's roll, pitch and yaw. The motors' columns become wheel torques [N m].
+A column of the log is a column of the file times a factor (unit, scale, sign) plus an offset, the derivative of another
+column of the log, the integral of a wheel's speed, or a part of an IMU's attitude. The motors' columns become wheel
+torques [N m].
 
 Symbols: n gear ratio, k_t torque constant [N m/A], k_e back-EMF constant [V s/rad], R winding resistance [ohm], all on
 the motor's side; i current [A], V supply voltage [V], d duty (-1..1), w wheel speed seen by the encoder [rad/s].
 
 The steps of `apply_mapping`, in order: scale, continue wheel angles across resets or integrate their speeds, estimate
 when the rows were sampled, shift and resample, convert an IMU's angles, differentiate, compute torques, keep intervals.
-Delays are undone: a sensor's value that reached the log `delay` late describes the time t - delay, and a command logged
-at t acts at t + delay, held until the next. Rows for which a delayed column has no value are cut off. Rows at even
-intervals get sensors interpolated between the file's rows, and each command's mean over the time to the next row, so
-that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones stay without a value.
+Delays are removed: a sensor's value that reached the log `delay` late describes the time t - delay, and a command
+logged at t acts at t + delay and is held until the next. Rows for which a delayed column has no value are cut off. At
+even intervals, sensors are interpolated between the file's rows, and a command is its mean over the time to the next
+row, so that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones have no value.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ class ColumnTable:
 
 @dataclass(frozen=True, kw_only=True)
 class SeriesTable:
-    """Columns of the file that are of one kind: of an IMU's axes, of wheels, of motors."""
+    """Columns of one kind: the axes of an IMU, the wheels, the motors."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=1, max_length=MAX_WHEELS)]
     scale: FiniteFloat = 1.0
@@ -170,7 +170,7 @@ class AttitudeTable(SeriesTable):
     """[attitude]: roll, pitch and yaw of an IMU, or its quaternion w, x, y, z.
 
     Without a yaw, the heading is the integral of the gyro's rate about z, to first order of the lean, and drifts.
-    Without a gyro, too, the log has none, and its theta and phi are those of a heading that stays zero.
+    Without a yaw and a gyro the log has no heading, and theta and phi are those of a heading that stays zero.
     """
 
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
@@ -193,7 +193,7 @@ class AttitudeTable(SeriesTable):
 
 @dataclass(frozen=True, kw_only=True)
 class WheelTable(SeriesTable):
-    """`angle` or `speed` of [wheels]: a column of the file for each wheel; without these it is made of the other."""
+    """`angle` or `speed` of [wheels]: a column of the file for each wheel; without any it follows from the other."""
 
     sources: Annotated[tuple[str, ...], Field(alias="from", max_length=MAX_WHEELS)] = ()
     derivative_of: Literal["angle"] | None = None
@@ -216,7 +216,7 @@ class WheelsTable:
 
 @dataclass(frozen=True, kw_only=True)
 class MotorsTable(SeriesTable):
-    """The keys of every kind of [input]; each kind has `torque`, u [N m] of the file's scaled numbers."""
+    """The keys of every kind of [input]; `torque` of each kind converts the file's scaled numbers to u [N m]."""
 
     sign: Sign | tuple[Sign, ...] = 1
     zero: FiniteFloat | tuple[FiniteFloat, ...] = 0.0
@@ -251,10 +251,10 @@ class CurrentTable(MotorsTable):
 
 @dataclass(frozen=True, kw_only=True)
 class DutyTable(MotorsTable):
-    """[input] of kind duty [-1..1], pwm by its older name, or voltage [V], which is a duty of the supply's.
+    """[input] of kind duty [-1..1], formerly called pwm, or voltage [V], which is divided by the supply's.
 
-    The motor is brushed or field-oriented and on a stiff supply; inductance is neglected. Without a dead band the log
-    is read as if there were none, and dry friction identified from it is less by this duty's torque.
+    The motor is brushed or field-oriented and on a stiff supply; inductance is neglected. If the firmware adds a dead
+    band that is not stated, dry friction identified from the log is too small by its torque.
     """
 
     kind: Literal["voltage", "duty", "pwm"]
@@ -475,20 +475,17 @@ _Unit = tuple[str | None, str | tuple[str, ...] | None, float | None]
 
 
 def _source(name: str, entry: ColumnTable) -> Source:
-    factor = (
-        entry.sign
-        * entry.scale
-        * _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
-    )
+    unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
+    factor = entry.sign * entry.scale * unit
     return Source(column=entry.source or "", factor=factor, offset=entry.offset, delay=entry.delay)
 
 
 def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: float | None) -> float:
     """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
+    if given is None or unit is None:
+        return 1.0
     try:
-        return (
-            1.0 if given is None or unit is None else factor_to(unit, given, counts_per_turn=counts_per_turn)
-        )
+        return factor_to(unit, given, counts_per_turn=counts_per_turn)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -548,9 +545,9 @@ def apply_mapping(
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a
-    finding for each row or column that is omitted or continued. InputError if the file lacks a
-    column that the mapping names, its time does not increase, or no row is left.
+    Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a finding
+    for each row or column that is omitted or continued. InputError if the file lacks a column that the mapping names,
+    its time does not increase, or no row is left.
     """
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
@@ -588,7 +585,7 @@ def apply_mapping(
 def timed_rows(mapping: LogMapping, table: Table, notes: list[str]) -> tuple[Columns, Floats]:
     """Return the rows of a file's table that a mapping takes, see `rows_with_times`, and their times (N,) [s].
 
-    InputError if the times do not increase, or it would mix the rows of two runs.
+    InputError if the times do not increase, or rows of two runs would be mixed.
     """
     source, layout = mapping.sources["t"], mapping.file
     if source.column in table:  # `_scaled` reports a time that is missing
@@ -648,13 +645,9 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | 
         # a part of an interval more at either end, so that a row that rounding moved is kept
         first, last = math.ceil((t[0] - start) / even - 1e-6), math.floor((t[-1] - start) / even + 1e-6)
         rows = start + even * np.arange(first, last + 1)
-    sampled, new = t, np.ones(len(t), dtype=np.bool_)
-    if mapping.time.repair:
-        sampled = sampling_times(t, _angles_to_repair_by(t, raw))
-    if (
-        even is not None or mapping.time.repair
-    ):  # rows get values between the file's, and for its missing cells
-        new = new_messages(sampled)
+    sampled = sampling_times(t, _angles_to_repair_by(t, raw)) if mapping.time.repair else t
+    interpolated = even is not None or mapping.time.repair
+    new = new_messages(sampled) if interpolated else np.ones(len(t), dtype=np.bool_)
     columns: Columns = {"t": rows}
     for name, values in raw.items():
         delay = mapping.sources[mapping.integrals.get(name, name)].delay
@@ -663,10 +656,10 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | 
         elif name in mapping.commands:  # the last one logged at t - delay or before
             latest = np.searchsorted(t, t - delay + _ROUNDING, side="right") - 1
             columns[name] = values[np.maximum(latest, 0)] if delay else values
-        elif even is None and not (mapping.time.repair or delay):
-            columns[name] = values
-        else:  # a sensor's value reported `delay` after the row's time
+        elif interpolated or delay:  # a sensor's value reported `delay` after the row's time
             columns[name] = np.interp(rows + delay, sampled[new], without_holes(sampled[new], values[new]))
+        else:
+            columns[name] = values
     return columns
 
 
@@ -687,7 +680,7 @@ def _wheel_angles(columns: Columns) -> tuple[str, ...]:
 
 
 def _angles_to_repair_by(t: Floats, raw: Columns) -> Floats:
-    """Return the wheels' angles (N, n), by which the times are found at which sensors were read."""
+    """Return the wheels' angles (N, n), from which the times are estimated at which sensors were read."""
     names = _wheel_angles(raw)
     if len(names) < 2:
         raise InputError("[time] repair needs the angles of at least two wheels.")

@@ -1,20 +1,20 @@
-"""Position, states and poses from a log: odometry, states without later data, motion capture.
+"""Position, wheel speeds, states and poses from a log: odometry, states without later data, motion capture.
 
-    z = T_obw wheel speeds + w,    Omega = R z,    v = r_b (Omega_y, -Omega_x)
+    z = T_obw wheel speeds + w,    Omega = R z,    v = r_b (Omega_y, -Omega_x),    wheel speeds = T_owb (z - w)
 
-(Appendix V of the thesis.) The ball rolls without slip; pivoting under the robot does not move it. Where nothing
-measures the heading, the wheels give it, too: of a ball that does not spin about the vertical n,
+(Appendix V of the thesis.) The ball rolls without slip; pivoting under the robot does not move it. If no sensor
+measures the heading, it is computed from the wheels, for a ball that does not spin about the vertical n:
 
     n . z = 0,    yaw rate = -n . (T_obw wheel speeds + w_0)
 
-with w_0 the body's angular velocity at a heading that stays zero. Logs of motion
-capture have t, x y z of a point and qw qx qy qz of a body, with NaN while the cameras do not see it.
+with w_0 the body's angular velocity at a heading that stays zero. Logs of motion capture have t, x y z of a point and
+qw qx qy qz of a body, with NaN while the cameras do not see it.
 
-A mapped log contains some later data: rates are differences that include the next row, rows at even intervals are
-interpolated between two of the file's, and the repair of times looks `signals.COURSE_REACH` ahead. A prediction that
-starts from such a row already contains part of the predicted motion. `causal_states` therefore maps the file's rows
-again for each moment, as if the file ended there, up to the row in which the slowest sensor describes that moment; a
-rate that the mapping differentiates is the slope of a line through the last rows.
+A row of a mapped log depends on later rows of the file: rates are differences that include the next row, rows at even
+intervals are interpolated, and the repair of times uses the next `signals.COURSE_REACH` seconds. A prediction from such
+a row would contain part of the motion that it predicts. `causal_states` therefore maps the file again for each moment,
+cut after the row in which the slowest sensor describes that moment; a rate that the mapping differentiates is the slope
+of a line through the last rows.
 """
 
 from __future__ import annotations
@@ -44,12 +44,36 @@ _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
 _HEADING = ("psi", "psi_dot")
 
 
-def with_odometry(log: Log, robot: Robot) -> Log:
-    """Return the log with x, y [m] and x_dot, y_dot [m/s] from its wheel speeds and attitude, where it has these.
+def wheel_speeds_of_states(states: Floats, robot: Robot) -> Floats:
+    """Return the wheel speeds (N, n) [rad/s] that an encoder sees at the states (N, 10), rolling without slip."""
+    from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
-    It has theta, phi, their rates, and every wheel's speed; with psi and its rate, or without both. Then theta and phi
-    are those of a heading that stays zero, and the log returned has the heading that the wheels give. InputError if a
-    column is missing, or no row has a value in all of them.
+    theta, phi, psi = states[:, 2], states[:, 3], states[:, 4]
+    x_dot, y_dot = states[:, 5], states[:, 6]
+    Omega = np.column_stack([-y_dot, x_dot, np.zeros_like(x_dot)]) / robot.ball.radius
+    z = np.einsum("nji,nj->ni", rotation(theta, phi, psi), Omega)
+    w = np.einsum("nij,nj->ni", body_rates_matrix(theta, phi, psi), states[:, 7:10])
+    return (z - w) @ transforms(robot).T_owb.T
+
+
+def measured_wheel_speeds(log: Log, robot: Robot) -> Floats:
+    """Return the wheel speeds (N, n) [rad/s]: the encoders', or those of the states where these are missing."""
+    names = wheel_speed_names(robot.wheel_count)
+    logged = set(names) <= set(log.names)
+    speeds = np.column_stack([log[name] if logged else np.full(len(log), np.nan) for name in names])
+    if np.isfinite(speeds).all():
+        return speeds
+    zero = np.zeros(len(log))  # the position does not matter
+    states = np.column_stack([zero, zero, *(log[name] for name in STATE_NAMES[2:])])
+    return np.where(np.isfinite(speeds), speeds, wheel_speeds_of_states(states, robot))
+
+
+def with_odometry(log: Log, robot: Robot) -> Log:
+    """Return the rows of a log that have wheel speeds and attitude, with x, y [m] and x_dot, y_dot [m/s] from them.
+
+    The log needs theta, phi, their rates and every wheel's speed, and psi and its rate or neither. Without these, theta
+    and phi are those of a heading that stays zero, and the heading is computed from the wheels. InputError if a column
+    is missing, or no row has a value in all of them.
     """
     names = wheel_speed_names(robot.wheel_count)
     heading = _HEADING if any(name in log for name in _HEADING) else ()
@@ -63,7 +87,7 @@ def with_odometry(log: Log, robot: Robot) -> Log:
 
 
 def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
-    """Return v (N, 2) [m/s] by the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
+    """Return v (N, 2) [m/s] from the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     angles, rates = (
@@ -75,21 +99,20 @@ def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
     return robot.ball.radius * np.column_stack([Omega[:, 1], -Omega[:, 0]])
 
 
-#: of two velocities or ways that are the same but for the digits of a file, their difference's share of either
+#: two velocities or paths whose difference is a smaller share of either are equal but for the digits of a file
 _SAME = 2e-3
 
 
 def without_encoder_lag(log: Log, robot: Robot) -> Log:
-    """Return the log with speeds of the wheels and the ball that hold at their rows.
+    """Return the log with the lag of its wheel speeds removed, and the ball's velocity and position that follow.
 
-    Firmware differences an encoder's counts over the last samples, and may filter that: the speeds are late, by half a
-    sample or more, and with them the ball's velocity and position by the wheels, while the body's rates are not. At
-    200 Hz half a sample moves friction's parameters by up to 1.4 standard errors (`campaigns.coverage`). By how much
-    the speeds are late follows from the angles; the speeds returned are read so much later, and the velocity and
-    position follow from them.
+    Firmware computes a speed from the encoder's counts over the last samples, and may filter it. The speeds are then
+    half a sample or more late, and so are the ball's velocity and position that the robot computes from them; the
+    body's rates are not. At 200 Hz half a sample changes friction's parameters by up to 1.4 standard errors
+    (`campaigns.coverage`). `encoder_lag` estimates the lag from the angles.
 
-    A log is returned as it is where it lacks a wheel's angle or speed or a state, or has another velocity than that of
-    its wheel speeds, as a Kalman filter's, or where its speeds are not late. A position that is not the integral of its
+    A log is returned unchanged if it lacks a wheel's angle or speed or a state, if its velocity is not that of its
+    wheel speeds (as a Kalman filter's), or if its speeds are not late. A position that is not the integral of its
     velocity stays.
     """
     names = wheel_speed_names(robot.wheel_count)
@@ -107,36 +130,34 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     velocity_at_rows = _ball_velocity(log, robot, at_rows)
     columns = dict(zip((*names, "x_dot", "y_dot"), (*at_rows.T, *velocity_at_rows.T), strict=True))
     steps, position = _steps(log), np.column_stack([log["x"], log["y"]])
-    way = np.diff(position, axis=0)
+    moved = np.diff(position, axis=0)
     means = (velocity[1:], 0.5 * (velocity[1:] + velocity[:-1]))
-    if any(_alike(_summed(steps * mean), _summed(way)) for mean in means):
-        further = 0.5 * steps * (velocity_at_rows[1:] + velocity_at_rows[:-1]) - way
-        further[~np.isfinite(further)] = 0.0  # a hole or a gap in the log
-        position[1:] += np.cumsum(further, axis=0)
+    if any(_alike(_summed(steps * mean), _summed(moved)) for mean in means):
+        correction = 0.5 * steps * (velocity_at_rows[1:] + velocity_at_rows[:-1]) - moved
+        position[1:] += np.cumsum(np.nan_to_num(correction, posinf=0.0, neginf=0.0), axis=0)  # NaN at gaps
         columns |= {"x": position[:, 0], "y": position[:, 1]}
     return log.with_columns(columns)
 
 
-#: rows over which the ways of angles and of speeds are compared, and the largest lag that is one [s]
+#: rows over which the changes of angles and the sums of speeds are compared, and the largest plausible lag [s]
 _APART, _LARGEST_LAG = 10, 0.05
 
 
 def encoder_lag(log: Log, robot: Robot) -> float:
-    """Return by how much the wheels' speeds are later than their angles [s]; 0 where nothing shows it.
+    """Return the lag of the wheels' speeds behind their angles [s]; 0 if the log shows none.
 
     A speed that is late by e is the angle's rate at t - e: over some rows, the angle changes by e times the change of
-    speed more than the speeds add up to. Least squares over all wheels; the counts' noise is of the ways alone. A lag
-    that leaves more than half of the squares does not explain them.
+    speed more than the integral of the speeds. Least squares over all wheels; only the angles have the counts' noise. A
+    lag that leaves more than half of the squares does not explain them.
     """
     angles, speeds = (
         np.column_stack([log[name] for name in of(robot.wheel_count)])
         for of in (wheel_angle_names, wheel_speed_names)
     )
-    ways = 0.5 * _steps(log) * (speeds[1:] + speeds[:-1])
-    ahead = _summed(np.diff(angles, axis=0) - ways)
+    ahead = _summed(np.diff(angles, axis=0) - 0.5 * _steps(log) * (speeds[1:] + speeds[:-1]))
     change = speeds[_APART:] - speeds[:-_APART]
-    seen = np.isfinite(ahead) & np.isfinite(change)
-    ahead, change = ahead[seen], change[seen]
+    known = np.isfinite(ahead) & np.isfinite(change)
+    ahead, change = ahead[known], change[known]
     size = float((change**2).sum())
     lag = float((ahead * change).sum()) / size if size > 0.0 else 0.0
     explained = ((ahead - lag * change) ** 2).sum() <= 0.5 * (ahead**2).sum()
@@ -144,7 +165,7 @@ def encoder_lag(log: Log, robot: Robot) -> float:
 
 
 def _steps(log: Log) -> Floats:
-    """Return the times (N - 1, 1) from row to row [s]; NaN where rows are missing."""
+    """Return the intervals (N - 1, 1) between rows [s]; NaN where rows are missing."""
     steps = np.diff(log.t)[:, None]
     return np.where(steps > 1.5 * log.sample_time, np.nan, steps)
 
@@ -155,14 +176,14 @@ def _summed(values: Floats) -> Floats:
 
 
 def _alike(first: Floats, second: Floats) -> bool:
-    """Return whether two signals are the same but for rounding; False of signals without a common value."""
-    away, size = (first - second) ** 2, second**2
-    seen = np.isfinite(away)
-    return bool(seen.any() and away[seen].sum() <= _SAME**2 * size[seen].sum())
+    """Return whether two signals are equal but for rounding; False if they have no row in common."""
+    squares = (first - second) ** 2
+    known = np.isfinite(squares)
+    return bool(known.any() and squares[known].sum() <= _SAME**2 * (second**2)[known].sum())
 
 
 def _with_heading(log: Log, robot: Robot) -> Log:
-    """Return the log with the heading and its rate by the wheels, and theta and phi about the world's axes."""
+    """Return the log with the heading and its rate from the wheels, and theta and phi about the world's axes."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     theta, phi, theta_dot, phi_dot = (log[name] for name in _LEAN)
@@ -184,12 +205,12 @@ def _with_heading(log: Log, robot: Robot) -> Log:
 
 
 def with_position(log: Log, robot: Robot) -> Log:
-    """Return the log itself if it has x, else with the position, and a heading that it lacks, of `with_odometry`."""
+    """Return the log itself if it has x, else with the position, and a missing heading, by `with_odometry`."""
     return log if "x" in log else with_odometry(log, robot)
 
 
 def with_rates(log: Log, robot: Robot) -> Log:
-    """Return the log with the rates of its angles that it lacks, if it has every angle and rows to take them from."""
+    """Return the log with the missing rates of its angles as their derivatives, if it has every angle and two rows."""
     angles = (*ATTITUDE_NAMES, *wheel_angle_names(robot.wheel_count))
     lacking = [name for name in angles if f"{name}_dot" not in log]
     if len(log) < 2 or any(name not in log for name in (*lacking, *ATTITUDE_NAMES)):
@@ -197,22 +218,22 @@ def with_rates(log: Log, robot: Robot) -> Log:
     return log.with_columns({f"{name}_dot": np.gradient(log[name], log.t) for name in lacking})
 
 
-#: length of the past that is mapped [s], and the shortest that gives a state
+#: length of the past that is mapped, and the shortest that gives a state [s]
 _PAST, _LEAST_PAST = 1.0, 0.2
 #: length of the line whose slope is a rate [s]
 _LINE = 0.04
-#: [s] by which rounding may move a row
+#: rounding of a row's time [s]
 _ROW_ROUNDING = 1e-6
 
 
 def causal_states(
     path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: Floats
 ) -> Floats:
-    """Return the states (m, 10) at rows of a mapped log, from the rows that the file has by then.
+    """Return the states (m, 10) at `moments` (m,) [s], from the rows that the file has by then.
 
-    They are those at `moments` (m,) [s], times of rows of the log that file and mapping make; NaN if too little of the
-    file precedes one. If the log has no position, the ball's path by the wheels starts anew for each moment, so that
-    only its rates have a meaning.
+    The moments are times of rows of the log that file and mapping make. A state is NaN if too little of the file
+    precedes it. If the log has no position, the ball's path from the wheels begins at zero for each moment: only its
+    rates have a meaning.
     """
     mapping = read_mapping(mapping)
     (table, t), late = timed_rows(mapping, read_columns(path, mapping.file), []), mapping.sensor_delay
@@ -249,7 +270,7 @@ def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> Floats:
 
 QUATERNION_NAMES = ("qw", "qx", "qy", "qz")
 PLACE_NAMES = ("x", "y", "z")
-#: how far from one a quaternion's norm may be and still mean an orientation
+#: largest difference from one of the norm of a quaternion that is an orientation
 _NORM_TOLERANCE = 0.1
 _LEAST_POSES = 10
 

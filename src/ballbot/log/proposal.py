@@ -1,7 +1,7 @@
 """Propose how a foreign log becomes one of Ballbot's: its mapping file, open questions, and the log that it makes.
 
-The user states the kind of the command, names say which columns there are and in which units; the search finds from the
-motion the order and signs of wheels and commands and how the IMU sits. Every question is asked at once, in the mapping
+The user states the kind of the command; columns and units are read from the names. The order and signs of wheels and
+commands and the mounting of the IMU are estimated from the motion. All questions are asked at once, in the mapping
 file, whose comments are the evidence.
 """
 
@@ -46,28 +46,27 @@ from ballbot.printable import printable_line
 from ballbot.robot import Robot
 from ballbot.schema import toml_line
 
-#: standard error of the IMU's turn above which the user is asked [rad]: of four turns of the campaign's logs of 4 to 6
-#: degrees one is off by 15, of 140 below 4 none by more than 9
+#: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
+#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9
 CLEAR_TURN = math.radians(4.0)
-#: the size of the lean's response, whose angle is the turn, over the robot's, in either direction, from which the turn
-#: is asked for: what makes it so wrong turns it, too. 1.0 to 1.4 on real logs of one robot
+#: the turn is the angle of the lean's response to the wheels; if its size is this many times the robot's, or the
+#: inverse, the turn is asked for, because what changes the size changes the angle. 1.0 to 1.4 on real logs of one robot
 CLEAR_GAIN = 1.5
-#: response of the lean to the wheels over the robot's beyond which it is another robot: 1.0 to 1.4 on real logs of one
+#: size of that response over the robot's beyond which it is another robot
 GAIN_RANGE = (0.5, 2.0)
 #: the wheels do not explain the lean if the best placement leaves more of its acceleration than this share
 HELD = 0.8
 #: no robot on a ball leans further than this [rad] in a tenth of the time in which its wheels turn
 LARGEST_LEAN = 0.2
-#: the largest ratio of torques, in either direction, that friction which the law lacks explains in a weak motion (2.8
-#: on a real log), and one that is told: masses and torque constants of robot files are this uncertain
+#: the largest ratio of torques, in either direction, that friction outside the law explains in a weak motion (2.8 on a
+#: real log), and one that is reported: masses and torque constants of robot files are this uncertain
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
-#: errors of a log that are faults of the recording, under whatever mapping: they stop the analysis of the log, which
-#: names them again, and not the mapping
+#: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
-#: shares of the torques by which a likely dead band that nobody states makes them wrong: it is asked for, or reported
+#: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares
 LARGEST_BAND, NOTABLE_BAND = 0.2, 0.1
-#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): a sine of fewer than 8
-#: rows a period shows neither when a torque acts nor, of a voltage or duty, the back-EMF of the wheel's speed
+#: largest share of the torques' variance that may change from row to row, 1 - cos(2 pi / 8): of a sine of fewer than 8
+#: rows a period neither the time at which a torque acts nor the back-EMF is known
 MOST_CHANGE = 0.3
 #: a delay of the commands is written if it is this many standard errors from zero
 CLEAR_DELAY = 2.0
@@ -100,7 +99,7 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Proposal:
-    """A proposed mapping of a foreign log, with its evidence."""
+    """A proposed mapping of a foreign log, with its evidence; `evaluate` adds its file and the log that it makes."""
 
     base: Columned
     lean: Unit | None
@@ -111,10 +110,17 @@ class Proposal:
     drive: CommandDrive | None = None
     questions: tuple[Question, ...] = ()
     findings: tuple[Finding, ...] = ()
+    text: str = ""  #: the mapping file
+    log: Log | None = None  #: made by the mapping; None if something is open, or it makes none
+    refusal: str = ""  #: why the mapping cannot be used as it is: one sentence; empty if it can
 
     @property
     def roles(self) -> Roles:
         return self.base.roles
+
+    @property
+    def robot(self) -> Robot:
+        return self.base.robot
 
     @property
     def tested(self) -> LeanTest | None:
@@ -148,7 +154,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
     )
     if roles.commands:
         try:
-            needs = needs_of(mapped(proposal, robot), robot) if base.roles.attitude and tested else None
+            needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None
         except InputError:  # too short, or rows without a value
             needs = None
         proposal = replace(proposal, drive=drive_of(base, motion, proposal.frame, needs))
@@ -334,37 +340,27 @@ def _answers(proposal: Proposal) -> dict[str, object]:
     return answers
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Evaluation:
-    """A proposal's mapping file, the log that it makes, and the findings on both."""
-
-    proposal: Proposal
-    findings: tuple[Finding, ...]
-    text: str  #: the mapping file
-    log: Log | None  #: made by the mapping; None if something is open, or it makes none
-    refusal: str  #: why the mapping cannot be used as it is: one sentence; empty if it can
-
-
-def surest(evaluated: Sequence[Evaluation]) -> Evaluation:
+def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-    asked = [len(evaluation.proposal.questions) + bool(evaluation.refusal) for evaluation in evaluated]
-    margins = [
-        evaluation.proposal.tested.margin if evaluation.proposal.tested else 0.0 for evaluation in evaluated
-    ]
-    return evaluated[min(range(len(evaluated)), key=lambda k: (asked[k], -margins[k]))]
+
+    def doubt(proposal: Proposal) -> tuple[int, float]:
+        asked = len(proposal.questions) + bool(proposal.refusal)
+        return asked, -proposal.tested.margin if proposal.tested else 0.0
+
+    return min(evaluated, key=doubt)
 
 
-def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None) -> Evaluation:
-    """Return a proposal's mapping file, the log that it makes, and whether that agrees with the robot.
+def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
+    """Return a proposal with its mapping file, the log that it makes, and whether that agrees with the robot.
 
     `common`, the surest of several logs of the same robot, answers what this log leaves open.
     """
     if common is not None:
         proposal = _answered(proposal, common)
-    findings, log, refusal = list(proposal.findings), None, _refusal(proposal, robot)
+    robot, findings, log, refusal = proposal.robot, list(proposal.findings), None, _refusal(proposal)
     if not refusal:
         try:
-            log = mapped(proposal, robot)
+            log = mapped(proposal)
         except InputError as error:
             refusal = f"the mapping makes no log: {error}"
     if log is not None:
@@ -372,7 +368,7 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
         wrong = [error.text for error in errors if error.code not in OF_THE_RECORDING]
         findings += errors
         refusal = f"the log contradicts the robot {robot.name}: {wrong[0]}" if wrong else _too_coarse(log)
-        drive = parse_mapping(mapping_text(proposal, robot), source="the mapping").input
+        drive = parse_mapping(mapping_text(proposal), source="the mapping").input
         band, off = likely_dead_band(log, robot, drive) if isinstance(drive, DutyTable) else (0.0, 0.0)
         evidence = (
             f"{band:.2g} of full duty that the firmware adds would change the torques by {100.0 * off:.0f} % of their "
@@ -382,21 +378,21 @@ def evaluate(proposal: Proposal, robot: Robot, *, common: Proposal | None = None
             answers = f"{band:.2g}", "0, if the firmware adds none"
             question = Question(_BAND_KEY, "dead band of the firmware", answers, evidence)
             proposal, log = replace(proposal, questions=(*proposal.questions, question)), None
-            refusal = _refusal(proposal, robot)
+            refusal = _refusal(proposal)
         elif off > NOTABLE_BAND:
             findings.append(warning("dead-band", f"No dead band is stated: {evidence}."))
     if proposal.tested is not None:
         disturbance = proposal.tested.disturbance
         findings += judged("disturbance", [], disturbance, times=disturbance)
-    text = mapping_text(proposal, robot)
-    return Evaluation(proposal=proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
+    text = mapping_text(proposal)
+    return replace(proposal, findings=by_severity(findings), text=text, log=log, refusal=refusal)
 
 
-def mapped(proposal: Proposal, robot: Robot) -> Log:
+def mapped(proposal: Proposal) -> Log:
     """Return the log that a proposal makes; one without a drive takes the commands for torques."""
-    text = mapping_text(replace(proposal, questions=()), robot)
+    text = mapping_text(replace(proposal, questions=()))
     log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
-    return with_odometry(log, robot) if proposal.roles.attitude else log
+    return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
 
 
 def _too_coarse(log: Log) -> str:
@@ -426,7 +422,7 @@ def _answered(proposal: Proposal, common: Proposal) -> Proposal:
     return answered
 
 
-def _refusal(proposal: Proposal, robot: Robot) -> str:
+def _refusal(proposal: Proposal) -> str:
     """Return why a proposal makes no log of the robot; empty if it makes one."""
     if proposal.what == "IMU only":
         return (
@@ -442,9 +438,9 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
     gain = tested.placements[0].gain if tested and tested.confidence >= CONFIDENT else 1.0
     if proposal.what == "balancing" and not GAIN_RANGE[0] < gain < GAIN_RANGE[1]:
         return (
-            f"the log contradicts the robot {robot.name}: the lean responds to the wheels {gain:.3g} times as strongly "
-            "as this robot's should: a unit, the counts per turn, a radius or the height of the centre of mass is "
-            "another."
+            f"the log contradicts the robot {proposal.robot.name}: the lean responds to the wheels {gain:.3g} times as "
+            "strongly as this robot's should: a unit, the counts per turn, a radius or the height of the centre of "
+            "mass is another."
         )
     names = ", ".join(f"{question.name} ({question.key})" for question in proposal.questions)
     return f"cannot determine: {names}; the lines to fill in are in the mapping file." if names else ""
@@ -454,10 +450,11 @@ def _refusal(proposal: Proposal, robot: Robot) -> str:
 _BAND_KEY = "[input] dead_band"
 
 
-def mapping_text(proposal: Proposal, robot: Robot) -> str:
+def mapping_text(proposal: Proposal) -> str:
     """Return the TOML of the mapping (see `ballbot.log.mapping`) that a proposal describes."""
+    file = printable_line(proposal.base.path.name)
     lines = [
-        f"# {printable_line(proposal.base.path.name)} as a log of the robot {robot.name}, by `ballbot check-log`.",
+        f"# {file} as a log of the robot {proposal.robot.name}, by `ballbot check-log`.",
         format_line("mapping"),
     ]
     if proposal.questions:
@@ -468,7 +465,7 @@ def mapping_text(proposal: Proposal, robot: Robot) -> str:
         **_recording_lines(proposal),
         "[attitude]": _attitude_lines(proposal),
         "[wheels]": _wheel_lines(proposal),
-        "[input]": _input_lines(proposal, robot),
+        "[input]": _input_lines(proposal),
     }
     for table, entries in tables.items():
         lines += ["", table] if entries else []
@@ -561,8 +558,8 @@ def _wheel_lines(proposal: Proposal) -> list[str]:
     ]
 
 
-def _input_lines(proposal: Proposal, robot: Robot) -> list[str]:
-    names, drive, order = proposal.roles.commands, proposal.drive, proposal.frame.order
+def _input_lines(proposal: Proposal) -> list[str]:
+    names, drive, order, robot = proposal.roles.commands, proposal.drive, proposal.frame.order, proposal.robot
     if not names:
         return []
     columns, signs, evidence = list(names), [1] * len(names), "nothing tests it"
@@ -618,18 +615,17 @@ def _kind_lines(
     ]
 
 
-def answer_lines(evaluation: Evaluation) -> list[str]:
+def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
-    proposal = evaluation.proposal
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
     lines = [
         f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s; "
         f"usable for {_USES[proposal.what]}{without}."
     ]
-    shown = evaluation.text.partition("\n\n[columns]")[2].splitlines()
+    shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]
     lines += [f"cannot determine: {question.text}" for question in proposal.questions]
-    lines += [f"{finding.severity}: {finding.text}" for finding in evaluation.findings]
+    lines += [f"{finding.severity}: {finding.text}" for finding in proposal.findings]
     more = len(lines) - MOST_LINES
     return lines if more <= 0 else [*lines[: MOST_LINES - 1], f"{more + 1} more in the report."]

@@ -1,8 +1,8 @@
 """Rows of a file in the order of their times: repeated rows, rows out of order, runs that were joined.
 
-Time that goes back is one of two things. Of runs that were joined, or a clock that was set, it stays back. The stamps
-of a host that is late at times, or that counts whole milliseconds, go back or stand still for a row or a few, and are
-then where they were: the longest series of rows in which time increases is kept of those.
+Time goes back for one of two reasons. If runs were joined or a clock was set, it stays back, and another run begins
+there. If a host stamps rows late or in whole milliseconds, it goes back or repeats for a few rows and then continues:
+of these rows the longest series in which time increases is kept.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ballbot.summary import counted
 
 #: longest log and shortest interval between rows [s]
 LONGEST, SHORTEST = 7.0 * 86400.0, 1e-9
-#: time that jumps by more is another clock or another run [s]
+#: largest step of time within one run [s]
 LONGEST_PAUSE = 10.0
 #: rows on either side of a step back that show whether time stays back
 _BESIDE = 10
-#: usual intervals, and standard deviations of the stamps, by which time must stay back to be another run: the
+#: time must stay back by more than so many usual intervals and standard deviations of the stamps to be another run: the
 #: difference of two medians of ten rows has 0.55 standard deviations
 _INTERVALS, _DEVIATIONS = 3.0, 3.0
 
@@ -38,7 +38,7 @@ def longest_run(t: Floats) -> tuple[int, int]:
 
 
 def later_runs(t: Floats) -> NDArray[np.intp]:
-    """Return the rows with which another run begins, but for the first."""
+    """Return the first row of each run after the first."""
     steps = np.diff(t)
     breaks = ~(np.abs(steps) < LONGEST_PAUSE)  # also where a time is missing
     back = np.flatnonzero(~breaks & (steps < 0.0))
@@ -48,7 +48,7 @@ def later_runs(t: Floats) -> NDArray[np.intp]:
 
 
 def _stays_back(t: Floats, back: NDArray[np.intp]) -> Bools:
-    """Return for steps back, after the rows `back`, whether the times that follow are those of another run."""
+    """Return for each step back, after the rows `back`, whether another run begins there."""
     if len(t) <= 2 * _BESIDE:
         return np.ones(len(back), dtype=np.bool_)
     usual = float(np.nanmedian(t[2 * _BESIDE :] - t[: -2 * _BESIDE])) / (2 * _BESIDE)
@@ -64,7 +64,7 @@ def _stays_back(t: Floats, back: NDArray[np.intp]) -> Bools:
 
 
 def increasing_rows(t: Floats) -> Bools:
-    """Return which rows (N,) are one of the longest series in which time increases."""
+    """Return which rows (N,) form a longest series in which time increases."""
     if np.all(np.diff(t) > 0.0):
         return np.ones(len(t), dtype=np.bool_)
     last: list[float] = []  # by length, the least time that a series ends with

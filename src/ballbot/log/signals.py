@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballbot.arrays import rows_between
 from ballbot.errors import InputError
@@ -46,12 +47,12 @@ def local_fit(t: Floats, values: Floats, *, rows: int) -> tuple[Floats, Floats]:
     smooth, rates = np.empty_like(values), np.empty_like(values)
     for first in range(0, len(t), _AT_ONCE):
         block = every[first : first + _AT_ONCE]
-        places = np.clip(block[:, None] + offsets, 0, len(t) - 1)
-        powers = ((t[places] - t[block, None]) / scale)[..., None] ** np.arange(_LOCAL_DEGREE + 1)
+        near_rows = np.clip(block[:, None] + offsets, 0, len(t) - 1)
+        powers = ((t[near_rows] - t[block, None]) / scale)[..., None] ** np.arange(_LOCAL_DEGREE + 1)
         normal = np.einsum("nki,k,nkj->nij", powers, weights, powers)
         # rows at one time leave the slope undetermined; this makes it zero
         normal += 1e-9 * np.eye(_LOCAL_DEGREE + 1)
-        right = np.einsum("nki,k,nkc->nic", powers, weights, values[places] - values[block, None])
+        right = np.einsum("nki,k,nkc->nic", powers, weights, values[near_rows] - values[block, None])
         solution = np.linalg.solve(normal, right)
         smooth[block], rates[block] = values[block] + solution[:, 0], solution[:, 1] / scale
     return smooth, rates
@@ -161,9 +162,9 @@ def without_holes(t: Floats, values: Floats, *, held: bool = False) -> Floats:
     known = np.isfinite(values)
     if known.all() or known.sum() < 2:
         return values
-    places, every = np.flatnonzero(known), np.arange(len(values))
-    before = places[np.clip(np.searchsorted(places, every, side="right") - 1, 0, None)]
-    after = places[np.clip(np.searchsorted(places, every), None, len(places) - 1)]
+    rows, every = np.flatnonzero(known), np.arange(len(values))
+    before = rows[np.clip(np.searchsorted(rows, every, side="right") - 1, 0, None)]
+    after = rows[np.clip(np.searchsorted(rows, every), None, len(rows) - 1)]
     inside = ~known & (t[after] - t[before] <= max(LONGEST_HOLE, 2.5 * float(np.median(np.diff(t)))))
     inside &= (before < every) & (every < after)
     return np.where(inside, values[before] if held else np.interp(t, t[known], values[known]), values)
@@ -295,7 +296,7 @@ def turning_points(values: Floats, least_turn: float) -> list[int]:
     return [0, *turns[first:], len(listed) - 1]
 
 
-#: a lean beyond this [rad] is a fall, or hands on the robot
+#: a lean beyond this [rad] is a fall, or somebody holds the robot
 FALLEN = 0.3
 #: excluded before and after a fall [s]
 AROUND_A_FALL = 0.5
@@ -351,10 +352,15 @@ def across_a_gap(rows: Floats, t: Floats, longest: float) -> Bools:
     return np.diff(t)[np.clip(np.searchsorted(t, rows, side="right") - 1, 0, len(t) - 2)] >= longest
 
 
+def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the starts and the lengths of the runs of equal rows of values (N,) or (N, k)."""
+    rows = values.reshape(len(values), -1)
+    starts = np.concatenate(([0], np.flatnonzero(np.any(rows[1:] != rows[:-1], axis=1)) + 1))
+    return starts, np.diff(np.append(starts, len(rows)))
+
+
 def longest_repeat(values: Floats) -> tuple[int, int]:
     """Return the first and the last row of the longest stretch in which values (N,) or (N, k) repeat themselves."""
-    rows = values.reshape(len(values), -1)
-    changes = np.flatnonzero(np.any(np.diff(rows, axis=0) != 0.0, axis=1)) + 1
-    edges = np.concatenate([[0], changes, [len(rows)]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1]) - 1
+    starts, lengths = runs_of(values)
+    longest = int(np.argmax(lengths))
+    return int(starts[longest]), int(starts[longest] + lengths[longest]) - 1

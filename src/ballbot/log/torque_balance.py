@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from ballbot.log.balancing_motion import EVERY, Motion, as_complex, as_plane
 from ballbot.log.columns import Floats, torque_names
 from ballbot.log.log import Log
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import INTERVAL, local_fit
-from ballbot.log.wheel_speeds import measured_wheel_speeds
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot

@@ -35,24 +35,6 @@ def stribeck_decay(ratio: NDArray[np.float64], exponent: float) -> NDArray[np.fl
     return np.exp(-(np.abs(ratio) ** exponent))
 
 
-def stribeck_curve(
-    speed: ArrayLike,
-    *,
-    viscous: ArrayLike,
-    coulomb: ArrayLike,
-    stribeck: ArrayLike,
-    stribeck_speed: float,
-    stribeck_exponent: float,
-) -> NDArray[np.float64]:
-    """Return b w + (c + s exp(-|w/v_s|^delta)) sgn(w) [N m] at w [rad/s], 0 at rest.
-
-    b in N m s/rad, c and s in N m, v_s in rad/s; all but v_s and delta broadcast with the speed.
-    """
-    w = np.asarray(speed, dtype=float)
-    b, c, s = (np.asarray(value) for value in (viscous, coulomb, stribeck))
-    return b * w + (c + s * stribeck_decay(w / stribeck_speed, stribeck_exponent)) * np.sign(w)
-
-
 def dry_friction_size(
     speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
 ) -> NDArray[np.float64]:

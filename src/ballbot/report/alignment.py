@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results
 from ballbot.identification.turning import ANGLE_NAMES
@@ -22,44 +21,35 @@ def alignment_report(
 ) -> Result:
     """Return the page of an alignment."""
     verdict, *others = (finding.text for finding in alignment_findings(alignment))
-    sensors = alignment.sensors
-    bullets = Bullets([with_symbols(text) for text in others]) if others else None
+    sensors, signal = alignment.sensors, _CLOCK_SIGNALS[alignment.clock_signal]
     estimates = Sheet(
         ("", "estimate", "unit"),
         _estimate_rows(alignment),
         "Clocks, frames and path. ±: half width of the 95 % interval, from blocks of time.",
     )
-    sections = [section("What was found", estimates, bullets)]
-    undecided = [
-        "Which of the two is right where they differ: the cameras are taken as the truth.",
-        f"A delay of {_CLOCK_SIGNALS[alignment.clock_signal]}, which cannot be separated from the clock's offset.",
-    ]
-    if sensors is None:
-        undecided.append("The errors of the angles: the log has no theta, phi and psi to compare.")
-    else:
+    sections = [section("What was found", estimates, Bullets([with_symbols(text) for text in others]))]
+    if sensors is not None:
         caption = (
             "On board minus cameras. ±: half width of the 95 % interval, from blocks of time. Delays are relative to "
-            f"{_CLOCK_SIGNALS[alignment.clock_signal]}, by which the clocks were aligned."
+            f"{signal}, by which the clocks were aligned."
         )
-        sections += [
-            section("Errors", Sheet(_ERROR_HEADINGS, _error_rows(sensors), caption)),
-            section(
-                "Orientation",
-                _seen_series(alignment.log, ANGLE_NAMES),
-                errors_series(alignment, sensors, ANGLE_NAMES),
-            ),
-        ]
-        if sensors.position is None:
-            undecided.append("The errors of x and y: the log has no position to compare.")
-        else:
-            seen = _seen_series(alignment.log, POSITIONS)
-            sections.append(section("Position", seen, errors_series(alignment, sensors, POSITIONS)))
+        sections.append(section("Errors", Sheet(_ERROR_HEADINGS, _error_rows(sensors), caption)))
+        for heading, names in (("Orientation", ANGLE_NAMES), ("Position", POSITIONS)):
+            if heading == "Orientation" or sensors.position is not None:
+                seen = _seen_series(alignment.log, names)
+                sections.append(section(heading, seen, errors_series(alignment, sensors, names)))
+    without_angles = "The errors of the angles: the log has no theta, phi and psi to compare."
+    without_position = "The errors of x and y: the log has no position to compare."
     return Result(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
         sections=sections,
-        undecided=undecided,
+        undecided=[
+            "Which of the two is right where they differ: the cameras are taken as the truth.",
+            f"A delay of {signal}, which cannot be separated from the clock's offset.",
+            without_angles if sensors is None else without_position if sensors.position is None else "",
+        ],
         findings=log_findings,
         data=_data(alignment, log_findings),
     )
@@ -81,11 +71,14 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
 
     The drift explains an angle's error, the heading's error explains a position's.
     """
+    from pandas import Series  # takes longer to import than the rest
+
     t, samples, panels = alignment.log.t, max(1, round(1.0 / alignment.log.sample_time)), []
     for name in names:
         scale, unit = _UNITS[name]
         error = scale * sensors.errors[name]
         known = np.isfinite(error)
+        mean = Series(error).rolling(samples, min_periods=1, center=True).mean()
         if name in POSITIONS:
             position, label = sensors.position, "from the heading's error"
             beside = (
@@ -96,7 +89,7 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
             label = "drift"
         lines = (
             Line("each sample", error, "quiet"),
-            Line("mean over 1 s", _smoothed(error, samples), "measured"),
+            Line("mean over 1 s", np.where(known, mean, np.nan), "measured"),
             Line(label, beside, "second"),
         )
         panels.append(Panel(f"error of {state_mark(name)} [{unit}]", lines))
@@ -105,15 +98,6 @@ def errors_series(alignment: Alignment, sensors: SensorErrors, names: Sequence[s
         "rotated by it, less the path."
     )
     return TimeSeries(t, panels, caption, across=_ACROSS)
-
-
-def _smoothed(values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Return the running mean over `count` samples, ignoring NaN; NaN where the sample itself is NaN."""
-    known = np.isfinite(values)
-    window = np.ones(count)
-    total = np.convolve(np.where(known, values, 0.0), window, mode="same")
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(known, total / np.convolve(known.astype(np.float64), window, mode="same"), np.nan)
 
 
 _ACROSS = "time of the log [s]"
@@ -132,7 +116,7 @@ def _estimate_rows(alignment: Alignment) -> list[tuple[str, ...]]:
     motion, frame, path = alignment.motion, alignment.frame, alignment.path
     rows: list[tuple[str, float, float, str]] = [
         ("cameras' clock at the log's zero", motion.clock.offset, motion.offset_half_width, "s"),
-        ("how much faster it runs", 1e6 * motion.clock.rate, 1e6 * motion.rate_half_width, "ppm"),
+        ("rate of that clock above the log's", 1e6 * motion.clock.rate, 1e6 * motion.rate_half_width, "ppm"),
     ]
     turned = np.degrees(np.column_stack([motion.body_marker.as_rotvec(), motion.rotation_half_width]))
     rows += [

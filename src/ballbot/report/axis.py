@@ -99,14 +99,11 @@ def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[
     """Return the page."""
     count, shown = len(fit.records), fit.findings[:_IN_VERDICT]
     records = "" if count == 1 else f"{count} records fitted together, the first of "
-    undecided = ["The friction at speeds, loads and temperatures that the records do not have."]
-    if count == 1:
-        text = "How much parameters differ from record to record: there is one (--also adds records)."
-        undecided.insert(0, text)
-    parameters = parameter_rows(fit)
     words = {
-        symbol: f"{meaning} {symbol} = {value} {unit}".rstrip() for symbol, meaning, unit, value in parameters
+        symbol: f"{meaning} {symbol} = {value} {unit}".rstrip()
+        for symbol, meaning, unit, value in parameter_rows(fit)
     }
+    one_record = "How much parameters differ from record to record: there is one (--also adds records)."
     mass = capital(words.pop("M"))
     return Result(
         title=f"{', '.join(fit.records)}: mass and friction",
@@ -118,7 +115,10 @@ def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[
             *((_VERDICT_WORDS.get(finding.code, ""), finding.text) for finding in shown),
         ],
         sections=list(_sections(fit, record)),
-        undecided=undecided,
+        undecided=[
+            one_record if count == 1 else "",
+            "The friction at speeds, loads and temperatures that the records do not have.",
+        ],
         findings=findings,
         data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
     )
@@ -133,7 +133,6 @@ def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
     )
     others = "other forces and the friction under load" if "load" in fit.best.values else "other forces"
     friction = f"Friction over speed{of_record}: force less inertia, offset, {others}, and the laws found."
-    further = texts(fit.findings)[_IN_VERDICT:]
     forces = [
         (_FORCES[name], *(f"{digits(100.0 * share)} %" for share in (gain.share, gain.lower, gain.upper)))
         for name, gain in fit.forces.items()
@@ -145,7 +144,7 @@ def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
     )
     yield section(
         "Parameters",
-        Bullets(further) if further else None,
+        Bullets(texts(fit.findings)[_IN_VERDICT:]),
         Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(fit)),
         Paragraph(method),
         selected if forces else None,

@@ -1,8 +1,4 @@
-"""Identification on the bench: friction upside down (figures and tables), geometry (table), a free swing (figure).
-
-Upside down: the ball's measured and predicted velocity. Swing: the record, the pendulum
-fitted to it, and the residual.
-"""
+"""Identification on the bench: friction upside down and of drivelines, geometry, a free swing."""
 
 from __future__ import annotations
 
@@ -17,12 +13,11 @@ from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
-from ballbot.identification.upside_down import UpsideDown, cut_ball_windows
+from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
-from ballbot.report.palette import BLUE, GREEN, INK, ORANGE
-from ballbot.report.series import Line, Panel, TimeSeries
-from ballbot.report.style import drawn_picture, one_panel, thinned
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
+from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
@@ -103,25 +98,21 @@ def upside_down_report(
     fit: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
 ) -> Result:
     """Return the page of friction identified upside down."""
-    verdict = [("Verdict", fit.verdict.sentence)]
-    if fit.verdict.usable:
-        dry = np.atleast_1d(np.asarray(fit.parameters["c"]))
-        text = (
-            f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
-            f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
-        )
-        verdict.append(("Friction", text))
+    dry = np.atleast_1d(np.asarray(fit.parameters["c"]))
+    text = (
+        f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
+        f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
+    )
+    has_friction = described.friction != Friction.none(described.wheel_count)
     return Result(
         title=f"{described.name}: friction with the ball on its wheels",
         lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {fit.window:g} s.",
-        verdict=verdict,
+        verdict=[("Verdict", fit.verdict.sentence), ("Friction", text if fit.verdict.usable else "")],
         sections=[
             section(
                 "Friction found",
                 _parameter_table(fit, described),
-                Paragraph(_COMPARISON)
-                if described.friction != Friction.none(described.wheel_count)
-                else None,
+                Paragraph(_COMPARISON) if has_friction else None,
             ),
             section("Predictions", _error_table(fit), prediction_series(fit, next(iter(logs.values())))),
         ],
@@ -149,7 +140,7 @@ def prediction_series(fit: UpsideDown, log: Log) -> TimeSeries:
     first = max(0, (len(every) - _WINDOWS_SHOWN) // 2)
     windows = every.take(np.arange(first, min(first + _WINDOWS_SHOWN, len(every))))
     frictions = fit.robot.friction, Friction.none(fit.robot.wheel_count)
-    predicted = np.array([windows.predicted(fit.robot, friction) for friction in frictions])
+    predicted = np.array([predicted_velocity(windows, fit.robot, friction) for friction in frictions])
     predicted[:, :, -1] = np.nan  # a line ends with its window
     samples = windows.sample_time * np.arange(1.0, windows.measured.shape[1] + 1.0)
     held_out = {(span.log, span.start) for span in fit.held_out_windows}
@@ -184,7 +175,7 @@ def geometry_report(
         title=f"{robot.name}: geometry and mounting from logs",
         lead="By kinematics alone: wheels, gyro, camera and motion capture measure the same motion.",
         verdict=[("", f"{count} lengths, ratios and angles were identified. {first}")],
-        sections=[section("Geometry", _geometry_table(geometry), Bullets(others) if others else None)],
+        sections=[section("Geometry", _geometry_table(geometry), Bullets(others))],
         undecided=[
             "Ratios stand for lengths: the wheels show r_b / r_w, and only motion capture shows a length itself.",
             "The shape of single rollers, and a ball that is not round.",
@@ -202,16 +193,11 @@ _GEOMETRY_CAPTION = (
 )
 
 
-#: color and dash of each wheel
-_WHEELS = ((INK, "-"), (BLUE, "--"), (ORANGE, "-."), (GREEN, ":"))
-
-
 def measured_figure(sweeps: Sequence[Sweep]) -> Figure:
     """Return the thesis's Figure 3.1: torque over measured wheel speed."""
     figure, axes = one_panel("wheel speed [rad/s]", "torque [N m]")
-    for sweep, (color, dash) in zip(sweeps, _WHEELS, strict=False):
-        speed, torque = thinned(sweep.speed, sweep.torque)
-        axes.plot(speed, torque, color=color, linestyle=dash, linewidth=1.1, label=f"wheel {sweep.wheel}")
+    for sweep, look in zip(sweeps, IN_TURN, strict=False):
+        axes.plot(*thinned(sweep.speed, sweep.torque), label=f"wheel {sweep.wheel}", **LOOKS[look])
     axes.legend(loc="upper left")
     return figure
 
@@ -230,11 +216,8 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
             Panel(f"speed of wheel {sweep.wheel} [rad/s]", lines),
             Panel("with friction less measured [rad/s]", error),
         ),
-        (
-            f"Wheel {sweep.wheel} over time, and the error of the model with friction. "
-            "Where the supply limits the speed, the torque recorded is not the one that acts, and the model starts "
-            "anew from the measured speed."
-        ),
+        f"Wheel {sweep.wheel} over time, and the error of the model with friction. Where the supply limits the speed, "
+        "the torque recorded is not the one that acts, and the model starts anew from the measured speed.",
     )
 
 
@@ -246,8 +229,8 @@ def curve_figure(
     panels = figure.subplots(1, 2)
     for axes, end in zip(panels, (fastest, min(fastest, 4.0)), strict=True):
         speed = np.geomspace(1e-3, 1.0, 200) * end
-        for wheel, (curve, (color, dash)) in enumerate(zip(curves, _WHEELS, strict=False), start=1):
-            axes.plot(speed, curve(speed), color=color, linestyle=dash, linewidth=1.3, label=f"wheel {wheel}")
+        for wheel, (curve, look) in enumerate(zip(curves, IN_TURN, strict=False), start=1):
+            axes.plot(speed, curve(speed), label=f"wheel {wheel}", **LOOKS[look])
         axes.set_xlabel("wheel speed [rad/s]")
         axes.set_ylim(bottom=0.0)
     panels[0].set_ylabel("friction torque [N m]")
@@ -264,6 +247,7 @@ def driveline_report(
     curves = "Friction over speed, up to the speed limit and at low speeds."
     measured = "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
     laws = [fit.law.steady_friction for fit in fits]
+    of_fits = [finding for fit in fits for finding in fit.findings]
     words = (
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
         "inertia (docs/axis.md)."
@@ -301,16 +285,32 @@ def driveline_report(
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),
         ],
-        undecided=[*texts([finding for fit in fits for finding in fit.findings]), _CLOSING],
+        undecided=[
+            *texts(of_fits),
+            "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a "
+            "second each time. The inertia is from the robot file.",
+        ],
         findings=findings,
-        data=_data(fits, findings),
+        data=_results(fits, [*findings, *of_fits]),
     )
 
 
-_CLOSING = (
-    "A slow sweep stays long at high speeds and passes the low ones, where s and v_s act, in a few tenths of a second "
-    "each time. The inertia is from the robot file."
-)
+def _results(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str, object]:
+    return {
+        "parameters": _by_symbol([fit.values for fit in fits]),
+        "standard_errors": _by_symbol([fit.standard_errors for fit in fits]),
+        "intervals": {
+            f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
+        },
+        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
+        "rmse": [fit.rmse for fit in fits],
+        "rmse_without_friction": [fit.rmse_without for fit in fits],
+        "findings": finding_results(findings),
+    }
+
+
+def _by_symbol(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:
+    return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
 
 
 def _sentence(fit: DrivelineFit) -> str:
@@ -337,22 +337,3 @@ def _written(fit: DrivelineFit, index: int) -> str:
     if np.isfinite(high):
         return between(value, low, high)
     return "unknown" if value else "0, at its bound"
-
-
-def _data(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str, object]:
-    """Return what results.json holds."""
-
-    def table(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:
-        return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
-
-    return {
-        "parameters": table([fit.values for fit in fits]),
-        "standard_errors": table([fit.standard_errors for fit in fits]),
-        "intervals": {
-            f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
-        },
-        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
-        "rmse": [fit.rmse for fit in fits],
-        "rmse_without_friction": [fit.rmse_without for fit in fits],
-        "findings": finding_results([*findings, *(finding for fit in fits for finding in fit.findings)]),
-    }

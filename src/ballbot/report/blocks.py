@@ -213,7 +213,7 @@ class Result:
     lead: str  #: what was examined, in a sentence
     #: heading, which may be empty, and sentences; the most important first
     verdict: Sequence[tuple[str, str]]
-    sections: Sequence[Section | None]  #: None stands for a section that this result does not have
+    sections: Sequence[Section]
     undecided: Sequence[str]  #: what the data cannot decide
     next_step: str = ""  #: what to do next, with the commands for it; set by the command
     provenance: Provenance | None = None  #: None until a command writes its page
@@ -222,16 +222,20 @@ class Result:
     accepted: bool = True
     data: Mapping[str, object] = field(default_factory=dict)  #: what results.json holds
 
-    @property
-    def present(self) -> list[Section]:
-        """The sections that are not None."""
-        return [section for section in self.sections if section is not None]
+    def __post_init__(self) -> None:
+        # what a result does not have is empty, and is left out
+        for name, given in (
+            ("verdict", [row for row in self.verdict if row[1]]),
+            ("sections", [part for part in self.sections if part.blocks]),
+            ("undecided", [text for text in self.undecided if text]),
+        ):
+            object.__setattr__(self, name, given)
 
     def summary(self) -> Summary:
         """Return the verdict on one screen; one without headings stands below the first table."""
         if all(heading for heading, _ in self.verdict):
             return Summary(title=self.title, rows=tuple(self.verdict))
-        sheets = [block for first in self.present[:1] for block in first.blocks if isinstance(block, Sheet)]
+        sheets = [block for first in self.sections[:1] for block in first.blocks if isinstance(block, Sheet)]
         table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
         rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
         return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
@@ -247,13 +251,13 @@ class Result:
         table and its lists precede it.
         """
         if brief:
-            blocks = [block for first in self.present[:1] for block in first.blocks]
+            blocks = [block for first in self.sections[:1] for block in first.blocks]
             yield from [block for block in blocks if isinstance(block, Sheet)][:1]
             yield from (
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
             )
         else:
-            for section in self.present:
+            for section in self.sections:
                 shown = [part for block in section.blocks for part in _on_terminal(block)]
                 yield from [Text(section.heading, style="bold"), *shown, Text("")] if shown else []
         yield Text("What the data cannot decide", style="bold")
@@ -278,7 +282,7 @@ def _on_terminal(block: Block) -> Iterator[RenderableType]:
 
 
 def section(heading: str, *blocks: Block | None) -> Section:
-    """Return a section of those blocks that are neither None nor empty lists."""
+    """Return a section of those blocks that are neither None nor empty lists; without any it is left out of a page."""
     present = [
         block for block in blocks if not (block is None or (isinstance(block, Bullets) and not block.items))
     ]

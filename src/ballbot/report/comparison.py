@@ -74,9 +74,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     return figure
 
 
-def _distances(
-    runs: Sequence[tuple[str, Look, Log]],
-) -> tuple[NDArray[np.float64], Panel]:
+def _distances(runs: Sequence[tuple[str, Look, Log]]) -> tuple[NDArray[np.float64], Panel]:
     """Return the time from the start of runs (name, look, log), and their distances from the reference over it."""
     t, lines = together(
         [(name, look, log.t - log.t[0], 1e3 * position_error(log)) for name, look, log in runs]
@@ -243,7 +241,7 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
         verdict=[("", _verdict(league))],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
-            *([_twin_section(twin)] if twin else []),
+            section("On the twin", *(_twin_blocks(twin) if twin else ())),
             *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
@@ -253,15 +251,15 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
     )
 
 
-def _twin_section(twin: League) -> Section:
+def _twin_blocks(twin: League) -> tuple[Paragraph, Sheet]:
     text = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
-    return section("On the twin", Paragraph(text), course_sheet(twin))
+    return Paragraph(text), course_sheet(twin)
 
 
 def _course_section(league: League, course: Course, index: int) -> Section:
     caption = (
         f"Means over the runs that did not fall. Below them, how much more or less than {league.controllers[0]}'s, "
-        "seed by seed, with its 95 % interval; a star where the interval leaves zero out."
+        "seed by seed, with its 95 % interval; a star marks an interval that excludes zero."
     )
     until = ", or until the robot falls" if course.until_fall else ""
     first, count = league.seeds[0], len(league.seeds)
@@ -270,7 +268,7 @@ def _course_section(league: League, course: Course, index: int) -> Section:
     results = section(
         course.name.replace("_", " ").capitalize(),
         Paragraph(f"{course.about} A run lasts {course.duration:g} s{until}."),
-        *([Bullets([f"Published: {fact}" for fact in course.published])] if course.published else []),
+        Bullets([f"Published: {fact}" for fact in course.published]),
         Sheet(("", *league.controllers), metric_rows(league, course), caption),
         drawn_picture(f"course-{index}", floor, course_figure, league, course),
         course_series(league, course),
@@ -315,13 +313,12 @@ def alternation_report(
         f"Run {2 * k} against the prediction: {verdict.recommendation}. {verdict.reason}"
         for k, verdict in enumerate(alternation.verdicts, start=1)
     ]
-    undecided = ["Where the robot truly was: the errors are those of its own position, which drifts."]
     open_names = [
         name.replace("_", " ") for name, gain in alternation.gains.items() if gain.verdict == "undecided"
     ]
-    if open_names:
-        text = f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
-        undecided.insert(0, text)
+    alike = (
+        f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
+    )
     return Result(
         title="Two controllers in turn on a live robot",
         lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
@@ -330,7 +327,10 @@ def alternation_report(
             section("Compared", *_gains_and_runs(alternation, runs), Bullets(verdicts)),
             section("Over time", _errors_in_turn(runs, logs)),
         ],
-        undecided=undecided,
+        undecided=[
+            alike if open_names else "",
+            "Where the robot truly was: the errors are those of its own position, which drifts.",
+        ],
         data={
             "recommendation": alternation.recommendation,
             "conclusion": _conclusion(alternation),

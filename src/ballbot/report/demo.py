@@ -1,53 +1,34 @@
-"""The two recorded runs of `ballbot demo`, their file, and the friction identified from the log of the first.
+"""The two recorded runs of `ballbot demo`, and the friction identified from the log of the first.
 
 The twin's nominal robot goes around a square twice: under the soft gain of the thesis's kind, and under the precise
 controller for the friction that was identified from the first run. `python -m campaigns.demo_runs` records them again.
-
-For each run the file holds a robot's measurements and the true pose, compressed: each value is the difference to the
-row before, as a whole number of the steps below. A step is at most a tenth of the sensor's noise, so that rounding
-changes no result; the steps of the wheels' speeds are those of the encoders.
+Each is a log of a robot's measurements and the true pose, rounded so that it stays small.
 """
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 
 from ballbot.fitting.run import Run
 from ballbot.log import Log
-from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX, Columns, torque_names, wheel_speed_names
+from ballbot.log.columns import POSITION_NAMES, TRUE_PREFIX
 from ballbot.log.pose import with_odometry
 from ballbot.report.blocks import Result, Sheet, provenance, section
 from ballbot.robot import Robot
-from ballbot.robot.derived import encoder_step
 from ballbot.rounding import digits, interval
 from ballbot.twin.scenario import Scenario
 
-#: the runs, in the order in which they are shown
+ROBOT = "alten"
 SOFT, PRECISE = "Soft gain, as in the thesis", "Precise controller"
-ROBOT, SAMPLE_TIME = "alten", 0.005
-_FILE = "demo_runs.npz"
-KEYS = {SOFT: "soft", PRECISE: "precise"}
-
-#: torque noise 0.01 N m; lean noise 1.7e-3 rad and gyro noise 1.9e-3 rad/s; references are exact
-_STEPS = {
-    **dict.fromkeys(torque_names(3), 1e-3),
-    **dict.fromkeys(("theta", "phi", "psi"), 1e-4),
-    **dict.fromkeys(("theta_dot", "phi_dot", "psi_dot"), 1e-4),
-    **dict.fromkeys(("ref_x", "ref_y", "ref_psi"), 1e-3),
-    **{TRUE_PREFIX + name: 1e-5 for name in POSITION_NAMES},
+#: the file of each run, in the order in which they are shown
+FILES: Mapping[str, Path] = {
+    run: Path(__file__).with_name(name)
+    for run, name in ((SOFT, "demo_soft.mat"), (PRECISE, "demo_precise.mat"))
 }
-
-
-def steps() -> Mapping[str, float]:
-    """Return the step of each column in the file."""
-    robot = Robot.load(ROBOT)
-    turn = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
-    return {**_STEPS, **dict.fromkeys(wheel_speed_names(3), turn / SAMPLE_TIME)}
 
 
 def robot_of_runs() -> Robot:
@@ -57,27 +38,16 @@ def robot_of_runs() -> Robot:
 
 
 def read_runs() -> dict[str, Log]:
-    """Return the runs that ship with Ballbot; see `runs_of`."""
-    return runs_of((files("ballbot.report") / _FILE).read_bytes())
-
-
-def runs_of(content: bytes) -> dict[str, Log]:
-    """Return the runs of a file: what a robot logs, the position by odometry, and the true states.
+    """Return the runs that ship with Ballbot: what a robot logs, the position by odometry, and the true states.
 
     The true rates are derivatives of the true pose.
     """
     robot, runs = Robot.load(ROBOT), {}
-    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-        for run, key in KEYS.items():
-            columns: Columns = {
-                name: (step * np.cumsum(arrays[f"{key} {name}"])).astype(np.float64)
-                for name, step in steps().items()
-            }
-            columns["t"] = np.arange(len(columns["theta"]), dtype=np.float64) * SAMPLE_TIME
-            for name in POSITION_NAMES:
-                rate = np.gradient(columns[TRUE_PREFIX + name], SAMPLE_TIME)
-                columns[f"{TRUE_PREFIX}{name}_dot"] = np.asarray(rate, dtype=np.float64)
-            runs[run] = with_odometry(Log(columns), robot)
+    for run, path in FILES.items():
+        log = Log.read(path)
+        true = [f"{TRUE_PREFIX}{name}" for name in POSITION_NAMES]
+        rates = {f"{name}_dot": np.gradient(log[name], log.sample_time) for name in true}
+        runs[run] = with_odometry(log.with_columns(rates), robot)
     return runs
 
 
@@ -95,9 +65,7 @@ def friction_report(log: Log, run: Run) -> Result:
     from ballbot.report.identification import friction_curve, identification_report
 
     part = log.without_truth().between(0.0, 20.0)
-    options = IdentificationOptions(
-        generations=25, population=16, evolution_windows=24, gauss_newton_steps=4, most_profiles=0
-    )
+    options = IdentificationOptions(search_windows=24, most_steps=4, most_profiles=0)
     checked = CheckedLogs.simulated(part)
     fit = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
     report = identification_report(fit, {SOFT: part}, findings=(), selection=None, holdouts=())

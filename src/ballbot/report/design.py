@@ -72,39 +72,36 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
     robot, kind = controller.robot, controller.compensation
     slowest = float(-np.max(design.gain.poles.real))
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
-    verdict = [
-        (
-            "Closed loop",
-            f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s.",
-        ),
-        ("Margins", f"{capital(design.loop_margins.sentence())}."),
-        ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
-    ]
-    if kind != "none":
-        margin = f"{capital(design.margin.sentence)}."
-        if design.margin.overcompensates:
-            margin = f"WARNING: {design.margin.sentence}; this injects energy and can destabilise the robot."
-        verdict.append(("Compensation", nothing or margin))
-    undecided = [
-        "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
-        "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it."
-    ]
-    if not design.uncertainty.parts:
-        undecided.append("How uncertain the gain is: no value in the robot file has a standard_deviation.")
+    settling = (
+        f"The slowest pole is at −{slowest:.3g} rad/s: the robot settles in about {4.0 / slowest:.2g} s."
+    )
+    margin = f"{capital(design.margin.sentence)}."
+    if design.margin.overcompensates:
+        margin = f"WARNING: {design.margin.sentence}; this injects energy and can destabilise the robot."
+    uncertain = "How uncertain the gain is: no value in the robot file has a standard_deviation."
     return Result(
         title=f"{robot.name}: a controller",
         lead=(
             f"Sampled LQR at {1e3 * controller.sample_time:g} ms; {'no' if kind == 'none' else kind} friction "
             f"compensation; parts: {parts}."
         ),
-        verdict=verdict,
+        verdict=[
+            ("Closed loop", settling),
+            ("Margins", f"{capital(design.loop_margins.sentence())}."),
+            ("Torque limit of each wheel", f"{torque_limit_words(controller)}."),
+            ("Compensation", "" if kind == "none" else nothing or margin),
+        ],
         sections=[
             section("Gain", *_gain_blocks(design)),
             loop_section(design.loop_margins),
             details("Friction compensation", *_compensation_blocks(design)),
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
         ],
-        undecided=undecided,
+        undecided=[
+            "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
+            "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it.",
+            "" if design.uncertainty.parts else uncertain,
+        ],
         findings=findings,
         data=design.to_dict(),
     )

@@ -26,13 +26,13 @@ def excitation_report(result: Excitation) -> Result:
         )
     ]
     units = {
-        label: quantity.unit
+        label: quantity.unit.removeprefix(DIMENSIONLESS)
         for quantity in BY_NAME.values()
         for label in quantity.labels(task.robot.wheel_count)
     }
     columns = [task.in_units(errors).tolist() for errors in result.errors.values()]
     errors = [
-        (label, units[label].removeprefix(DIMENSIONLESS), assumed, *(digits(error, 2) for error in expected))
+        (label, units[label], assumed, *(digits(error, 2) for error in expected))
         for label, assumed, *expected in zip(task.labels, task.assumed.tolist(), *columns, strict=True)
     ]
     caption = (
@@ -66,13 +66,12 @@ def excitation_report(result: Excitation) -> Result:
 
 def _verdict(result: Excitation) -> str:
     gain = gain_sentence(float(result.errors["square"].max() / result.errors["designed"].max()))
-    trial = result.on_loop["designed"]
-    exceeded = " and ".join(trial.peaks.exceeding(result.task.limits))
+    trial, on_loop = result.on_loop["designed"], "The loop with sensors stayed within all limits."
     if trial.ended:
-        return f"{gain} On the loop with sensors a run ended early: {trial.ended}. Lower the limits."
-    if exceeded:
-        return f"{gain} The loop with sensors exceeded the limit on {exceeded}; lower that limit."
-    return f"{gain} The loop with sensors stayed within all limits."
+        on_loop = f"On the loop with sensors a run ended early: {trial.ended}. Lower the limits."
+    elif exceeded := " and ".join(trial.peaks.exceeding(result.task.limits)):
+        on_loop = f"The loop with sensors exceeded the limit on {exceeded}; lower that limit."
+    return f"{gain} {on_loop}"
 
 
 def gain_sentence(gain: float) -> str:

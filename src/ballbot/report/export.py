@@ -10,7 +10,7 @@ from ballbot.firmware.emulator import CYCLES
 from ballbot.firmware.export import Export
 from ballbot.firmware.processor_load import ProcessorLoad
 from ballbot.firmware.records import FIRMWARE
-from ballbot.report.blocks import Result, Section, Sheet, section
+from ballbot.report.blocks import Result, Sheet, section
 
 _HEADINGS = ("quantity", "value")
 
@@ -24,7 +24,7 @@ def export_report(
     findings: Sequence[Finding],
 ) -> Result:
     """Return the page of an exported firmware; `to_install` names what measuring the load needs."""
-    robot, limits = controller.robot, exported.limits
+    robot, limits, weights = controller.robot, exported.limits, exported.weight_bytes
     parts = ", ".join(part.label for _, part in controller.parts.present()) or "none"
     compensation = "no" if controller.compensation == "none" else controller.compensation
     about = (
@@ -34,11 +34,7 @@ def export_report(
     rows = [
         ("period", f"{1e3 * controller.sample_time:g} ms"),
         ("parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"),
-        *(
-            [("weights of the policy (flash)", f"{exported.weight_bytes} bytes")]
-            if exported.weight_bytes
-            else []
-        ),
+        *([("weights of the policy (flash)", f"{weights} bytes")] if weights else []),
         ("state (RAM)", f"{exported.state_bytes} bytes"),
         ("torque limit", torque_limit_words(controller)),
         ("stops beyond a lean of", f"{limits.lean:g} rad"),
@@ -52,12 +48,12 @@ def export_report(
         lead="In C99; README.md says how to build it.",
         verdict=[
             ("Firmware", about),
-            *([("Gains", exported.gains.sentence())] if exported.gains else []),
-            *([("Processor", _worst(load))] if load else []),
+            ("Gains", exported.gains.sentence() if exported.gains else ""),
+            ("Processor", _worst(load) if load else ""),
         ],
         sections=[
             section("The controller", Sheet(_HEADINGS, rows)),
-            _processor_section(load) if load else None,
+            section("On the processor", _processor_sheet(load) if load else None),
         ],
         undecided=[
             "What interrupts and drivers of a board take: they come on top of the library's cycles."
@@ -73,7 +69,7 @@ def export_report(
             "safety": limits,
             "schema": FIRMWARE.digest,
             "parameter_bytes": exported.parameter_bytes,
-            "weight_bytes": exported.weight_bytes,
+            "weight_bytes": weights,
             "state_bytes": exported.state_bytes,
             "gains": exported.gains
             and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},
@@ -89,8 +85,7 @@ def _worst(load: ProcessorLoad) -> str:
     )
 
 
-def _processor_section(load: ProcessorLoad) -> Section:
-    """Return the section on the load on the processor."""
+def _processor_sheet(load: ProcessorLoad) -> Sheet:
     fix = load.fix_instructions
     rows = [
         ("instructions of an update, typical", f"{load.typical_instructions:,}"),
@@ -108,4 +103,4 @@ def _processor_section(load: ProcessorLoad) -> Section:
         f"({load.compiler}). Instructions are exact; cycles are an upper estimate, {CYCLES:g} for each instruction "
         "in flash with two wait states."
     )
-    return section("On the processor", Sheet(_HEADINGS, rows, caption))
+    return Sheet(_HEADINGS, rows, caption)

@@ -23,11 +23,10 @@ from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
 from ballbot.identification.holdout import FrictionAtHorizon
-from ballbot.identification.laws import LawCandidate, LawSelection
 from ballbot.identification.quantities import BY_NAME
-from ballbot.identification.result import represents_sentence
+from ballbot.identification.result import LawCandidate, LawSelection, represents_sentence
 from ballbot.log import Log
-from ballbot.log.wheel_speeds import measured_wheel_speeds
+from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
 from ballbot.report.palette import BLUE, MUTED
@@ -47,23 +46,25 @@ def identification_report(
     holdouts: Sequence[HoldoutResult],
 ) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
-    undecided = texts((*fit.findings, *(finding for holdout in holdouts for finding in holdout.findings)))
-    if fit.variation.logs == 1:
-        undecided.append("How much the estimate differs from log to log: there is one log.")
+    one_log = "How much the estimate differs from log to log: there is one log."
     return Result(
         title=f"{fit.robot.name}: friction from balancing logs",
         lead=f"Identified from {logs_words(logs)}, with predictions over windows of {fit.window:g} s.",
         verdict=[("Verdict", fit.verdict.sentence), ("Friction", friction_sentence(fit))],
         sections=[
             section("Parameters", *parameter_blocks(fit, logs.values())),
-            section("Friction laws", _selection_sheet(selection)) if selection else None,
+            section("Friction laws", _selection_sheet(selection) if selection else None),
             details(
                 "Errors on held-out windows",
                 _error_sheet(fit, holdouts),
                 *(_horizon_sheet(holdout) for holdout in holdouts if holdout.horizons),
             ),
         ],
-        undecided=[*undecided, "The friction at speeds, loads and temperatures that the logs do not have."],
+        undecided=[
+            *texts((*fit.findings, *(finding for holdout in holdouts for finding in holdout.findings))),
+            one_log if fit.variation.logs == 1 else "",
+            "The friction at speeds, loads and temperatures that the logs do not have.",
+        ],
         findings=findings,
         data={
             **fit.to_dict(),
@@ -77,7 +78,7 @@ def parameter_blocks(fit: Identification, logs: Iterable[Log]) -> Iterator[Block
     """Yield the parameters, what they stand for, each wheel's friction, and the correlation of their errors."""
     yield _parameter_sheet(fit)
     sentences = (represents_sentence(fit.names), coulomb_sentence(fit.coulomb, fit.names))
-    yield Bullets([sentence for sentence in sentences if sentence])
+    yield Bullets([*filter(None, sentences)])
     caption = (
         "Friction of each wheel against its speed, with the 95 % band from the standard errors; below, the share of "
         "the logs at each speed."

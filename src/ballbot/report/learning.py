@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ballbot.learning.learn import Confirmed, Learned
-from ballbot.report.blocks import Result, Sheet, section
+from ballbot.log import Log
+from ballbot.report.blocks import Animation, Result, Section, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.rounding import digits
 from ballbot.summary import counted
+from ballbot.viewer.page import replay_part
 
 
-def learning_report(learned: Learned, *, scenario: str) -> Result:
-    """Return the page of a learned controller."""
+def learning_report(learned: Learned, *, scenario: str, film: Mapping[str, Log]) -> Result:
+    """Return the page of a learned controller, with the runs of `ballbot.learning.learn.film`."""
     name = learned.controller.robot.name
     return Result(
         title=f"{name}: {learned.task.name}, learned",
@@ -22,6 +26,7 @@ def learning_report(learned: Learned, *, scenario: str) -> Result:
         sections=[
             section("On other robots", _tried(learned)),
             section("The learning curve", curve_series(learned)),
+            _film(learned, film),
         ],
         undecided=[
             "Whether the real robot is like the simulated ones: try it with a person who catches the robot.",
@@ -68,6 +73,15 @@ def _tried(learned: Learned) -> Sheet:
     headings = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
     caption = "Fresh robots that are asked for the most that the task asks for, turn by turn"
     return Sheet(headings, rows, caption)
+
+
+def _film(learned: Learned, film: Mapping[str, Log]) -> Section:
+    """Return the runs side by side in three dimensions."""
+    caption = (
+        "The same robot from the same start, under the best policy after so many seconds of learning. A robot that "
+        "falls stays where it fell. Drag to orbit."
+    )
+    return section("As it learned", Animation(replay_part(film, learned.controller.robot), caption))
 
 
 def curve_series(learned: Learned) -> TimeSeries:

@@ -129,13 +129,14 @@ def limits_report(
     scenario: str,
 ) -> Result:
     """Return the page."""
-    verdict, twins = [], [(name, limit) for name, edges in on_twin.items() for limit in edges]
-    for name, result in limits.items():
-        text = f"Recovers in every direction from {limit_words(result)}"
-        meaning = "up to the first number no wheel slips, up to the second if wheels never slip"
-        verdict.append((name, f"{text}: {meaning}." if not verdict else f"{text}."))
-    if len(limits) > 1 and not has_friction(robot.friction):
-        verdict.append(("", NO_FRICTION))
+    twins = [(name, limit) for name, edges in on_twin.items() for limit in edges]
+    meaning = ": up to the first number no wheel slips, up to the second if wheels never slip"
+    verdict = [
+        (name, f"Recovers in every direction from {limit_words(result)}{'' if k else meaning}.")
+        for k, (name, result) in enumerate(limits.items())
+    ]
+    idle = len(limits) > 1 and not has_friction(robot.friction)
+    play = "What play and sliding wheels take from the limits: `--twin` runs such a robot."
     directions = (
         "The largest tilt at rest, and the largest impulse at the centre of mass, by direction on the floor. Solid: no "
         f"wheel slips; dashed: wheels never slip.{' Marks: found on the twin.' if on_twin else ''}"
@@ -150,9 +151,9 @@ def limits_report(
             f"{counted(len(limits), 'controller')}, friction coefficient of the wheels on the ball {grip:g}, sensors, "
             f"delay and noise of the scenario {scenario}."
         ),
-        verdict=verdict,
+        verdict=[*verdict, ("", NO_FRICTION if idle else "")],
         sections=[
-            section("On the twin", sheet_of(twins, _TWIN)) if twins else None,
+            section("On the twin", sheet_of(twins, _TWIN) if twins else None),
             section(
                 "Over all directions",
                 drawn_picture("directions", directions, directions_figure, limits, on_twin),
@@ -163,11 +164,7 @@ def limits_report(
             "The limit between the two bounds: above the lower one a wheel slips somewhere, and what follows depends "
             "on its friction while it slips.",
             "The grip of the real wheels on the real ball: it is an assumption (`--grip`).",
-            *(
-                []
-                if on_twin
-                else ["What play and sliding wheels take from the limits: `--twin` runs such a robot."]
-            ),
+            "" if on_twin else play,
         ],
         data={
             "robot": robot.name,

@@ -18,7 +18,7 @@ from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.pose import with_position, with_rates
-from ballbot.log.proposal import Evaluation, Proposal, answer_lines
+from ballbot.log.proposal import Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of
 from ballbot.report.run import over_time
 from ballbot.report.words import capital
@@ -129,7 +129,6 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
     log, findings = checked.log, checked.findings
     rate = f" at {1.0 / log.sample_time:.4g} Hz" if len(log) > 1 else ""
     wheels = _wheel_table(checked.wheels) if checked.wheels else None
-    robotless = "Whether wheels, signs and units are a robot's: name it with --robot."
     return Result(
         title=f"{checked.file.name}: what the log shows",
         lead=f"{checked.file}: {len(log)} rows, {log.t[-1] - log.t[0]:.6g} s{rate}.",
@@ -139,7 +138,7 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
             section("Over time", *over_time(log, robot)),
         ],
         undecided=[
-            *([] if robot else [robotless]),
+            "" if robot else "Whether wheels, signs and units are a robot's: name it with --robot.",
             *(finding.text for finding in findings if finding.code in ("use", "physics")),
             "Errors that a robot of other masses, gains or friction would make as well.",
         ],
@@ -158,34 +157,33 @@ def _log_verdict(findings: Sequence[Finding], uses: Sequence[str]) -> str:
         return f"This log must not be used as it is: {errors[0].text}{more if others else ''}"
     use = f" for {every(uses)}" if uses else ""
     if warnings:
-        return f"The log can be used{use}; {counted(warnings, 'warning')} below must be known first."
+        words = "warning" if warnings == 1 else f"{warnings} warnings"
+        return f"The log can be used{use}; read the {words} below first."
     return f"A good log{use}." if use else "No problems were found."
 
 
-def proposal_report(
-    evaluation: Evaluation, evaluated: Sequence[Evaluation], robot: Robot, *, kept: bool
-) -> Result:
+def proposal_report(proposal: Proposal, evaluated: Sequence[Proposal], *, kept: bool) -> Result:
     """Return the page of the mapping proposed for foreign files, from the surest of them; `kept`: it was written."""
-    file, proposal = evaluation.proposal.base.path, evaluation.proposal
+    file, robot = proposal.base.path, proposal.robot
     verdict = (
-        evaluation.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
+        proposal.refusal or "Every entry of the mapping was determined, and its log agrees with the robot."
     )
-    answers = Verbatim("\n".join(answer_lines(evaluation)))
+    answers = Verbatim("\n".join(answer_lines(proposal)))
     return Result(
         title=f"{file.name}: proposed mapping",
         lead=f"{file} is not in Ballbot's format. Its columns were compared with the equations of {robot.name}.",
         verdict=[("", capital(verdict))],
         sections=[
             section("What was found", answers, _placement_table(proposal) if proposal.tested else None),
-            section("The mapping file", Verbatim(evaluation.text)),
-            section("The log that it makes", *over_time(evaluation.log, robot)) if evaluation.log else None,
+            section("The mapping file", Verbatim(proposal.text)),
+            section("The log that it makes", *(over_time(log, robot) if (log := proposal.log) else ())),
         ],
         undecided=[f"{capital(question.text)}." for question in proposal.questions],
-        findings=evaluation.findings,
+        findings=proposal.findings,
         accepted=False,
         data={
             "files": [_proposal_data(candidate) for candidate in evaluated],
-            **({} if kept else {"mapping_file": evaluation.text}),
+            **({} if kept else {"mapping_file": proposal.text}),
         },
     )
 
@@ -205,30 +203,30 @@ def _placement_table(proposal: Proposal) -> Sheet:
     return sheet_of(ordered, columns, caption="Wheel orders, by the response of the lean")
 
 
-def _proposal_data(evaluation: Evaluation) -> dict[str, object]:
+def _proposal_data(proposal: Proposal) -> dict[str, object]:
     """Return the entries of results.json for the mapping proposed for a foreign file."""
-    proposal, tested = evaluation.proposal, evaluation.proposal.tested
+    motion, tested, log = proposal.motion, proposal.tested, proposal.log
     return {
         "file": str(proposal.base.path),
         "what": proposal.what,
         "roles": proposal.roles,
         "time_unit": proposal.base.time,
-        "wheel_unit": proposal.motion.units[1] if proposal.motion else None,
+        "wheel_unit": motion and motion.units[1],
         "lean_unit": proposal.lean,
-        "gyro": proposal.motion.gyro if proposal.motion else None,
-        "placements": [] if tested is None else tested.placements,
-        "margin": None if tested is None else tested.margin,
-        "confidence": None if tested is None else tested.confidence,
-        "phase_deg": None if tested is None else math.degrees(tested.placements[0].phase),
-        "lean_lag": None if tested is None else tested.lag,
-        "disturbance": None if tested is None else tested.disturbance,
-        "heading": None if tested is None else tested.heading,
+        "gyro": motion and motion.gyro,
+        "placements": tested.placements if tested else [],
+        "margin": tested and tested.margin,
+        "confidence": tested and tested.confidence,
+        "phase_deg": tested and math.degrees(tested.placements[0].phase),
+        "lean_lag": tested and tested.lag,
+        "disturbance": tested and tested.disturbance,
+        "heading": tested and tested.heading,
         "frame": proposal.frame,
         "drive": proposal.drive,
         "keep": proposal.keep,
         "questions": proposal.questions,
-        "refusal": evaluation.refusal,
-        "rows": None if evaluation.log is None else len(evaluation.log),
-        "columns": [] if evaluation.log is None else list(evaluation.log.names),
-        "findings": evaluation.findings,
+        "refusal": proposal.refusal,
+        "rows": None if log is None else len(log),
+        "columns": log.names if log else [],
+        "findings": proposal.findings,
     }

@@ -37,12 +37,14 @@ def render(result: Result, folder: Path) -> None:
 
 def page_of(report: Result) -> str:
     """Return a result's page as HTML."""
-    anchors = [_anchor(number, section.heading) for number, section in enumerate(report.present, 1)]
-    contents = list(zip(anchors, (section.heading for section in report.present), strict=True))
-    contents += [("undecided", "What the data cannot decide")]
-    contents += [("checks", "Checks of the inputs")] if report.findings is not None else []
-    contents += [("reproduce", "How to reproduce this")] if report.provenance else []
-    blocks = [block for section in report.present for block in section.blocks]
+    anchors = [_anchor(number, section.heading) for number, section in enumerate(report.sections, 1)]
+    contents = [
+        *zip(anchors, (section.heading for section in report.sections), strict=True),
+        ("undecided", "What the data cannot decide"),
+        *([("checks", "Checks of the inputs")] if report.findings is not None else []),
+        *([("reproduce", "How to reproduce this")] if report.provenance else []),
+    ]
+    blocks = [block for section in report.sections for block in section.blocks]
     animations = [block.part for block in blocks if isinstance(block, Animation)][:1]
     charts = any(isinstance(block, TimeSeries) for block in blocks)
     environment = Environment(
@@ -70,20 +72,9 @@ def page_of(report: Result) -> str:
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
     return environment.get_template("report.html.j2").render(
-        title=report.title,
-        lead=report.lead,
-        verdict=[(heading, with_symbols(words)) for heading, words in report.verdict],
-        contents=contents,
-        sections=report.present,
+        report=report,
         anchors=anchors,
-        next_step=report.next_step,
-        undecided=[with_symbols(words) for words in report.undecided],
-        errors=[
-            finding for finding in report.findings or () if report.accepted and finding.severity == "error"
-        ],
-        accepted=report.accepted,
-        findings=report.findings,
-        provenance=report.provenance,
+        contents=contents,
         policy=policy,
         style=Markup("".join(styles)),
         scripts=[Markup(script) for script in scripts],

@@ -7,42 +7,31 @@ from __future__ import annotations
 
 import re
 
-INK = "#22303c"
-MUTED = "#6b7883"
-GRID = "#dfe4e8"
-SHADE = "#e9edf0"
-BLUE = "#1f5f9e"
-ORANGE = "#c2670f"
-GREEN = "#2f7554"
-VIOLET = "#8a4f7d"
-YELLOW = "#a8901c"
-RED = "#b3372f"
-PALE = "#b4bfc8"
-AXIS = "#9aa5ae"
-#: of areas of recovery: up to the lower bound, and up to the upper bound
-LOWER, UPPER = "#7fa6cf", "#d8e3ef"
-
-#: the figures' colors, for which a page takes those of its theme; others stay
-_THEMED = {
-    INK: "ink",
-    MUTED: "muted",
-    GRID: "line",
-    SHADE: "band",
-    BLUE: "blue",
-    ORANGE: "orange",
-    GREEN: "green",
-    VIOLET: "violet",
-    YELLOW: "yellow",
-    RED: "red",
-    PALE: "pale",
-    AXIS: "axis",
-    LOWER: "lower",
-    UPPER: "upper",
-    "#ffffff": "page",
+#: by the page's name for it, the color of a figure, for which the page takes that of its theme
+_THEME = {
+    "ink": "#22303c",
+    "muted": "#6b7883",
+    "line": "#dfe4e8",
+    "band": "#e9edf0",
+    "blue": "#1f5f9e",
+    "orange": "#c2670f",
+    "green": "#2f7554",
+    "violet": "#8a4f7d",
+    "yellow": "#a8901c",
+    "red": "#b3372f",
+    "pale": "#b4bfc8",
+    "axis": "#9aa5ae",
+    # areas of recovery: up to the lower bound, and up to the upper bound
+    "lower": "#7fa6cf",
+    "upper": "#d8e3ef",
+    "page": "#ffffff",
 }
+INK, MUTED, GRID, SHADE, BLUE, ORANGE, GREEN, VIOLET, YELLOW, RED, PALE, AXIS, LOWER, UPPER, _ = (
+    _THEME.values()
+)
+_NAME_OF = {color: name for name, color in _THEME.items()}
 
 
 def themed(svg: str) -> str:
     """Return a figure whose colors are those of the page's theme, light or dark."""
-    colors = "|".join(_THEMED)
-    return re.sub(rf"(?<=: )({colors})\b", lambda match: f"var(--{_THEMED[match[1]]})", svg)
+    return re.sub(rf"(?<=: )({'|'.join(_NAME_OF)})\b", lambda match: f"var(--{_NAME_OF[match[1]]})", svg)

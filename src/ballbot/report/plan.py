@@ -9,7 +9,7 @@ from ballbot.report.series import Line, Panel, TimeSeries, wheel_lines
 from ballbot.results import to_results
 from ballbot.rounding import percent
 from ballbot.summary import counted
-from ballbot.workflows.metrics import lean_of
+from ballbot.workflows.metrics import lean_angle
 from ballbot.workflows.plan import Followed, Plan
 
 
@@ -89,7 +89,7 @@ def _series(plan: Plan) -> TimeSeries:
             Panel("speed [m/s]", [Line("speed", speed, "measured")], from_zero=True),
             Panel(
                 "lean [deg]",
-                [Line("lean", np.degrees(lean_of(theta, phi)), "measured")],
+                [Line("lean", np.degrees(lean_angle(theta, phi)), "measured")],
                 levels=(float(np.degrees(plan.limits.lean)),),
                 from_zero=True,
             ),

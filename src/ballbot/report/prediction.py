@@ -65,7 +65,7 @@ def prediction_report(
         verdict=[("", f"{verdict.reason} {verdict.recommendation.capitalize()} this controller.")],
         sections=[
             section("Predicted and measured", table),
-            section("What differs from the study's logs", Bullets(differences)) if differences else None,
+            section("What differs from the study's logs", Bullets(differences)),
             section("The run", *series),
         ],
         undecided=[

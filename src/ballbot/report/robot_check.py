@@ -42,30 +42,25 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    verdict = [
-        ("Plausible", plausible if errors + warnings else "Its numbers fit together."),
-        ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
-    ]
-    undecided = [
-        "Whether the numbers are those of the machine: they are checked against one another, and a wrong value that "
-        "fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`."
-    ]
-    if swing:
-        quantity, value, unit = swing.found.rows()[0]
-        verdict.append(("Swing", capital(f"{quantity}: {value} {unit}.")))
-    if following:
-        verdict.append((f"Following {following.name}", " ".join(following.verdict())))
-        undecided.append(
-            "How noise, delay and play change the run along the reference: `ballbot record` has them."
-        )
-    if swing:
-        undecided.append("The inertia about the vertical axis: the body does not turn about it in a swing.")
+    quantity, value, unit = swing.found.rows()[0] if swing else ("", "", "")
+    on_twin = "How noise, delay and play change the run along the reference: `ballbot record` has them."
+    vertical = "The inertia about the vertical axis: the body does not turn about it in a swing."
     return Result(
         title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
-        verdict=verdict,
+        verdict=[
+            ("Plausible", plausible if errors + warnings else "Its numbers fit together."),
+            ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
+            ("Swing", capital(f"{quantity}: {value} {unit}.") if swing else ""),
+            *([(f"Following {following.name}", " ".join(following.verdict()))] if following else []),
+        ],
         sections=list(_sections(checked)),
-        undecided=undecided,
+        undecided=[
+            "Whether the numbers are those of the machine: they are checked against one another, and a wrong value "
+            "that fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`.",
+            on_twin if following else "",
+            vertical if swing else "",
+        ],
         findings=checked.findings,
         data=checked.to_dict(),
     )
@@ -87,21 +82,17 @@ def _uncertainty(spread: PoleSpread | None) -> str:
 
 def _sections(checked: CheckedRobot) -> Iterator[Section]:
     robot = checked.robot
+    to_scale = (
+        "To scale, from its right and from above. The body appears as two discs with its mass and inertia."
+    )
+    derived = [
+        (quantity.meaning, f"{quantity.value:.5g}", quantity.unit.removeprefix("1"))
+        for quantity in derived_quantities(robot)
+    ]
     yield section(
         "Derived quantities",
-        drawn_picture(
-            "robot",
-            "To scale, from its right and from above. The body appears as two discs with its mass and inertia.",
-            robot_figure,
-            robot,
-        ),
-        Sheet(
-            ("quantity", "value", "unit"),
-            [
-                (quantity.meaning, f"{quantity.value:.5g}", quantity.unit.removeprefix("1"))
-                for quantity in derived_quantities(checked.robot)
-            ],
-        ),
+        drawn_picture("robot", to_scale, robot_figure, robot),
+        Sheet(("quantity", "value", "unit"), derived),
         Verbatim(f"Poles about upright, exact model [rad/s]: {pole_words(checked.poles)}"),
     )
     of = f"the {checked.controller} controller" if checked.controller in KINDS else checked.controller
@@ -125,14 +116,9 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
         limits = Sheet(MARGIN_HEADINGS, [use.row() for use in following.uses], caption)
         yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
-    yield linear_section(Model(checked.robot).linearize(), caption=caption)
-    yield details(
-        "Transformation matrices",
-        *(
-            Verbatim(
-                matrix_text(name, checked.matrices[name]),
-                f"{capital(words)}.",
-            )
-            for name, words in MATRICES.items()
-        ),
+    yield linear_section(Model(robot).linearize(), caption=caption)
+    matrices = (
+        Verbatim(matrix_text(name, checked.matrices[name]), f"{capital(words)}.")
+        for name, words in MATRICES.items()
     )
+    yield details("Transformation matrices", *matrices)

@@ -69,15 +69,7 @@ def simulation_report(
     """Return the page of a run of the equations of motion; without a scenario its sensors are perfect."""
     sensors = "perfect sensors" if scenario is None else f"the sensors and faults of the scenario {scenario}"
     equations = "exact" if formulation == "exact" else "thesis's"
-    undecided = [
-        "How a real robot runs: the equations of motion have point contacts that do not slip, and a rigid body. "
-        "`ballbot record` runs a physics engine with rollers and play.",
-        "How much runs differ: this is one. `ballbot compare` runs several seeds and gives intervals.",
-    ]
-    if scenario is None:
-        undecided.insert(
-            0, "What noise, delay and quantisation do: the sensors are perfect; give --scenario nominal."
-        )
+    perfect = "What noise, delay and quantisation do: the sensors are perfect; give --scenario nominal."
     return run_report(
         log,
         robot,
@@ -86,7 +78,12 @@ def simulation_report(
             f"The reference {reference}, {float(log.t[-1] - log.t[0]):.1f} s, by the {equations} equations of motion "
             f"with {sensors}."
         ),
-        undecided=undecided,
+        undecided=[
+            perfect if scenario is None else "",
+            "How a real robot runs: the equations of motion have point contacts that do not slip, and a rigid body. "
+            "`ballbot record` runs a physics engine with rollers and play.",
+            "How much runs differ: this is one. `ballbot compare` runs several seeds and gives intervals.",
+        ],
         findings=findings,
         data=run_results(log),
     )
@@ -132,49 +129,41 @@ def live_run_report(
     data: Mapping[str, object],
 ) -> Result:
     """Return the page of a recorded run; `about` names the robot and its controller, `ending` how the run ended."""
-    undecided = ["How much runs differ: this is one. `ballbot run compare` makes several alternately."]
-    if not held:
-        undecided.insert(
-            0,
-            "The robot's true path: position and heading are computed on board, and they drift.",
-        )
-    if robot is None:
-        undecided.append("How close the torques come to the wheels' limit: give the robot's file (--robot).")
+    drifts = "The robot's true path: position and heading are computed on board, and they drift."
+    limit = "How close the torques come to the wheels' limit: give the robot's file (--robot)."
     page = run_report(
         log,
         robot,
         title="A run of a live robot",
         lead=about,
-        undecided=undecided,
+        undecided=[
+            "" if held else drifts,
+            "How much runs differ: this is one. `ballbot run compare` makes several alternately.",
+            limit if robot is None else "",
+        ],
         held=held,
         ending=ending,
         data=data,
     )
-    if not changes:
-        return page
     rows = [(f"{change.t:.2f}", change.setting.words()) for change in changes]
     caption = (
         "Weights of the gains and shares of what was exported, to which the robot moved from each time on."
     )
-    table = section("Changes of the controller", Sheet(("t [s]", "setting"), rows, caption))
-    return replace(page, sections=[*page.sections, table])
+    table = Sheet(("t [s]", "setting"), rows, caption) if rows else None
+    return replace(page, sections=[*page.sections, section("Changes of the controller", table)])
 
 
 def wiring_report(check: WiringCheck, *, about: str) -> Result:
     """Return the page of a wiring check."""
-    undecided = [
-        "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs."
-    ]
-    if not check.passed:
-        undecided.append(
-            "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
-        )
+    wrong = "" if check.passed else f" {check.findings[0].text}"
+    untested = (
+        "The direction of the torques: the self-test of each motor with its encoder waits for the wiring."
+    )
     columns: list[Column[Turn]] = [
         Column("the robot was", lambda turn: turn.movement.words, key="movement"),
         Column("attitude [deg]", lambda turn: turn.attitude, _in_degrees, key="attitude"),
         Column("wheels [deg]", lambda turn: turn.wheels, _in_degrees, key="wheels"),
     ]
-    wrong = "" if check.passed else f" {check.findings[0].text}"
     caption = (
         "What the sensors measured of each movement: the attitude about x, y, z; the wheels in their order."
     )
@@ -183,7 +172,10 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
         lead=about,
         verdict=[("", f"The wiring is {'not ' if wrong else ''}right.{wrong}")],
         sections=[section("Turns by hand", sheet_of(check.turns, columns, caption=caption))],
-        undecided=undecided,
+        undecided=[
+            "Scale factors more exactly than the hand turns: `ballbot identify-geometry` finds them from logs.",
+            untested if wrong else "",
+        ],
         findings=check.findings,
         accepted=False,
         data={
@@ -248,9 +240,9 @@ def run_report(
     return Result(
         title=title,
         lead=lead,
-        verdict=[*([] if held else run_verdict(log)), *([("Ending", ending)] if ending else [])],
+        verdict=[*([] if held else run_verdict(log)), ("Ending", ending)],
         sections=[
-            *([] if held else [section("The run", _replay(log, robot), _numbers(log, robot))]),
+            section("The run", *(() if held else (_replay(log, robot), _numbers(log, robot)))),
             section("Over time", *over_time(log, robot)),
         ],
         undecided=undecided,

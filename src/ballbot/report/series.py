@@ -33,7 +33,7 @@ class Line:
     """One line of a panel: `Line("measured", log["x"], "measured")`."""
 
     name: str  #: for the legend; lines of one name and look share an entry
-    values: NDArray[np.float64]  #: (n,), NaN where there is none
+    values: NDArray[np.float64]  #: (n,), NaN if missing
     look: Look
 
 

@@ -32,20 +32,11 @@ def spin_report(
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
     overlay = "Frames of the video with their times, the ball's outline (green) and the seam that was found (magenta)."
-    undecided = ["Motions faster than the camera: between two frames the ball is taken to turn evenly."]
-    if comparison is None:
-        undecided.append(
-            "Whether the ball slips on the wheels, and which way is forward: give the log of the run."
-        )
-    if not spin.known.all():
-        undecided.append("The velocity where the seam was lost, which is shaded.")
-    view, errors = spin.view, spin.calibration.errors
+    slip = "Whether the ball slips on the wheels, and which way is forward: give the log of the run."
+    tracked = f"{100.0 * float(np.mean(spin.track.tracked)):.1f}"
     seen = [
-        ("ball's centre, across", plus_minus(view.x, errors[0]), "pixels"),
-        ("ball's centre, down", plus_minus(view.y, errors[1]), "pixels"),
-        ("ball's radius", plus_minus(view.radius, errors[2] * view.radius), "pixels"),
-        ("distance of the lens", plus_minus(view.distance, errors[3] * view.distance**2), "ball radii"),
-        ("frames with the seam tracked", f"{100.0 * float(np.mean(spin.track.tracked)):.1f}", "%"),
+        *((words, plus_minus(value, error), unit) for words, _, unit, value, error in _view(spin)),
+        ("frames with the seam tracked", tracked, "%"),
     ]
     return Result(
         title=f"{video}: the ball's angular velocity",
@@ -54,17 +45,32 @@ def spin_report(
         sections=[
             section(
                 "What was seen",
-                Bullets(others) if others else None,
+                Bullets(others),
                 Picture(partial(picture_data, picture), overlay),
                 Sheet(_HEADINGS, seen, "The camera's view. ±: standard errors."),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
-            section("Video and wheels", _comparison_sheet(comparison)) if comparison else None,
+            section("Video and wheels", _comparison_sheet(comparison) if comparison else None),
         ],
-        undecided=undecided,
+        undecided=[
+            "Motions faster than the camera: between two frames the ball is taken to turn evenly.",
+            "" if comparison else slip,
+            "" if spin.known.all() else "The velocity where the seam was lost, which is shaded.",
+        ],
         findings=log_findings if comparison else None,
         data=_data(spin, comparison, log_findings),
     )
+
+
+def _view(spin: Spin) -> list[tuple[str, str, str, float, float]]:
+    """Return words, key in results.json, unit, value and standard error of the camera's view of the ball."""
+    view, errors = spin.view, spin.calibration.errors
+    return [
+        ("ball's centre, across", "x", "pixels", view.x, errors[0]),
+        ("ball's centre, down", "y", "pixels", view.y, errors[1]),
+        ("ball's radius", "radius", "pixels", view.radius, errors[2] * view.radius),
+        ("distance of the lens", "distance", "ball radii", view.distance, errors[3] * view.distance**2),
+    ]
 
 
 def _comparison_sheet(comparison: WheelComparison) -> Sheet:
@@ -110,7 +116,7 @@ def _data(
     spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds."""
-    view, errors, known = spin.view, spin.calibration.errors, spin.known
+    known, view = spin.known, _view(spin)
     return {
         "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
@@ -120,17 +126,9 @@ def _data(
         "seam": spin.seam.name,
         "seam_separation": spin.colour.separation,
         "view": {
-            "x": view.x,
-            "y": view.y,
-            "radius": view.radius,
-            "distance": view.distance,
-            "focal_length": view.focal,
-            "standard_errors": {
-                "x": errors[0],
-                "y": errors[1],
-                "radius": errors[2] * view.radius,
-                "distance": errors[3] * view.distance**2,
-            },
+            **{key: value for _, key, _, value, _ in view},
+            "focal_length": spin.view.focal,
+            "standard_errors": {key: error for _, key, _, _, error in view},
         },
         "ball_omega": {
             "peak": spin.peak,

@@ -22,7 +22,6 @@ from ballbot.report.blocks import (
     Column,
     Paragraph,
     Result,
-    Section,
     details,
     entries_of,
     section,
@@ -48,18 +47,6 @@ from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
 from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
-
-
-def summary(study: Study) -> list[tuple[str, str]]:
-    """Return the results as (heading, sentences) pairs: what stands before the first figure, and on a terminal."""
-    contradiction = study.confirmation.contradiction if study.confirmation else None
-    return [
-        *([("Contradiction", contradiction)] if contradiction else []),
-        ("Friction", friction_sentence(study.found)),
-        ("Model", model_sentence(study)),
-        ("Compensation", compensation_sentence(study.choice)),
-        ("Controller", controller_sentence(study.choice)),
-    ]
 
 
 def next_step(study: Study, path: Callable[[str], str]) -> str:
@@ -193,11 +180,19 @@ def study_report(study: Study) -> Result:
     return Result(
         title=f"{study.robot.name}: friction, model and controller",
         lead=f"{capital(logs_words({entry.name: entry.log for entry in study.logs}))}.",
-        verdict=summary(study),
+        verdict=[
+            ("Contradiction", (study.confirmation and study.confirmation.contradiction) or ""),
+            ("Friction", friction_sentence(fit)),
+            ("Model", model_sentence(study)),
+            ("Compensation", compensation_sentence(choice)),
+            ("Controller", controller_sentence(choice)),
+        ],
         sections=[
             section("The controllers", *_comparison_blocks(study)),
             details("Why this controller", Bullets(_reasons(study)), gain_sheet(controller.gain), limit),
-            stiffness and _stiffness_section(stiffness),
+            details(
+                "Where friction matters for this robot", *(_stiffness_blocks(stiffness) if stiffness else ())
+            ),
             details("What the next log should show", *_prediction_blocks(study)),
             details("Friction found", *parameter_blocks(fit, [entry.log for entry in study.logs])),
             replace(first, blocks=(findings, *first.blocks), folded=True),
@@ -249,8 +244,8 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
-def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
-    """Return the section on the peak error of each gain, with and without compensation and observer."""
+def _stiffness_blocks(stiffness: FrictionByStiffness) -> Iterator[Block]:
+    """Yield the peak error of each gain, with and without compensation and observer."""
     course, runs = stiffness.course, len(stiffness.gains[0].trials[VARIANTS[0]].scores)
     caption = (
         f"Peak error on {course.duration:g} s of the {course.name} over the torque that a metre of error asks of the "
@@ -258,11 +253,8 @@ def _stiffness_section(stiffness: FrictionByStiffness) -> Section:
         "gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and the lean "
         "limit; with the observer, integral action."
     )
-    return details(
-        "Where friction matters for this robot",
-        Paragraph(stiffness_sentences(stiffness)),
-        drawn_picture("stiffness", caption, _stiffness_figure, stiffness),
-    )
+    yield Paragraph(stiffness_sentences(stiffness))
+    yield drawn_picture("stiffness", caption, _stiffness_figure, stiffness)
 
 
 def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:

@@ -52,7 +52,7 @@ def validation_report(
         title=title,
         lead=lead,
         verdict=[("", verdict)],
-        sections=[first, details("What else was found", Bullets(others)) if others else None, *rest],
+        sections=[first, details("What else was found", Bullets(others)), *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
         data=validation.to_dict() | {"validation": validation.results() | logs},
@@ -115,14 +115,14 @@ def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Bloc
     yield Paragraph(f"ε: the measured next state less the one that the model {models.first.name} predicts.")
     yield Bullets([with_symbols(finding.text) for finding in prediction.remarks()])
     caption = (
-        "Correlation of residuals and torques. Framed cells are significant: the memory of both series counted, and "
-        "the chance of any false frame 5 %."
+        "Correlation of residuals and torques. Framed cells are significant, given the autocorrelation of both series; "
+        "the chance of any false frame is 5 %."
     )
     yield drawn_picture(
         "residuals", caption, correlation_figure, symbols(matrix.labels), matrix.matrix, matrix.significant
     )
     if by_speed:
-        caption = "The residuals as torques that each wheel would have had to push more, against its speed; bars: 95 %."
+        caption = "The residuals as additional torques of each wheel, against its speed; bars: 95 %."
         yield drawn_picture("wheels", caption, wheels_figure, by_speed)
 
 
@@ -130,22 +130,24 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with intervals and verdicts."""
     ends, verdicts, known = pair.ratio_interval().T, pair.verdicts(), pair.runs >= LEAST_RUNS
 
-    def errors(scale: float, *values: tuple[Floats, Floats]) -> list[str]:
+    def of_models(i: int, values: Floats) -> list[str]:
         # below the rounding error digits mean nothing
-        return ["≈ 0" if rmse[i] <= FINEST else digits(scale * value[i]) for value, rmse in values]
+        return [
+            "≈ 0" if rmse <= FINEST else digits(value)
+            for value, rmse in zip(values[:, i], pair.rmse[:, i], strict=True)
+        ]
 
-    rows = []
-    for i, name in enumerate(STATE_NAMES):
-        rows.append(
-            (
-                unit_heading(state_mark(name), STATE_UNITS[name]),
-                *errors(1e3, *zip(pair.error, pair.rmse, strict=True)),
-                digits(pair.ratio[i]),
-                interval(*ends[i]) if known else "too few",
-                verdicts[i] if known else DASH,
-                *errors(1.0, *zip(pair.rmse, pair.rmse, strict=True)),
-            )
+    rows = [
+        (
+            unit_heading(state_mark(name), STATE_UNITS[name]),
+            *of_models(i, 1e3 * pair.error),
+            digits(pair.ratio[i]),
+            interval(*ends[i]) if known else "too few",
+            verdicts[i] if known else DASH,
+            *of_models(i, pair.rmse),
         )
+        for i, name in enumerate(STATE_NAMES)
+    ]
     return Sheet(
         groups=(("", 1), ("1000 |x−x̂|/n", 2), ("ratio", 3), ("RMSE", 2)),
         headings=("state", *models.names, "", "95 %", "verdict", *models.names),

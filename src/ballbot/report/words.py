@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _STATE_NAME = re.compile(r"\b(?P<residual>e_)?(?P<state>(?:theta|phi|psi|x|y)(?:_dot)?)\b")
 
-#: said of a robot without friction if compensation is requested
+#: for a robot without friction if compensation is requested
 NO_FRICTION = (
     "The robot file has no friction, so there is none to compensate; `ballbot identify` finds it from logs."
 )

@@ -11,7 +11,7 @@ deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,8 +71,14 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
     return with_values(robot, changes)
 
 
-def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
+def draw_robots(
+    robot: Robot, count: int, *, seed: int, further: Mapping[str, float] | None = None
+) -> list[Robot]:
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
+
+    `further` has standard deviations [SI units] of independent errors of uncertain numbers, by label, beside those that
+    the robot states: such as the spread between logs. Numbers whose errors are stated to be the same have the same
+    further one.
 
     Friction is drawn at its least value if it would be below: estimates of a very small term lie near zero, and with
     several such terms hardly any draw would be valid. Other draws that describe no robot (a negative mass, an inertia
@@ -85,14 +91,18 @@ def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     3
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
-    mixing = _square_root(correlations(robot))
+    related, own = correlations(robot), [number.deviation for number in numbers]
+    mixing, same = _square_root(related), [int(np.argmax(row >= 1.0)) for row in related]
+    added = [further.get(number.label, 0.0) for number in numbers] if further else []
     robots: list[Robot] = []
     for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
         if len(robots) == count:
             break
-        errors = mixing @ random.standard_normal(len(numbers))  # N(0, 1), correlated as stated
+        errors = own * (mixing @ random.standard_normal(len(numbers)))  # N(0, 1), correlated as stated
+        if added:
+            errors += added * random.standard_normal(len(numbers))[same]
         amounts = {
-            number: _within(robot, number, number.deviation * float(error))
+            number: _within(robot, number, float(error))
             for number, error in zip(numbers, errors, strict=True)
         }
         try:

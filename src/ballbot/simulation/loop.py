@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.law import MEMORY_SIZE, decide_torques
+from ballbot.control.law import LIMIT_AT, MEMORY_SIZE, decide_torques
 from ballbot.estimation.kalman_model import (
     BIAS,
     COVARIANCE,
@@ -1050,8 +1050,9 @@ def advance_block(selected, inputs, draws, sampling, block, first, width, comman
             fill(held, commands.torques[number])
         else:
             _command(inputs, block, robot, first, commands.references[number])
+            limit = inputs.laws[_row_of(inputs.laws, number), LIMIT_AT]
             for i in range(n):
-                held[i] += commands.torques[number, i]
+                held[i] = min(max(held[i] + commands.torques[number, i], -limit), limit)
                 block.memories[robot, i] = held[i]  # the law's history begins with the torques that act
         noise = draws.noise[robot, (n + 6) * drawn + 6 : (n + 6) * drawn + 6 + n]
         _drive(work, lane, inputs, block, first, age, noise, out.changes)

@@ -1,17 +1,13 @@
 """Two controllers compared on one robot by alternating runs, A B A B, so that drift is not counted as a gain.
 
-A battery runs down and a floor gets dusty, so that the later run is the worse one whatever its controller. The runs of
-both controllers therefore alternate, and a drift that is steady from run to run is estimated together with the gain:
+A drift that is steady from run to run, as of a battery, is estimated together with the gain:
 
     log q_k = a + d k + g b_k + e_k        k: number of the run;  b_k = 1 with the new controller, else 0
 
 by least squares, for each quantity q of `Performance` that is a size (of the torque margin, for the share of the torque
-limit that is used). exp(g) is the factor by which the new controller changes the quantity. With A B A B the estimate of
-g is free of d: it is the mean of each inner run against the mean of its two neighbours. Its 95 % interval is Student's,
-with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. More rounds make it narrow quickly.
-
-Each run of the new controller is also compared with the study's prediction (`controller_prediction`), as
-`ballbot validate --prediction` does with a single log.
+limit that is used). exp(g) is the factor by which the new controller changes the quantity. Its 95 % interval is
+Student's, with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. Each run of the new
+controller is also compared with the study's prediction (`controller_prediction`).
 """
 
 from __future__ import annotations

@@ -3,22 +3,9 @@
 none, full, partial            the nominal gain with that compensation
 precise                        the precise controller, or another of `ballbot.control.presets`
 found/controller.toml          a controller file
-mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it
+mine.py:Mine                   a user's own: `Mine(robot)` in that file returns it (docs/python.md)
 adaptive=mine.py:Mine          any of these under another name
 found/controller.toml@kalman   any of these with another on-board state than the one that it is made for
-
-A user's own controller is a class, or a function that makes one:
-
-class Mine:
-    sample_time = 0.005
-    estimator = "kalman"  # the on-board state it is given on the twin; by default "onboard", the thesis's
-
-    def __init__(self, robot: ballbot.Robot) -> None: ...
-    def reset(self) -> None: ...
-    def update(self, t, state, reference): return torques
-
-Modules beside the file can be imported, after Python's own and installed ones. Only the file itself is watched for
-changes.
 """
 
 from __future__ import annotations
@@ -139,8 +126,7 @@ class Candidate:
 
     name: str  #: in tables and figures
     source: str  #: one of `NAMED`, a controller file, or FILE.py:NAME
-    #: the on-board state it is given; by default the one it is made for
-    estimator: EstimatorName | None = None
+    estimator: EstimatorName | None = None  #: its on-board state, if not the one that it is made for
 
     def controller(self, robot: RobotLike) -> Feedback:
         """Return a new controller; raise InputError if the name is unknown, or a user's file does not make one."""
@@ -175,10 +161,7 @@ class Candidate:
 
 
 def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
-    """Return the candidates that words of the command line name.
-
-    Raise InputError if no controller is named, if two have the same name, or if there is no such estimator.
-    """
+    """Return the candidates that words of the command line name; InputError if they name none, or two alike."""
     if not words:
         raise InputError("There is nothing to compare: at least one controller is needed.")
     short = [Path(word).name for word in words]

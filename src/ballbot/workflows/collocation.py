@@ -118,8 +118,7 @@ class PlannedMotion:
     states: NDArray[np.float64]  #: (N + 1, 10)
     accelerations: NDArray[np.float64]  #: (N + 1, 5)
     torques: NDArray[np.float64]  #: (N + 1, n) net [N m]
-    #: by which a per cent more of each limit would shorten it [s]
-    savings: dict[str, float]
+    savings: dict[str, float]  #: by which a per cent more of each limit would shorten it [s]
     factor: float  #: of the limits that were made as large as they must be; 1 if none was
 
     def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -211,7 +210,7 @@ class Planner:
         slide = (force[0] ** 2 + force[1] ** 2) / (limits.floor_grip * robot.weight) ** 2
         asked = {
             "wheel torque": [(sign * motor / limits.torque, 1.0) for motor in motors for sign in (1, -1)],
-            "motor speed": [(sign * one, 1.0) for one in curve for sign in (1, -1)],
+            "motor speed": [(sign * share, 1.0) for share in curve for sign in (1, -1)],
             "lean": [((q[2] ** 2 + q[3] ** 2) / limits.lean**2, 1.0)],
             "speed": [(pace / min(limits.speed, _ANY_SPEED) ** 2, 1.0)],
             "wheel grip": [
@@ -248,7 +247,7 @@ class Planner:
         smooth = table[:, wheel] * np.tanh(np.abs(speeds) / _SLOW)
         weights = np.linalg.lstsq(basis, smooth, rcond=None)[0].tolist()
         stairs = [self._casadi.tanh(speed / width) for width in widths]
-        terms = [speed, *stairs, *(one**2 for one in stairs)]
+        terms = [speed, *stairs, *(stair**2 for stair in stairs)]
         return sum(weight * term for weight, term in zip(weights, terms, strict=True))
 
     def used(
@@ -263,7 +262,7 @@ class Planner:
         state, torques = np.zeros(10), np.zeros(self.robot.wheel_count)
         state[5:7] = velocity
         for _ in range(_NEWTON):
-            rest, slope = (np.asarray(one) for one in self._equations.balance(state, torques))
+            rest, slope = (np.asarray(part) for part in self._equations.balance(state, torques))
             step = -np.linalg.lstsq(slope, rest[:, 0], rcond=None)[0]
             state[2:4] += step[:2]
             torques += step[2:]
@@ -342,10 +341,7 @@ _IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-6, "acceptab
 
 
 def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
-    """Keep the heading between those of the ends, as turning to and fro would gain a hundredth of the time.
-
-    Return a guess of x, y and psi (N + 1, 3).
-    """
+    """Keep the heading between those of the ends, and return a guess of x, y and psi (N + 1, 3)."""
     middle, half = 0.5 * (leg.end[4] + leg.start[4]), 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
     opti.subject_to(opti.bounded(middle - half, X[4, :], middle + half))
     free = leg.start + 0.5 * leg.time * np.roll(leg.start + np.nan_to_num(leg.end), -5)
@@ -355,24 +351,21 @@ def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
 
 def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> NDArray[np.float64]:
     """Keep the ball in the corridor of a course; return a guess of x, y and psi."""
-    place, length, corridor = course
+    path, length, corridor = course
     N = X.shape[1] - 1
     s, first = opti.variable(N + 1), np.linspace(0.0, length, N + 1)
-    off = X[[0, 1, 4], :] - place.map(N + 1)(s.T)
+    off = X[[0, 1, 4], :] - path.map(N + 1)(s.T)
     opti.subject_to(ca.vec(ca.sum1(off[:2, :] ** 2)) / corridor**2 <= 1.0)
     opti.subject_to(ca.vec(off[2, :] ** 2) / _HEADING_ERROR**2 <= 1.0)
     opti.subject_to(opti.bounded(-corridor, s, length + corridor))
     opti.subject_to(opti.bounded(-length / N, s[1:] - s[:-1], 4.0 * length / N))  # it may roll back first
     opti.subject_to(s[[0, -1]] == np.array([0.0, length]))
     opti.set_initial(s, first)
-    return np.asarray(place(first[None])).T
+    return np.asarray(path(first[None])).T
 
 
 def course_through(places: NDArray[np.float64], corridor: float) -> PlannedPath:
-    """Return the course through places x, y [m] and psi [rad] (k, 3); its corners are rounded within the corridor [m].
-
-    InputError if it has no length.
-    """
+    """Return the course through places (k, 3), rounded within a corridor [m]; InputError if it has no length."""
     import casadi as ca
 
     kept = np.concatenate([[True], np.abs(np.diff(places, axis=0)).max(axis=1) > _SAME])

@@ -1,17 +1,11 @@
 """Which controller a study recommends: candidates on the same perturbed robots.
 
 The true robot is never the identified one. So its numbers are drawn from their standard deviations and correlations
-(`ballbot.robot.variations`), those that were identified and those that the robot file states, and the robot has the
-delay, play, noise, sensors and floor of a scenario, on the compiled loop. The estimator has the robot as identified,
-the controller its friction at the lower 95 % bound. Every candidate runs the same course on every robot with the same
-seeds.
-
-- A candidate that falls on any robot is excluded.
-- Of the others, the one with the smallest median peak error is the best. Those whose 95 % interval of the median
-  overlaps the best one's count as equal to it.
-- Among these the smoothest is chosen: the one whose torques change least from sample to sample (median of the RMS).
-
-If the chosen controller compensates no friction, the same rule among those that do gives the best compensated one.
+(`ballbot.robot.variations`), and the robot has the delay, play, noise, sensors and floor of a scenario, on the compiled
+loop. The estimator has the robot as identified, the controller its friction at the lower 95 % bound. Every candidate
+runs the same course on every robot with the same seeds. A candidate that falls on any robot is excluded. Of the others,
+those whose 95 % interval of the median peak error overlaps the best one's count as equal to it, and among these the one
+whose torques change least from sample to sample (median of the RMS) is chosen.
 
 The loop has no slip and, with identified friction, no rollers. So the chosen controller and the soft gain run on the
 physics-engine twin too (`confirm`), on the first robots drawn. The twin contradicts the loop if a run falls there that
@@ -193,10 +187,7 @@ class ControllerChoice:
 
 
 def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controller]:
-    """Return the candidates by name, sampled at that time [s], each with the on-board state that it is made for.
-
-    All compensate the friction that is present with 95 % confidence (`ballbot.control.overcompensation`).
-    """
+    """Return the candidates, sampled at that time [s]; all compensate the friction that is 95 % certain."""
     robot = compensated_robot(fit)
     gain = design_gain(robot, sample_time=sample_time).gain
     by_kind: Mapping[str, Controller] = {
@@ -241,10 +232,7 @@ def run_trials(
     logged: bool = False,
     run: Run = DEFAULT_RUN,
 ) -> dict[Name, Trial]:
-    """Run controllers on a course with every robot, on the loop or on the twin; `logged` trials keep their first log.
-
-    InputError if a robot cannot be run or a run cannot be scored.
-    """
+    """Run controllers on a course with every robot, on the loop or the twin; `logged` trials keep their first log."""
     conditions = [
         Condition(
             plant=draw.on_twin if on_twin else draw.on_loop,
@@ -319,10 +307,7 @@ class Confirmation:
 
 
 def confirm(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> Confirmation | None:
-    """Run the chosen controller and the soft gain on the twin; None if every candidate fell.
-
-    InputError if the twin cannot be made.
-    """
+    """Run the chosen controller and the soft gain on the twin; None if every candidate fell."""
     if choice.chosen is None:
         return None
     names = dict.fromkeys(("none", choice.chosen))

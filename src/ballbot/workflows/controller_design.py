@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import refuse_without_margin
@@ -28,11 +27,8 @@ from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
-from ballbot.summary import Summary, plotted, pole_words, summarized
+from ballbot.summary import Plotted, Summary, pole_words, summarized
 from ballbot.workflows.robot_check import linearization_results
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +43,7 @@ class GainOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PartOptions:
-    """What the controller has besides its gain.
-
-    InputError if the factor on the compensated friction is negative or not finite.
-    """
+    """What the controller has besides its gain; InputError if the factor on the friction is not possible."""
 
     compensation: Compensation | None = None
     """none; full (all friction); partial (only while friction works against the intended motion). If not given, the
@@ -81,8 +74,8 @@ DEFAULT_GAIN, DEFAULT_PARTS = GainOptions(), PartOptions()
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ControllerDesign:
-    """A controller and how it was designed."""
+class ControllerDesign(Plotted):
+    """A controller and how it was designed; `plot()` is its loop's Bode diagram."""
 
     controller: Controller
     gain: LqrDesign
@@ -105,10 +98,6 @@ class ControllerDesign:
             ("margins", self.loop_margins.sentence()),
         )
         return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
-
-    def plot(self) -> Figure:
-        """Return a figure of the loop's Bode diagram."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return the design's entries of results.json."""

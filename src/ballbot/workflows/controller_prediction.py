@@ -105,8 +105,7 @@ class ControllerPrediction:
     scenario: str  #: name of the scenario of the robots
     draws: int  #: number of robots
     chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
-    #: of the soft gain without compensation; None if fewer than six of its runs did not fall
-    none: Mapping[str, PredictionInterval] | None
+    none: Mapping[str, PredictionInterval] | None  #: the soft gain's; None if too few stood
     log_findings: tuple[str, ...] = ()  #: codes of the findings on the study's logs
 
     @reported
@@ -116,10 +115,7 @@ class ControllerPrediction:
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
-    """Predict the chosen controller's next run of the course; `log_findings` are of the study's logs.
-
-    None if no controller was chosen or fewer than six robots were drawn.
-    """
+    """Predict the chosen controller's next run; None if there is none, or fewer than six robots were drawn."""
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
         return None

@@ -121,10 +121,7 @@ class Course:
     on: PlantName
 
     def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
-        """Return the robot to run; the model has the robot's friction, the twin the scenario's.
-
-        Rising pushes have the direction of the seed.
-        """
+        """Return the robot to run, by the model with the robot's friction, by the twin with the scenario's."""
         other, scenario = self.mismatch, self.scenario
         if self.rising is not None:
             direction = 2.0 * math.pi * (seed % DIRECTIONS) / DIRECTIONS
@@ -168,10 +165,7 @@ class CourseTable(BaseModel):
 
 
 def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Course, ...]:
-    """Return the courses that a text names, each once: sets, courses and course files, with commas between.
-
-    InputError if there is no such course, a file cannot be read or describes no courses, or two have one name.
-    """
+    """Return the courses that a text names: sets, courses and files, with commas; InputError if there is one not."""
     robot, by_name = as_robot(robot), dict[str, Course]()
     for word in (part.strip() for part in words.split(",")):
         is_file = Path(word).suffix == ".toml"

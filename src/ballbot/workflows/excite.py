@@ -12,16 +12,11 @@ the same fraction of it, and the sum is scaled until the simulated run reaches t
 frequencies the best is kept, by the worst error times the geometric mean of all, because some parameters are hard to
 identify with any run, as delta is if s is small.
 
-The value of a run is the standard errors that identification would give on its log: simulated with the parameters
-assumed, it is cut into windows and linearised as identification does. With J_w the windows' derivatives of predictions
-by scaled parameters z, over the deviations of states from their prediction, and the initial states eliminated,
-
-    H = sum_w J_w^T J_w                cov z >= H^-1
-
-This linear bound (Cramer-Rao) is for comparing runs: with independent noise, estimates of the Stribeck law scattered by
-1.0 to 2.0 times as much (12 seeds). The deviations are those of the compiled loop around the square, with known
-friction. Both references also run on that loop with the sensors of a scenario and with its friction, less and more of
-it, to see whether the limits hold.
+The value of a run is the standard errors that identification would give on its log. With J_w the windows' derivatives
+of predictions by scaled parameters z, over the deviations of states from their prediction, and the initial states
+eliminated, H = sum_w J_w^T J_w and cov z >= H^-1. This linear bound (Cramer-Rao) is for comparing runs: with
+independent noise, estimates of the Stribeck law scattered by 1.0 to 2.0 times as much (12 seeds). The deviations are
+those of the compiled loop around the square, with known friction.
 """
 
 from __future__ import annotations
@@ -53,7 +48,7 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.run import sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import Condition, LoopRobot, grid_runs, run_grid
-from ballbot.workflows.metrics import lean_of, true_place
+from ballbot.workflows.metrics import lean_angle, true_place
 
 #: the laws whose parameters an experiment can be designed for
 Law = Literal["viscous", "coulomb", "stribeck"]
@@ -86,7 +81,7 @@ class Extent:
     def of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> Extent:
         """Return that of states (N, 10) and torques (N, n), of a run that begins at the origin."""
         return Extent(
-            lean=float(lean_of(states[:, 2], states[:, 3]).max()),
+            lean=float(lean_angle(states[:, 2], states[:, 3]).max()),
             floor=float(np.hypot(states[:, 0], states[:, 1]).max()),
             torque=float(np.abs(torques).max()),
         )
@@ -210,15 +205,9 @@ _RIDGE = 1e-13
 
 
 def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
-    """Return the least standard errors (f,) to expect of the free parameters, in shares of their bounds' width.
-
-    Logs are simulated with the assumed parameters, without noise.
-    Infinite if they have no information on a parameter.
-    """
+    """Return the least standard errors (f,) to expect from logs without noise, in shares of the bounds' width."""
     coordinates = task.coordinates
-    predictor = Predictor(
-        robot=task.robot, formulation="exact", step=INNER_STEP, layout=coordinates.layout, threads=1
-    )
+    predictor = Predictor(robot=task.robot, step=INNER_STEP, layout=coordinates.layout, threads=1)
     windows = windows_for(predictor, coordinates.upper, logs, duration=WINDOW)
     # measurements off by exactly their deviations: identification takes its weights from the residuals
     off = replace(
@@ -285,10 +274,7 @@ class Multisine:
 def largest_sines(
     robot: Robot, controller: Controller, *, limits: Extent, duration: float, fastest: float
 ) -> Multisine:
-    """Return sines up to a frequency for a robot and its controller, each as large as it alone may be.
-
-    InputError if the duration [s] is not at least a sample.
-    """
+    """Return sines up to a frequency [Hz], each as large as it alone may be."""
     count = sample_count(duration, controller.sample_time)
     slowest = max(SLOWEST, MIN_TURNS / duration)
     fastest = min(max(fastest, 2.0 * slowest), 0.2 / controller.sample_time)
@@ -379,15 +365,12 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
 
 
 def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
-    """Return what a perfect identification would be left with: each state's deviation (10,) over a log's windows.
-
-    InputError if the log has no window, as when the robot fell at once.
-    """
+    """Return each state's deviation (10,) from its prediction over a log's windows; InputError if it has none."""
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)
     if not len(windows):
         raise InputError(f"The run is shorter than one window of {WINDOW:g} s; make it longer.")
-    predictor = Predictor(robot=robot, formulation="exact", step=1e-3, layout=coordinates.layout)
+    predictor = Predictor(robot=robot, step=1e-3, layout=coordinates.layout)
     residuals = predictor.residuals(coordinates.nominal[None], windows, every=windows.comparison_interval)
     return np.sqrt((residuals**2).mean(axis=(0, 1, 2)))
 

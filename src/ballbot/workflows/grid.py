@@ -102,10 +102,7 @@ class GridRun:
     condition: Condition
 
     def log(self) -> Log:
-        """Run it one period at a time.
-
-        Raise InputError if the plant or the reference cannot be made, or if the controller fails.
-        """
+        """Run it one period at a time; InputError if its plant, reference or controller fails."""
         condition = self.condition
         return simulate(
             condition.plant(estimator_of(self.controller)),
@@ -203,10 +200,7 @@ def run_grid(
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
-    """Return the indices of the runs for the compiled loop, in blocks as wide as its lanes.
-
-    Runs of one controller are neighbours: lanes that stick beside lanes that slide take longer.
-    """
+    """Return the indices of the runs for the compiled loop, in blocks as wide as its lanes, by controllers."""
     # the first run of each controller
     first = {id(grid_run.controller): index for index, grid_run in reversed(list(enumerate(runs)))}
     alike: dict[tuple[object, ...], list[int]] = {}

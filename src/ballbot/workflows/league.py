@@ -43,8 +43,7 @@ class League(Reported):
     courses: tuple[Course, ...]
     controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
-    #: by course and controller, in the order of the seeds
-    scores: Mapping[tuple[str, str], tuple[Score, ...]]
+    scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
     tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
 
     def to_dict(self) -> dict[str, object]:

@@ -3,19 +3,18 @@
 They are found for tilts at rest, for impulses on the body, and over a plane of lean and lean rate, on the compiled loop
 with the sensors of a scenario; every run has its own noise. The equations of motion have no slip, so the loop gives
 two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and `upper`, from runs with unlimited grip.
-The twin's wheels can slip and lift.
 
 A ray is first tried at `LOOKS` sizes, so that a fall between two sizes from which the robot recovers is not overlooked;
-the first fall is then bisected, all rays in one batch. A plane is tried on a grid. A run ends as soon as its outcome is
-known, which halves the time:
+the first fall is then bisected, all rays in one batch. A run ends as soon as its outcome is known, which halves the
+time:
 
     settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from now on need no torque above 40 % of
                the limit or of the wheels' grip at rest, no wheel speed above 40 % of the motors' highest and
                no lean above 0.15 rad, by the rows K (F - G K)^k and so on
     lost       leaning outward beyond the lean from which the motors' full torque can still recover
 
-The first is exact for the linear loop without dry friction and noise, the second for a robot at rest. Most of the
-torque and a tenth of the lean remain as a margin for what is neglected.
+The first is exact for the linear loop without dry friction and noise, the second for a robot at rest; the rest of the
+torque and a tenth of the lean are a margin for what is neglected.
 """
 
 from __future__ import annotations
@@ -132,10 +131,7 @@ StartOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
-    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1.
-
-    One row of infinities, so that nothing is, if the linear loop is unstable or the controller has parts with a memory.
-    """
+    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1; infinite if nothing does."""
     linear, K = model.linearize(), controller.gain
     F, G = held(linear.A, linear.B, controller.sample_time)
     loop = F - G @ K
@@ -190,10 +186,7 @@ def reach(
 
 
 def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> NDArray[np.float64]:
-    """Return states (..., 10) that lean [rad] towards a direction on the floor [rad], at that rate, the ball at rest.
-
-    The lean is phi cos(direction) - theta sin(direction).
-    """
+    """Return states (..., 10) that lean, phi cos(direction) - theta sin(direction) [rad], at a rate, ball at rest."""
     direction, lean, rate = np.broadcast_arrays(direction, lean, rate)
     states = np.zeros((*lean.shape, 10))
     for index, size in ((2, lean), (7, rate)):
@@ -361,10 +354,7 @@ _TWIN_HALVINGS = 5
 def twin_limits(
     loop: Loop, on_loop: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
 ) -> list[TwinLimit]:
-    """Return the twin's limits beside the loop's, by bisection between zero and 1.1 times the loop's upper bound.
-
-    The loop has a scenario; its lean of a fall is replaced by the model's. `directions` are indices of those found.
-    """
+    """Return the twin's limits beside the loop's, in directions by index, by bisection up to 1.1 times these."""
     assert loop.scenario is not None
     scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
     bounds: dict[Kind, LimitBounds] = {"lean": on_loop.lean, "impulse": on_loop.central_impulse}

@@ -41,10 +41,7 @@ _ROUNDING = 1e-6
 
 
 def settled(log: Log, settle: float) -> NDArray[np.bool_]:
-    """Return which rows (N,) are at least `settle` seconds after the start and after each jump of the reference.
-
-    A jump is a change by more than 2 cm or 0.02 rad from one row to the next; a push is none.
-    """
+    """Return which rows (N,) are `settle` s or more after the start and each jump of the reference (2 cm, 0.02 rad)."""
     t, since = log.t, np.concatenate([_jump_times(log), [np.inf]])
     return t - since[np.searchsorted(since, t, side="right") - 1] >= settle - _ROUNDING
 
@@ -64,10 +61,10 @@ def heading_error(log: Log) -> NDArray[np.float64]:
 def leans(log: Log) -> NDArray[np.float64]:
     """Return the angle between the robot's axis and the vertical (N,) [rad]."""
     truth = true_place(log)
-    return lean_of(truth["theta"], truth["phi"])
+    return lean_angle(truth["theta"], truth["phi"])
 
 
-def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
+def lean_angle(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the angle between an axis of these leans and the vertical [rad]."""
     return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
@@ -75,9 +72,8 @@ def lean_of(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.
 def settling_time(log: Log, *, disturbed: Sequence[float] = (), band: float = BAND) -> tuple[float, bool]:
     """Return how long the robot takes to arrive and stay, the longest of the run [s], and whether it always did.
 
-    The start, each jump of the reference and each time [s] in `disturbed` begin a stretch. Its settling time runs to
-    the last row at which the robot is farther than the band [m] from the reference. If the robot is outside at its end,
-    the second value is False, and the time a lower bound.
+    The start, each jump of the reference and each time [s] in `disturbed` begin an interval. Its settling time runs to
+    the last row farther than the band [m] from the reference; it is a lower bound if that is the interval's end.
     """
     t = log.t
     begins = np.unique(np.concatenate([_jump_times(log), [s for s in disturbed if t[0] < s < t[-1]]]))
@@ -111,8 +107,7 @@ def high_frequency_torque(log: Log) -> float:
     """Return the root mean square of the torques' part above 10 Hz [N m], which the thesis's Figure 5.5 is about.
 
     As by a Butterworth high-pass of second order, forward and backward: a sine at that frequency keeps half of its
-    size. It weights the sine transform of the torques less the line through their ends, whose odd extension has neither
-    jump nor corner. InputError if half the log's sample rate is not above that frequency.
+    size. It weights the sine transform of the torques less the line through their ends. InputError if too slow.
     """
     rate = 1.0 / log.sample_time
     if 0.5 * rate <= HIGH_FREQUENCY:
@@ -220,8 +215,7 @@ class Score:
     rms_position_error: float  #: its root mean square [m]
     peak_heading_error: float  #: once settled [rad]
     settling_time: float  #: the longest of the run; see `metrics.settling_time` [s]
-    #: whether it always was within the band at last; where not, the settling time is a lower bound
-    arrived: bool
+    arrived: bool  #: whether it was within the band at last; else the settling time is a lower bound
     rms_torque: float  #: over the whole run and all wheels [N m]
     rms_torque_change: float  #: from sample to sample [N m]
     high_frequency_torque: float  #: root mean square above 10 Hz [N m]; NaN where sampled at 20 Hz or less
@@ -229,8 +223,7 @@ class Score:
     peak_lean: float = np.nan  #: [rad]
     rms_speed_error: float = np.nan  #: see `metrics.rms_speed_error` [m/s]
     stopping_time: float = np.nan  #: see `StopResult`; NaN, like the next two, where nothing is to stop [s]
-    #: whether it came to rest; where not, the stopping time is a lower bound
-    rested: bool = False
+    rested: bool = False  #: whether it came to rest; else the stopping time is a lower bound
     stopping_distance: float = np.nan  #: [m]
     overshoot: float = np.nan  #: [m]
     top_speed: float = np.nan  #: see `metrics.top_speed`; also of a run that ended early [m/s]
@@ -343,9 +336,7 @@ class Performance:
     rms_error: float  #: its root mean square [m]
     roughness: float  #: RMS change of the torques from one sample to the next [N m]
     lean: float  #: largest lean from the vertical [rad]
-    #: share of the torque limit that the torques of any wheel leave in all but a thousandth of the samples; measured
-    #: torques beyond the limit leave none
-    torque_margin: float
+    torque_margin: float  #: share of the torque limit left, in all but a thousandth of the samples
 
     @staticmethod
     def of(log: Log, *, torque_limit: float) -> Performance:
@@ -357,7 +348,7 @@ class Performance:
             peak_error=float(error.max()) if len(error) else np.nan,
             rms_error=rms(error) if len(error) else np.nan,
             roughness=rms_torque_change(seen),
-            lean=float(lean_of(seen["theta"], seen["phi"]).max()),
+            lean=float(lean_angle(seen["theta"], seen["phi"]).max()),
             torque_margin=max(1.0 - float(np.quantile(largest, 1.0 - _RARE)) / torque_limit, 0.0),
         )
 

@@ -36,7 +36,7 @@ from ballbot.workflows.collocation import (
     Planner,
     course_through,
 )
-from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
+from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import position_error
 
 #: at the speed from which it is to stop [s]
@@ -59,8 +59,7 @@ class Plan:
     what: str  #: "the move to [2 0 0]"
     t: NDArray[np.float64] = field(metadata=left_out)  #: (k,) [s]
     states: NDArray[np.float64] = field(metadata=left_out)  #: (k, 10)
-    #: (k, n) of the motors, with their friction [N m]
-    torques: NDArray[np.float64] = field(metadata=left_out)
+    torques: NDArray[np.float64] = field(metadata=left_out)  #: (k, n) of the motors [N m]
     used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
     duration: float  #: of what is to be fast: the move, or the stop [s]
     distance: float  #: over the floor in this time [m]
@@ -295,10 +294,7 @@ def follow(
     twin: bool = False,
     workers: Executor = ALL_CORES,
 ) -> Followed:
-    """Return how robots follow a plan, on the compiled loop or on the twin, each with a seed of its own.
-
-    The scenario's friction is replaced by the robot's.
-    """
+    """Return how robots follow a plan, on the loop or on the twin, each with a seed; friction is the robot's."""
     truth = with_identified(scenario, plan.robot.friction)
     plant = (
         TwinRobot(robot=plan.robot, scenario=truth, known=plan.robot)
@@ -310,13 +306,13 @@ def follow(
         Condition(plant=plant, reference=reference, duration=float(plan.t[-1]) + _AFTER, seed=seed)
         for seed in range(1, runs + 1)
     ]
-    tried = [GridRun(candidate="plan", controller=controller, condition=one) for one in conditions]
-    found = np.array(run_grid(tried, _errors, workers=workers).answers)
+    runs_of_plan = grid_runs({"plan": controller}, conditions)
+    errors = np.array(run_grid(runs_of_plan, _errors, workers=workers).answers)
     return Followed(
         runs=runs,
-        fell=int(np.isnan(found[:, 0]).sum()),
-        peak_error=float(np.nanmax(found[:, 0], initial=0.0)),
-        end_error=float(np.nanmax(found[:, 1], initial=0.0)),
+        fell=int(np.isnan(errors[:, 0]).sum()),
+        peak_error=float(np.nanmax(errors[:, 0], initial=0.0)),
+        end_error=float(np.nanmax(errors[:, 1], initial=0.0)),
     )
 
 

@@ -109,12 +109,6 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
     return record_balance(twin, job.controller, reference, duration=duration, seed=seed, progress=progress)
 
 
-def recording_results(job: RecordJob, recording: Recording) -> dict[str, object]:
-    """Return the numbers of a run; a run on the bench has few."""
-    own = run_results(recording.run) if job.experiment == "balance" else {}
-    return {**own, **recording.results}
-
-
 def record_runs(
     job: RecordJob,
     seeds: Sequence[int],
@@ -123,10 +117,9 @@ def record_runs(
     workers: Executor = ALL_CORES,
     progress: ProgressCallback = ignore_progress,
 ) -> dict[str, Mapping[str, object]]:
-    """Record a run for each seed into folders seed_0001, seed_0002 and so on; runs that are there are kept.
+    """Record a run for each seed into folders seed_0001 and so on; runs that are there are kept.
 
-    Return the results of each run by the name of its folder, in the order of the seeds. InputError if the folder holds
-    runs of other settings, or a run cannot be made.
+    Return the results of each run by the name of its folder. InputError if the folder holds runs of other settings.
     """
     texts = {name: text for name, text in settings(job).items() if name != "record.toml"}
     options = {"experiment": job.experiment, "duration": job.duration, "format": job.log_format}
@@ -145,7 +138,8 @@ def record_runs(
 def _made(job: RecordJob) -> dict[str, bytes]:
     """Return the files of a run; a worker need not see the folder that they are for."""
     recording = record_run(job)
-    texts = {**settings(job), "results.json": results_text(recording_results(job, recording))}
+    results = {**(run_results(recording.run) if job.experiment == "balance" else {}), **recording.results}
+    texts = {**settings(job), "results.json": results_text(results)}
     files = {name: text.encode() for name, text in texts.items()}
     with TemporaryDirectory() as name:
         for log_name, log in recording.logs.items():

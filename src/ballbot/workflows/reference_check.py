@@ -36,7 +36,7 @@ from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.limits import Loop, lost_lean
-from ballbot.workflows.metrics import lean_of
+from ballbot.workflows.metrics import lean_angle
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
 ROUNDING = 0.05
@@ -184,15 +184,13 @@ class ReferenceMargins:
     """How much of the robot's limits a reference uses, and how it is followed in closed loop."""
 
     name: str  #: of the reference
-    #: when [s] and by how much [m or rad]; a path with jumps cannot be followed exactly
-    jumps: tuple[tuple[float, float], ...]
+    jumps: tuple[tuple[float, float], ...]  #: when [s] and by how much [m or rad]
     uses: tuple[Use, ...]  #: of the path followed exactly; of the closed loop if the path jumps
     peak_power: float  #: mechanical, of all motors, likewise [W]
     supply_voltage: float = field(metadata=left_out)  #: [V]
     ended: float  #: when the robot falls in closed loop [s]; infinity if it does not
     peak_error: float  #: largest distance from the reference in closed loop [m]
-    #: share of the time in which a wheel's torque is at its limit in closed loop
-    share_at_torque_limit: float
+    share_at_torque_limit: float  #: share of the time with a wheel's torque at its limit
 
     @reported
     def can_be_followed(self) -> bool:
@@ -253,11 +251,7 @@ def check_reference(
     duration: float,
     name: str = "the reference",
 ) -> ReferenceMargins:
-    """Return which share of a robot's limits a reference uses, and how it is followed in closed loop.
-
-    The closed loop has the nominal scenario's sensors, delay and noise; the worst of five runs counts. InputError if
-    the reference has a lean or a rate, or no lean can follow it.
-    """
+    """Return which share of a robot's limits a reference uses, and how the closed loop follows it in five runs."""
     sample_time = controller.sample_time
     loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
@@ -306,7 +300,7 @@ def _uses(model: Model, controller: Controller, path: Demand) -> tuple[Use, ...]
     for quantity, values, limit, unit in (
         ("torque", np.abs(path.torques), left, "N m"),
         ("wheel speed", np.abs(path.wheel_speeds), top, "rad/s"),
-        ("lean", lean_of(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
+        ("lean", lean_angle(path.states[:, 2], path.states[:, 3]), lost_lean(model), "rad"),
         ("grip", needed, _GRIP, ""),
     ):
         limits = np.broadcast_to(limit, values.shape)

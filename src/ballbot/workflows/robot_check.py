@@ -104,8 +104,7 @@ def check_swing(
 ) -> CheckedSwing:
     """Return a robot's inertia from the swing in a column of a log.
 
-    Raise InputError if the file has no free swing, if the swing has an error whose code is not accepted, or if
-    `inertia_of_swing` refuses the pivot's distance or deviation.
+    InputError if there is none, it has an error whose code is not accepted, or the pivot is not possible.
     """
     log = Log.read(file)
     of_log = [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]

@@ -78,15 +78,11 @@ class PerturbationRanges:
     height: _Share = 0.2  #: of the centre of mass, either way, as a share
     friction: _Share = 0.2  #: of each wheel's and of the rolling friction, either way, as a share
     delay: Annotated[int, Field(ge=0)] = 2  #: most samples by which torques come late
-    #: most of the floor, in any direction [degrees]
-    tilt: Annotated[float, Field(ge=0.0, le=_STEEPEST)] = 1.0
+    tilt: Annotated[float, Field(ge=0.0, le=_STEEPEST)] = 1.0  #: most of the floor [degrees]
 
     @staticmethod
     def parse(text: str) -> PerturbationRanges:
-        """Return the ranges that a text such as mass=0.2,tilt=1 states; the others keep their defaults.
-
-        InputError if a name or a number is not valid.
-        """
+        """Return the ranges of a text such as mass=0.2,tilt=1; InputError if a name or a number is not valid."""
         tree = parse_toml(text.replace(",", "\n"), source=f"--perturb {text!r}, such as mass=0.2,tilt=1,")
         try:
             return validate_table(PerturbationRanges, tree, of="perturbed robots")
@@ -97,11 +93,7 @@ class PerturbationRanges:
 def draw_perturbed(
     robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
 ) -> tuple[list[LoopRobot], NDArray[np.float64]]:
-    """Draw robots from the ranges, under a scenario, and where each starts (robots, 10).
-
-    The same seed gives the same robots and the same noise. The ball starts `INITIAL_OFFSET` away from the origin in any
-    direction, upright at rest.
-    """
+    """Draw robots from the ranges, under a scenario, and starts (robots, 10), `INITIAL_OFFSET` from the origin."""
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
     for lane in range(count):
@@ -236,8 +228,7 @@ class RobustDesign(Reported):
     torque_weight: float
     units: CostUnits  #: of J's terms
     history: tuple[float, ...]  #: best worst tenth after each generation, on the robots of the search
-    #: "robust" and "nominal", on robots that the search did not use
-    compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))
+    compared: dict[str, ComparedDesign] = field(metadata=key("on_fresh_robots"))  #: "robust", "nominal"
     fresh: int = field(metadata=key("fresh_robots"))  #: number of these robots
     spread: PerturbationRanges = field(metadata=key("perturbed"))
     scenario: str  #: its name

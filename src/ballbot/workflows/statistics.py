@@ -83,10 +83,7 @@ def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Media
 
 
 def mean_ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> Estimate:
-    """Return the geometric mean of values / others, (runs,) or (courses, runs); the interval is over the runs.
-
-    What both have in common is a run: a seed, or a plant. One with NaN for either does not count.
-    """
+    """Return the geometric mean of values / others, (runs,) or (courses, runs), over the runs that have both."""
     logs = np.ma.masked_invalid(np.atleast_2d(np.log(values / others)))
     log_mean = mean_with_interval(logs.mean(axis=0).filled(np.nan))
     mean, low, high = np.exp([log_mean.mean, log_mean.low, log_mean.high]).tolist()

@@ -68,10 +68,8 @@ class StudyOptions:
 
     accept: Collection[str] = ()  #: codes of errors found in the logs to ignore; see `ballbot.findings.CODES`
     bounds: Bounds | None = None  #: of the friction that is estimated
-    #: whose errors do not count in the fit; they are validated all the same
-    excluded_states: Sequence[str] = ()
-    #: b_e of a motor driven by voltage [N m s/rad], if the logs' torques contain its back-EMF
-    back_emf: float = 0.0
+    excluded_states: Sequence[str] = ()  #: whose errors do not count in the fit
+    back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
@@ -96,8 +94,7 @@ class Study(Reported):
     choice: ControllerChoice
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
     stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
-    #: of the chosen controller's next run; None if none is chosen or draws are few
-    prediction: ControllerPrediction | None
+    prediction: ControllerPrediction | None  #: of the chosen controller's next run
     options: StudyOptions
     seed: int
 

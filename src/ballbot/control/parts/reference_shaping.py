@@ -32,6 +32,8 @@ from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
+#: rounding by which a motion at the limit of speed may exceed it
+_ROUNDING = 1e-3
 #: lag of r'' [s]
 _BEND_LAG = 0.05
 
@@ -106,7 +108,8 @@ def _shaped(own, memory, state, wanted):
         _start(memory, state, x, y, psi)
     d_x, d_y, d_psi = x - last[0], y - last[1], psi - last[2]
     n_x, n_y, n_psi = d_x - change[0], d_y - change[1], d_psi - change[2]
-    moves, turns = d_x * d_x + d_y * d_y <= own.speed * own.speed, abs(d_psi) <= own.turn
+    fastest, turn = (1.0 + _ROUNDING) * own.speed, (1.0 + _ROUNDING) * own.turn
+    moves, turns = d_x * d_x + d_y * d_y <= fastest * fastest, abs(d_psi) <= turn
     bends, veers = (
         _counted((n_x * n_x + n_y * n_y) ** 0.5 / own.kink),
         _counted(abs(n_psi) / own.turning_kink),

@@ -2,18 +2,13 @@
 
 The experiment (`axis_experiment`) minimises the output error: simulated less recorded positions over windows of the
 records, under the recorded force. Position and speed at the start of a window are its states, which the fit eliminates,
-so that noise there does not count as friction. Their prior is the filtered record, with the noise of the position and
-`_START_SPEED` of the record's usual speed as standard deviations. Windows last `WINDOW`: over much shorter ones the
-noise of the start hides the friction, and the parameters follow variations within a tenth of a second; over much longer
-ones a single moment of sticking determines all that follows.
+so that noise there does not count as friction. Windows last `WINDOW`: over much shorter ones the noise of the start
+hides the friction; over much longer ones a single moment of sticking determines all that follows.
 
-1. The inverse model (`motion`) gives start values.
-2. Nested models are fitted: gravity, friction under load, and a friction law. Each is kept if it predicts held-out
-   blocks of time better than the simpler one and its own parameters are determined.
-3. Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to
-   each record by itself.
-
-Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
+Start values are from the inverse model (`motion`). Of nested models (gravity, friction under load, a friction law) each
+is kept if it predicts held-out blocks of time better than the simpler one and its own parameters are determined.
+Intervals are from the covariance clustered in time, and from differences beyond chance to the inverse model and to each
+record by itself. Asymmetry is not selected automatically: blocks of one record share its cause, such as a temperature.
 """
 
 from __future__ import annotations
@@ -23,7 +18,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +28,7 @@ from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.model_selection import Gain, gain_between, neighbours
-from ballbot.fitting.parameter import Parameter, ParameterSpace
+from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
 from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
@@ -47,10 +41,7 @@ from ballbot.identification.axis.motion import (
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
-from ballbot.summary import Summary, estimated, first_texts, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
 
 #: length of a window [s]; shorter if the records would have fewer than `_LEAST_WINDOWS`
 WINDOW = 1.0
@@ -76,34 +67,32 @@ def window_duration(motions: Sequence[AxisMotion]) -> float:
 
 def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: float) -> Residuals:
     """Return the experiment of a model on windows of about this duration [s], end to end between gaps."""
-    windows = [
-        (number, a, b - a)
-        for number, motion in enumerate(motions)
-        for begin, end in motion.record.long_parts
-        for a, b in pairwise(_edges(begin, end - 1, duration / motion.record.sample_time))
-    ]
+    windows = []
+    for number, motion in enumerate(motions):
+        for begin, end in motion.record.long_parts:
+            pieces = max(1, round((end - 1 - begin) / (duration / motion.record.sample_time)))
+            edges = np.unique(np.linspace(begin, end - 1, pieces + 1).astype(int)).tolist()
+            windows += [(number, a, b - a) for a, b in pairwise(edges)]
     log, first, count = np.array(windows, dtype=np.int64).T.copy()
-    starts, compared, measured = [], [], []
+    starts, sizes, compared, measured = [], [], [], []
     for number, a, rows in windows:
         motion, record = motions[number], motions[number].record
         filtered = float(motion.position[a]), float(motion.speed[a])
         starts.append(filtered if a else (float(record.position[0]), speed_at_start(record)))
+        # standard deviations of a start's position (at least rounding) and speed
+        noise = max(motion.noise, 1e-9 * float(np.ptp(record.position)))
+        sizes.append((noise, _START_SPEED * motion.usual_speed))
         every = max(1, round(_COMPARED_EVERY / record.sample_time))
         compared.append(np.arange(min(every, rows), rows + 1, every))
         measured.append(record.position[a + compared[-1]])
-    # standard deviations of a start's position (at least rounding) and speed
-    deviations = [
-        (max(motion.noise, 1e-9 * float(np.ptp(motion.record.position))), _START_SPEED * motion.usual_speed)
-        for motion in motions
-    ]
-    start, sizes = np.array(starts), np.array(deviations)[log]
+    start, size = np.array(starts), np.array(sizes)
 
     def errors(
         values: NDArray[np.float64], states: NDArray[np.float64], blocks: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """Return simulated less recorded positions, from starts that differ by so many standard deviations."""
         named = dict(zip(model.names, values.tolist(), strict=True))
-        axis, begin, positions = model.axis(named), start[blocks] + states * sizes[blocks], []
+        axis, begin, positions = model.axis(named), start[blocks] + states * size[blocks], []
         for number, motion in enumerate(motions):
             own, record, force = log[blocks] == number, motion.record, motion.record.force
             if delay := named.get("delay"):
@@ -120,11 +109,11 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         block=np.repeat(np.arange(len(log)), [len(rows) for rows in measured]),
         block_log=log,
         state_steps=_START_STEPS,
-        state_weight=sizes[:, 0],
+        state_weight=size[:, 0],
     )
 
 
-def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[Parameter, ...]:
+def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[FitParameter, ...]:
     """Return the parameters, with bounds from the largest force, speed and acceleration in the records."""
     force, speed, acceleration = (
         max(float(np.abs(values).max()) for values in column)
@@ -136,12 +125,6 @@ def _parameters(model: AxisModel, motions: Sequence[AxisMotion]) -> tuple[Parame
         replace(parameter, bounds=(size * parameter.bounds[0], size * parameter.bounds[1]))
         for parameter, size in scaled
     )
-
-
-def _edges(first: int, last: int, length: float) -> list[int]:
-    """Return the rows that divide first to last into windows of about this length."""
-    count = max(1, round((last - first) / length))
-    return list(dict.fromkeys(np.linspace(first, last, count + 1).astype(int).tolist()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,8 +165,7 @@ class AxisEstimate:
 
     def gain_over(self, simpler: AxisEstimate) -> Gain:
         """Return the gain on held-out blocks over a simpler model."""
-        squares, others = self.held_out[:, None], simpler.held_out[:, None]
-        return gain_between(squares, others, blocks_of(len(squares)))
+        return gain_between(self.held_out[:, None], simpler.held_out[:, None], blocks_of(len(self.held_out)))
 
     def is_clear(self, name: str) -> bool:
         """Return whether a parameter differs from zero beyond chance."""
@@ -200,11 +182,12 @@ class AxisEstimate:
 
     def on(self, motion: AxisMotion, duration: float) -> AxisErrors:
         """Return the prediction errors on a record, over windows of a duration [s] and over all of it."""
-        windows, open_loop = axis_experiment(self.model, [motion], duration), np.nan
+        windows, open_loop = axis_experiment(self.model, [motion], duration), np.full(1, np.nan)
         end = windows.begin(windows.coordinates.scaled(self.fit.values))
         if len(motion.record.parts) == 1:
-            open_loop = float(np.sqrt(np.mean(open_loop_error(self.axis(), motion.record) ** 2)))
-        return AxisErrors(window_rmse=float(np.sqrt(np.mean(end.errors**2))), open_loop_rmse=open_loop)
+            open_loop = open_loop_error(self.axis(), motion.record)
+        over_windows, over_all = (float(np.sqrt(np.mean(errors**2))) for errors in (end.errors, open_loop))
+        return AxisErrors(window_rmse=over_windows, open_loop_rmse=over_all)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -243,8 +226,7 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
 
 def blocks_of(windows: int) -> list[NDArray[np.int64]]:
     """Return the windows of each block of time, neighbours that are held out and drawn together."""
-    size = max(1, min(block_length(windows), windows // _BLOCKS))
-    return neighbours(range(windows), block=size)
+    return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
 
 
 #: least gain on held-out blocks for which a force or a law is kept
@@ -289,16 +271,15 @@ _NOTHING: Mapping[str, float] = MappingProxyType({})
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AxisIdentification:
-    """Result of `identify_axis`."""
+class AxisIdentification(Plotted):
+    """Result of `identify_axis`; `plot()` shows each law's gain on held-out blocks over the simpler one."""
 
     records: tuple[str, ...]  #: names of the fitted records
     unit: str  #: of positions: "m" or "rad"
     forces: dict[str, Gain]  #: gains of gravity and load, if they were selected
     window: float  #: length of the windows [s]
     law: str  #: that was selected or requested
-    #: the fitted laws: all, or the requested and a simpler one; the errors of `law` include differences between methods
-    by_law: dict[str, AxisEstimate]
+    by_law: dict[str, AxisEstimate]  #: the fitted laws; the errors of `law` include differences of methods
     expected: tuple[float, float, float]  #: error over windows on held-out blocks [m], and its 95 % interval
     findings: tuple[Finding, ...]
 
@@ -314,19 +295,13 @@ class AxisIdentification:
             (name, estimated(value, best.standard_errors[name], unit_for(PARAMETERS[name], self.unit)))
             for name, value in best.values.items()
         ]
-        error, low, high = (1e3 * value for value in self.expected)
-        words = (
-            f"{error:.3g} {unit} RMS over {self.window:.3g} s, 95 % interval {low:.3g} to {high:.3g} {unit}"
-        )
+        error, low, high = (f"{1e3 * value:.3g} {unit}" for value in self.expected)
+        expected = f"{error} RMS over {self.window:.3g} s, 95 % interval {low} to {high}"
         return Summary(
             title=f"Axis of {', '.join(self.records)}, law {self.law}: value ± standard error",
-            rows=(*rows, ("error elsewhere", words)),
+            rows=(*rows, ("error elsewhere", expected)),
             sentences=first_texts(self.findings),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the gain of each law on held-out blocks over the simpler law."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
@@ -402,15 +377,10 @@ def identify_axis(
     chosen = law or _selected(fits)
     best, lacks = _widened(fits[chosen])
     expected = _expected(fits[chosen].held_out)
-    findings = (
-        note("law", f"The law {chosen} was {'requested' if law else 'selected'}."),
-        *(() if law else _asymmetry_findings(best, fits["asymmetric"])),
-        *lacks,
-        *_undetermined(best),
-        *_delayed(fits[chosen]),
-        *_residual_findings(best),
-        *_elsewhere(best, expected, [other.name for other in validation_records]),
-    )
+    findings = [note("law", f"The law {chosen} was {'requested' if law else 'selected'}.")]
+    findings += [] if law else _asymmetry_findings(best, fits["asymmetric"])
+    findings += [*lacks, *_undetermined(best), *_delayed(fits[chosen]), *_residual_findings(best)]
+    findings += _elsewhere(best, expected, [other.name for other in validation_records])
     return AxisIdentification(
         records=tuple(fitted.name for fitted in records),
         unit=records[0].unit,
@@ -419,7 +389,7 @@ def identify_axis(
         law=chosen,
         by_law=fits | {chosen: best},
         expected=expected,
-        findings=findings,
+        findings=tuple(findings),
     )
 
 
@@ -453,15 +423,17 @@ def _with_forces(
     forces = tuple(name for name, wanted in asked.items() if wanted)
     model = AxisModel(law="coulomb", forces=forces, interpolated=uneven, known=known)
     wider = model if options.gravity is not None else with_gravity(motions, model)
-    start, gains = inverse_model(motions, wider).values, dict[str, Gain]()
+    start = inverse_model(motions, wider).values
     if start.get("mass", 1.0) <= 0.0:
         raise InputError(
             f"{motions[0].record.name}: the inverse model estimates a mass of {start['mass']:.3g}, which must be above "
             "zero. The sign of the force or its column is wrong, or the force is delayed."
         )
-    least = {name: -np.inf if PARAMETERS[name].scale == "signed" else 0.0 for name in start}
-    start = {"load": _LOAD_START, **{name: max(value, least[name]) for name, value in start.items()}}
-    fit = fit_axis(wider, motions, start)
+    start = {
+        name: value if PARAMETERS[name].scale == "signed" else max(value, 0.0)
+        for name, value in start.items()
+    }
+    gains, fit = dict[str, Gain](), fit_axis(wider, motions, {"load": _LOAD_START, **start})
 
     def if_useful(name: str, fit: AxisEstimate, without: AxisEstimate) -> AxisEstimate:
         """Return the fit with a force if held-out blocks support it, and store its gain; else the one without."""
@@ -503,10 +475,9 @@ def _selected(fits: Mapping[str, AxisEstimate]) -> str:
     """Return the law that held-out blocks select."""
     stribeck, coulomb = fits["stribeck"], fits["coulomb"]
     fastest = max(float(np.quantile(np.abs(motion.speed), 0.95)) for motion in stribeck.motions)
-    determined = all(
-        stribeck.standard_errors[name] < stribeck.values[name] for name in ("stribeck", "stribeck_speed")
-    )
-    if _useful(stribeck.gain) and determined and stribeck.values["stribeck_speed"] < _FADES * fastest:
+    values, errors = stribeck.values, stribeck.standard_errors
+    determined = all(errors[name] < values[name] for name in ("stribeck", "stribeck_speed"))
+    if _useful(stribeck.gain) and determined and values["stribeck_speed"] < _FADES * fastest:
         return "stribeck"
     # noise of the position may dominate the error, and hide friction that is known to a few percent
     return "coulomb" if _useful(coulomb.gain) or coulomb.is_clear("coulomb") else "viscous"
@@ -585,19 +556,18 @@ def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
 
 
 def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
-    if both.gain and both.gain.significant:
-        others = [*best.errors][len(best.motions) :]
-        better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
-        confirmed = (
-            f"{better} of {len(others)} other records are predicted better with it"
-            if others
-            else "no other record shows whether the machine or this run has it"
-        )
-        yield note(
-            "asymmetry",
-            f"Friction that differs between directions predicts other blocks of these records with "
-            f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
-        )
+    if not (both.gain and both.gain.significant):
+        return
+    others = [*best.errors][len(best.motions) :]
+    better = sum(both.errors[name].window_rmse < best.errors[name].window_rmse for name in others)
+    confirmed = "no other record shows whether the machine or this run has it"
+    if others:
+        confirmed = f"{better} of {len(others)} other records are predicted better with it"
+    yield note(
+        "asymmetry",
+        f"Friction that differs between directions predicts other blocks of these records with "
+        f"{100.0 * both.gain.share:.0f} % less error; {confirmed}. It is not selected: --law asymmetric does.",
+    )
 
 
 def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
@@ -630,14 +600,10 @@ def _elsewhere(
 ) -> Iterator[Finding]:
     """Compare the errors on other records with the expected error."""
     middle, low, high = (1e3 * error for error in expected)
+    unit = f"m{best.motions[0].record.unit}"
     for name in others:
-        error, unit = 1e3 * best.errors[name].window_rmse, f"m{best.motions[0].record.unit}"
-        fits = (
-            "worse than expected"
-            if error > high
-            else "better than expected"
-            if error < low
-            else "as expected"
-        )
-        text = f"{name} is predicted {fits}: {error:.3g} {unit}, expected {middle:.3g} ({low:.3g} to {high:.3g})."
+        error = 1e3 * best.errors[name].window_rmse
+        how = "worse than" if error > high else "better than" if error < low else "as"
+        interval = f"expected {middle:.3g} ({low:.3g} to {high:.3g})"
+        text = f"{name} is predicted {how} expected: {error:.3g} {unit}, {interval}."
         yield finding("other-record", "warning" if error > high else "note", text)

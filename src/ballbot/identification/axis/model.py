@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.fitting.parameter import Parameter, Scale
+from ballbot.fitting.parameter import FitParameter, Scale
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
@@ -48,9 +48,9 @@ _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
 )
 #: by name; units are those of a sliding axis (see `unit_for`), and bounds those for a largest force, speed and
 #: acceleration of 1
-PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
+PARAMETERS: Mapping[str, FitParameter] = MappingProxyType(
     {
-        name: Parameter(
+        name: FitParameter(
             name=name,
             symbol=symbol,
             unit=unit,
@@ -64,7 +64,7 @@ PARAMETERS: Mapping[str, Parameter] = MappingProxyType(
 )
 
 
-def unit_for(parameter: Parameter, axis_unit: str) -> str:
+def unit_for(parameter: FitParameter, axis_unit: str) -> str:
     """Return a parameter's unit for positions in "m" or "rad"; empty for one without a unit."""
     turning = {"kg": "kg m^2", "N s/m": "N m s/rad", "N": "N m", "m/s": "rad/s", "1": ""}
     return parameter.unit.removeprefix("1") if axis_unit == "m" else turning[parameter.unit]

@@ -4,8 +4,7 @@
 
 A Butterworth filter, run forwards and backwards and so without delay, smooths the position, which is differentiated by
 central differences. The same filter at a lower frequency smooths every column of the regression (M. Gautier, Dynamic
-identification of robots with power model, ICRA 1997). Rows at rest, where friction balances any force, and rows near
-the ends of a part, where the filters have no data beyond, are left out.
+identification of robots with power model, ICRA 1997). Rows at rest, where friction balances any force, are left out.
 """
 
 from __future__ import annotations
@@ -91,10 +90,7 @@ class AxisMotion:
 
 
 def motion_of(record: AxisRecord) -> AxisMotion:
-    """Return the motion of a record; InputError if no part is long enough.
-
-    The bandwidth is 20 Hz, or less if the sampling is slow or the position noisy.
-    """
+    """Return the motion up to 20 Hz, or less if slow or noisy; InputError if no part is long enough."""
     if not record.long_parts:
         raise InputError(f"{record.name} has no part of {LEAST_PART} rows on end; log without gaps.")
     rate = 1.0 / record.sample_time

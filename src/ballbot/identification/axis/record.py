@@ -1,15 +1,10 @@
 """Records of one axis, and their reading from files.
 
 The axis is   M a = F - offset - G(q) - friction(v)   with F held over a row. For an axis that turns, M is an inertia
-[kg m^2], forces are torques [N m] and positions angles [rad].
-
-Rows are evenly spaced; uneven rows are interpolated. An interval of more than `GAP` times the usual one is a gap, in
-which the force is unknown. Gaps divide the record into parts, and no prediction runs across one.
-
-A record is read from any log format, as columns or named variables (docs/logs.md). A unit in a row below the header, in
-brackets after a column's name or at the end of the name is converted, unless an option gives the factor. Rows with a
-missing value are left out, which leaves a gap. A position that wraps is unwrapped. A velocity without a position is
-integrated.
+[kg m^2], forces are torques [N m] and positions angles [rad]. Rows are even; uneven ones are interpolated. Gaps
+divide the record into parts, and no prediction runs across one. Rows with a missing value are left out, which leaves a
+gap. A unit in a file is converted unless an option gives the factor, a position that wraps is unwrapped, and a velocity
+without a position is integrated.
 """
 
 from __future__ import annotations
@@ -224,7 +219,7 @@ class _File:
         return self.variables[name]
 
     def number(self, text: str, option: str) -> float:
-        """Return a factor, written out or from a constant variable; that of the time must be above zero."""
+        """Return a number, written out or from a constant variable; one of the time must be above zero."""
         try:
             value = float(text)
         except ValueError:
@@ -234,10 +229,11 @@ class _File:
                     f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
                 ) from None
             value = float(values[0])
-        of_time = option == "--time-scale"
-        if not (abs(value) <= LARGEST_CELL and (value > 0.0 or (value and not of_time))):
-            wanted = "must be above zero" if of_time else "must not be zero"
-            raise InputError(f"{self.name}: {option} is {value:g}; it {wanted}.")
+        wanted = {"--time": "give the variable with the time, or the time between rows, a number above zero"}
+        wanted |= {"--time-scale": "it must be above zero"}
+        if not 0.0 < abs(value) <= LARGEST_CELL or (option in wanted and value < 0.0):
+            text = wanted.get(option, "it must not be zero")
+            raise InputError(f"{self.name}: {option} is {value:g}; {text}.")
         return value
 
     def factor(self, quantity: str, name: str, scale: str | None) -> float:
@@ -272,16 +268,7 @@ class _File:
         times = self.variables.get(name)
         if times is not None and times.size != 1:
             return times
-        try:
-            interval = float(name if times is None else times[0])
-        except ValueError:
-            return self.column(name, "--time")
-        if not 0.0 < interval <= LARGEST_CELL:
-            raise InputError(
-                f"{self.name}: --time is {interval:g}; give the variable with the time, or the time between rows, a "
-                "number above zero."
-            )
-        return interval * np.arange(rows, dtype=np.float64)
+        return self.number(name, "--time") * np.arange(rows, dtype=np.float64)
 
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
@@ -371,12 +358,11 @@ def _without_wraps(
     for period in (_TURN, _DEGREES, *(counts * abs(scale) for counts in _COUNTERS)):
         jumps = steps > 0.5 * period
         usual = float(steps[~jumps].max(initial=0.0))
-        if (
-            not (0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any())
-            or usual > _LARGEST_STEP * period
-            # the axis moves during the step in which it wraps
-            or np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period
-        ):
+        wraps = 0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any()
+        # the axis moves during the step in which it wraps
+        if not wraps or usual > _LARGEST_STEP * period:
+            continue
+        if np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period:
             continue
         size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
         findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]

@@ -35,7 +35,7 @@ from ballbot.log.checks.values import (
     check_stuck,
 )
 from ballbot.log.collection import LogsLike, as_logs
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, similar_column, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, missing_words, torque_names, wheel_speed_names
 from ballbot.log.fingerprints import refuse_copies
 from ballbot.log.log import Log
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -143,12 +143,11 @@ def missing_columns(log: Log, *, wheel_count: int) -> dict[str, list[str]]:
 
 def check_uses(log: Log, *, wheel_count: int) -> list[Finding]:
     """Return a note for each use that the log lacks columns for."""
-    findings = []
-    for use, missing in missing_columns(log, wheel_count=wheel_count).items():
-        plural = "columns" if len(missing) > 1 else "column"
-        columns = f"{plural} {', '.join(missing)}{similar_column(missing, log.names)}"
-        findings += judged("use", missing, len(missing), use=use, columns=columns)
-    return findings
+    return [
+        item
+        for use, missing in missing_columns(log, wheel_count=wheel_count).items()
+        for item in judged("use", missing, len(missing), use=use, columns=missing_words(missing, log.names))
+    ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

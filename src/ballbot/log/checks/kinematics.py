@@ -1,6 +1,6 @@
 """Wheel columns against the states: order, sign and gain; disturbances other than wheels and gravity.
 
-The comparison (`ballbot.log.wheel_speeds`) needs no torque and no model of friction. For a foreign log, which has no
+The comparison (`ballbot.log.pose`) needs no torque and no model of friction. For a foreign log, which has no
 states yet, see `ballbot.log.mapping_search`.
 """
 
@@ -16,8 +16,8 @@ from ballbot.findings import Finding, finding
 from ballbot.log.checks.table import CHECKS, judged
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
+from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth
-from ballbot.log.wheel_speeds import wheel_speeds_of_states
 from ballbot.robot import Robot
 from ballbot.summary import counted
 

@@ -8,9 +8,9 @@ friction and its torques are,
                          x: lean, accelerations of three wheels, the held one among them, and one
 
 which are fitted where no encoder holds. If wheel i turns though its encoder does not, r grows along the column of C of
-that wheel, and along no other direction, as it would if hands were on the robot. r is scaled by its covariance where
-the relations were fitted, so that a relation that does not hold, as that of the heading of a ball that pivots, says
-nothing. No units, radii or masses enter.
+that wheel; if somebody holds the robot, it grows along other directions. r is scaled by its covariance where the
+relations were fitted, so that a relation that does not hold, as that of the heading of a ball that pivots, has no
+weight. No units, radii or masses enter.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ ALONG = 0.85
 
 
 def check_stuck_encoders(log: Log, *, wheel_count: int) -> Iterator[Finding]:
-    """Return an error for each hold of an encoder during which the rest of the motion says that its wheel turned.
+    """Return an error for each hold of an encoder during which the rest of the motion shows that its wheel turned.
 
-    A quarter of the hold's windows leaves more times as much as all but a twentieth of the windows elsewhere.
+    The upper quartile of the hold's windows is compared with the 95th percentile of the windows elsewhere.
     """
     names = wheel_angle_names(wheel_count)
     holds = [(i, *span) for i, name in enumerate(names) if name in log for span in _holds(log, name)]

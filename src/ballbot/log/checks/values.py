@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import nearest
 from ballbot.findings import Finding
@@ -34,6 +33,7 @@ from ballbot.log.columns import (
     wheel_speed_names,
 )
 from ballbot.log.log import Log
+from ballbot.log.signals import runs_of
 from ballbot.robot import Drive, Robot
 from ballbot.summary import counted
 
@@ -78,12 +78,6 @@ def spikes(values: Floats) -> Bools:
 def spiked_rows(log: Log, names: Sequence[str]) -> Bools:
     """Return which rows of a log (N,) have a spike in one of these columns."""
     return np.any([spikes(log[name]) for name in names], axis=0)
-
-
-def runs_of(values: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the starts and the lengths of the runs of equal values of a column (N,)."""
-    starts = np.concatenate(([0], np.flatnonzero(values[1:] != values[:-1]) + 1))
-    return starts, np.diff(np.concatenate((starts, [len(values)])))
 
 
 def _rows_at_top(log: Log, name: str, _: object) -> Floats:

@@ -110,16 +110,9 @@ def read_columns(
 ) -> Columns:
     """Read a log's columns (N,) by name, equally long: of a file's variables those as long as t, or as most others.
 
-    Parameters
-    ----------
-    path : str or Path
-        A file in one of the `FORMATS`; InputError if it has another format or holds no table.
-    layout : TextLayout, optional
-        How a table of text is laid out; as its lines show if it is not given.
-    used : collection of str, optional
-        The columns that must consist of numbers, see `read_text_table`; Ballbot's own without a layout.
-    notes : list of str, optional
-        Sentences on what is left out are added to it.
+    The layout of a table of text is inferred if it is not given. `used` are the columns that must consist of numbers,
+    see `read_text_table`; Ballbot's own without a layout. `notes` gets a sentence for each omission. InputError if the
+    file has none of the `FORMATS` or holds no table.
     """
     form, notes = _format_of(path), [] if notes is None else notes
     if form is _TEXT and layout is not None:

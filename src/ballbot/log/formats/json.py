@@ -3,10 +3,10 @@
     [{"t": 0.0, "roll": 0.01}, {"t": 0.005, "roll": 0.012}]
     {"t": [0.0, 0.005], "roll": [0.01, 0.012]}
 
-An object may hold the table beside other keys, {"robot": "r2", "data": [..]}. Lists of several numbers under one name
-become columns with the number behind the name: "psi": [1, 2, 3] is psi_1, psi_2, psi_3; inner objects join their names
-with a point: "imu": {"roll": 0.1} is imu.roll, and "motor": [{"pos": 1}] is motor_1.pos. null, true and false are a
-missing value, 1 and 0; other values are passed over.
+An object may have other keys beside the table: {"robot": "r2", "data": [..]}. A list of numbers becomes numbered
+columns: "psi": [1, 2, 3] is psi_1, psi_2, psi_3. The names of inner objects are joined with a point: "imu": {"roll":
+0.1} is imu.roll, and "motor": [{"pos": 1}] is motor_1.pos. null, true and false are a missing value, 1 and 0; other
+values are skipped.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _table(tree: object, *, depth: int) -> dict[str, list[float]]:
 
 
 def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) -> dict[str, float]:
-    """Return the numbers of an object by their keys, joined as this module says; other values are left out."""
+    """Return the numbers of an object by their keys, joined as described above; other values are skipped."""
     cells: dict[str, float] = {}
     for key, value in row.items():
         name = f"{before}{key}"

@@ -1,10 +1,8 @@
-"""MATLAB files of version 4 to 7: their real numeric variables, by SciPy; everything else in them is passed over.
+"""MATLAB files of version 4 to 7: their real numeric variables, read by SciPy; everything else is skipped.
 
 The fields of a structure are variables, too: `log.roll` is roll if no other structure of the file has series, else
-log.roll.
-
-A long matrix, such as the angles of three wheels or a whole log, is also given by its columns: `wheel` of N rows and
-three columns is wheel_1, wheel_2, wheel_3.
+log.roll. A long matrix, such as the angles of three wheels or a whole log, is also split into its columns: `wheel` of
+N rows and three columns is wheel_1, wheel_2, wheel_3.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 A log is written on one topic, /log: each row is a message with `t` and the other columns, and a missing value is left
 out. The topic's schema states the unit of each field; the file's metadata "ballbot" has the columns' names in their
-order. Files of others are read by the times and names of their messages (`ballbot.log.formats.ros`): JSON, and ROS 2
-messages. Messages in other encodings are skipped.
+order. Other files with JSON or ROS 2 messages are read by the times and names of these (`ballbot.log.formats.ros`).
 """
 
 from __future__ import annotations
@@ -31,16 +30,15 @@ _LATEST = 2**63 - 1
 
 
 def read_mcap(path: Path) -> Columns:
-    """Return the columns of a log, or the joined topics of another file in JSON; of one in ROS's encoding, of a bag."""
+    """Return the columns of a log, or the joined topics of another file in JSON or, as of a bag, in ROS's encoding."""
     from mcap.reader import make_reader
 
     topics: Topics = {}
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
-        encodings = (
-            {channel.message_encoding for channel in summary.channels.values()} if summary else set[str]()
-        )
+        channels = summary.channels.values() if summary else ()
+        encodings = {channel.message_encoding for channel in channels}
         if "cdr" in encodings:
             return read_bag(path)
         if encodings and "json" not in encodings:

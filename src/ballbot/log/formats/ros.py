@@ -1,13 +1,12 @@
 """ROS bags, read by the library rosbags: of ROS 1 (.bag), of ROS 2 as a folder or one file (.db3, .mcap).
 
-Messages are read by the definitions that the bag carries, or those of ROS 2 if it has none; a quaternion becomes its
-roll, pitch and yaw. nav_msgs/Odometry has its pose in the frame of the odometry and its twist in that of the body: the
-columns `velocity` are its linear velocity in the frame of the pose. Topics have their own times: the table has the
-times of the topic with the most messages, and the latest value of every other topic at each of them, as a controller
-that listens to these topics would know. Before a topic's first message its values are missing. Nothing is interpolated,
-so that a slow sensor still looks like one.
+Messages are read by the definitions in the bag, or by those of ROS 2 if it has none. A quaternion becomes roll, pitch
+and yaw. nav_msgs/Odometry has its pose in the frame of the odometry and its twist in the frame of the body: the columns
+`velocity` are its linear velocity in the frame of the pose. The table has the times of the topic with the most messages
+and, at each of them, the latest value of every other topic, which a controller would have. Before a topic's first
+message its values are missing. Nothing is interpolated, so that the rate of a slow sensor can be seen.
 
-Two topics hold a log without loss: /ballbot/names (std_msgs/String, the columns' names as a list in JSON) and
+Earlier versions wrote logs as two topics: /ballbot/names (std_msgs/String, the columns' names as a list in JSON) and
 /ballbot/values (std_msgs/Float64MultiArray, a row of the log).
 """
 
@@ -27,7 +26,7 @@ from ballbot.log.formats.json import flattened
 
 _NAMES, _VALUES = "/ballbot/names", "/ballbot/values"
 _ODOMETRY = "nav_msgs/msg/Odometry"
-#: first element of the covariance of a quantity that an IMU does not measure
+#: first element of the covariance that marks a quantity as not measured, in sensor_msgs/Imu
 _NOT_MEASURED = -1.0
 #: by topic, the times [ns] and the numbers of its messages, in their order in the file
 Topics = dict[str, tuple[list[int], list[Mapping[str, float]]]]

@@ -1,9 +1,9 @@
 """Tables of numbers as text: CSV, and the separated files that other people's robots write.
 
-A `TextLayout` says how a table is laid out. A mapping states it, or the first lines of the file show it (`read_head`):
-a log without a mapping, and the record of an axis, are then read with every row whole; of a stranger's table damaged
-rows are skipped and counted. pandas reads the rows that have the table's width; cells that it takes for words are then
-dates with times, missing values, numbers with a blank behind, or words.
+A `TextLayout` describes how a table is laid out. A mapping states it, or it is inferred from the first lines of the
+file (`read_head`): every row of a log without a mapping, and of the record of an axis, must then be whole; damaged rows
+of a foreign table are skipped and counted. pandas reads the rows that have the table's width. A cell that it reads as
+text is a date with a time, a missing value, a number with a blank behind it, or words.
 """
 
 from __future__ import annotations

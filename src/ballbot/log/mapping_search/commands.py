@@ -306,17 +306,15 @@ def command_delay(wheels: Smooth, commands: Floats, usable: Bools, driven: Float
 
     The lean is not among what explains them: commands are made of it, and would share its gain. Commands that chatter
     fit half a period later, too, with all signs turned: `driven` (k, n), 1 or -1 where a command drives a wheel and 0
-    elsewhere, tells the two apart.
+    elsewhere, distinguishes the two.
     """
     if usable.sum() * INTERVAL < LEAST_DELAY_TIME:
         return math.nan, math.inf
     y = wheels.acceleration[usable] - wheels.acceleration[usable].mean(axis=0)
     blocks = (np.arange(len(usable)) // round(1.0 / INTERVAL))[usable]
-    places, left = np.arange(len(usable), dtype=np.float64), []
+    rows, left = np.arange(len(usable), dtype=np.float64), []
     for delay in DELAYS:
-        late = np.column_stack(
-            [np.interp(places - delay / INTERVAL, places, command) for command in commands.T]
-        )
+        late = np.column_stack([np.interp(rows - delay / INTERVAL, rows, command) for command in commands.T])
         speed = wheels.rate
         X = np.column_stack([late, speed, np.tanh(speed / 0.3), np.ones(len(late))])[usable]
         size = np.sqrt((X**2).mean(axis=0)) + 1e-12

@@ -47,9 +47,9 @@ def advantage_confidence(z: float) -> float:
 def behind(z: Floats, log_ratio: Floats, seconds: float, *, each_second: float) -> Floats:
     """Return by how much (logarithm of odds) explanations are less likely than one that is z standard errors better.
 
-    Either the difference repeats in every block of a second, or it is so large that few blocks are enough: then the
-    log ratio of their residuals counts from `LEAST_RATIO` on, with a weight for each second. These are
-    chosen so that of windows of 4 to 12 s of the campaign's recordings fewest are wrong with confidence.
+    Either the difference repeats in every block of a second, or it is so large that few blocks are enough: the log
+    ratio of the residuals above `LEAST_RATIO` counts with a weight for each second. Both were chosen so that the fewest
+    windows of 4 to 12 s of the campaign's recordings are wrong with confidence.
     """
     repeated = ERRORS_WEIGHT * np.clip(z, 0.0, 60.0)
     return np.maximum(0.5 * repeated**2, each_second * seconds * np.maximum(log_ratio - LEAST_RATIO, 0.0))
@@ -85,20 +85,20 @@ def jackknife_error(estimates: Floats) -> Floats:
     return np.sqrt((count - 1) / count * np.square(estimates - estimates.mean(axis=0)).sum(axis=0))
 
 
-def vertex_with_error(places: Floats, by_block: Floats) -> tuple[float, float]:
-    """Return where the sum over blocks of values (K, B) at K places is least, and its standard error; inf at an end."""
+def vertex_with_error(points: Floats, by_block: Floats) -> tuple[float, float]:
+    """Return the minimum of the sum over blocks of values (K, B) at K points, and its standard error; inf at an end."""
     total = by_block.sum(axis=1)
     if np.argmin(total) in (0, len(total) - 1):
-        return _vertex(places, total), math.inf  # it may lie beyond
+        return _vertex(points, total), math.inf  # it may lie beyond
     used = by_block.sum(axis=0) > 0.0
-    each = np.array([_vertex(places, total - values) for values in by_block.T[used]])
-    return _vertex(places, total), float(jackknife_error(each))
+    each = np.array([_vertex(points, total - values) for values in by_block.T[used]])
+    return _vertex(points, total), float(jackknife_error(each))
 
 
-def _vertex(places: Floats, values: Floats) -> float:
-    """Return where a parabola through the least of the values and its neighbours has its vertex."""
-    k = int(np.clip(np.argmin(values), 1, len(places) - 2))
+def _vertex(points: Floats, values: Floats) -> float:
+    """Return the vertex of a parabola through the least of the values and its neighbours."""
+    k = int(np.clip(np.argmin(values), 1, len(points) - 2))
     before, at, after = values[k - 1 : k + 2]
     curve = before - 2.0 * at + after
     shift = 0.5 * (before - after) / curve if curve > 0.0 else 0.0
-    return float(places[k] + np.clip(shift, -1.0, 1.0) * (places[1] - places[0]))
+    return float(points[k] + np.clip(shift, -1.0, 1.0) * (points[1] - points[0]))

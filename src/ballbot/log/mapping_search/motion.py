@@ -53,7 +53,7 @@ TURNS = (1.0, 2.0 * math.pi, 360.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """What the user says of the firmware that wrote the log."""
+    """What the user states about the firmware that wrote the log."""
 
     command: InputKind | None = None
     full_scale: float | None = None  #: the file's number for full duty
@@ -81,13 +81,11 @@ class Columned:
     def stacked(self, names: Sequence[str]) -> Floats:
         """Return columns (M, k) with missing values interpolated; counts stay whole numbers."""
         table = np.column_stack([self.cut[name] for name in names])
-        places = np.arange(len(table))
+        rows = np.arange(len(table))
         for column in table.T:
             known = np.isfinite(column)
             if not known.all():
-                interpolated = (
-                    np.interp(places, places[known], column[known]) if known.any() else 0.0 * places
-                )
+                interpolated = np.interp(rows, rows[known], column[known]) if known.any() else 0.0 * rows
                 whole = np.array_equal(column[known], np.round(column[known]))
                 column[:] = np.round(interpolated) if whole else interpolated
         return table

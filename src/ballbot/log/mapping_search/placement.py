@@ -29,7 +29,7 @@ Where nothing measures the heading, the wheels give it, up to the direction in w
 not spin turns them by psi_dot alike. A mirrored IMU with mirrored wheels makes
 the same log then, so that the lean counts as right-handed, and sigma = -1 says that all wheels count backwards.
 
-A placement is judged by the residual of the lean's acceleration, and by the part of the wheels' motion that is neither
+A placement is scored by the residual of the lean's acceleration, and by the part of the wheels' motion that is neither
 lean nor heading. Both come from sums over blocks of the log, so that every placement, with each block left out in turn,
 takes a small system of equations.
 
@@ -175,7 +175,7 @@ class LeanTest:
     handedness: float
     headings: float  #: standard deviation of the heading [rad]: how much the two differ; a constant is part of the turn
     disturbance: float  #: root mean square of the lean's unexplained acceleration, over gravity's share of it
-    balancing: Bools  #: (N,), the even rows that were judged
+    balancing: Bools  #: (N,), the even rows that were used
     pushed: Bools  #: (N,), rows left out because something pushed the robot
     heading: HeadingTest | None  #: None without a yaw
 
@@ -560,7 +560,7 @@ class SensorFrame:
 
 
 def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> SensorFrame:
-    """Return the frame that the tests speak for; the robot's own if there is no lean to test.
+    """Return the likeliest frame; the robot's own if there is no lean to test.
 
     `gyro_shows` is the logarithm of the odds that the gyro shows lean and yaw of one handedness by.
     """

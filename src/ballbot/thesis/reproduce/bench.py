@@ -184,7 +184,7 @@ class Bench:
         inertia = float(body.inertia_about_ball_center()[0, 0])
         stiffness = body.mass * self.robot.gravity * body.center_of_mass / inertia
         viscous, dry = PIVOT_VISCOUS / inertia, PIVOT_DRY / inertia
-        angle, _ = pendulum_motion(stiffness, viscous, dry, SWING_ANGLE, 0.0, t)
+        angle, _ = pendulum_motion(np.array([stiffness, viscous, dry, SWING_ANGLE, 0.0]), t)
         fits = []
         for number in range(RUNS):
             # the tracking's error: N(0, TRACKING_ERROR)

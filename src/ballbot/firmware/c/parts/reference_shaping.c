@@ -15,6 +15,9 @@
 #include "compensated_sum.h"
 #include "parts/parts.h"
 
+/* rounding by which a motion at the limit of speed may exceed it */
+#define ROUNDING (1e-3f)
+
 /* The numbers of one axis's lags. */
 struct lags {
     float frequency; /* w [rad/s] */
@@ -176,8 +179,9 @@ void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory 
         before[axis].value = state->followed[axis];
         before[axis].rest = state->followed_rest[axis];
     }
-    const bool moves = change[0] * change[0] + change[1] * change[1] <= own->speed * own->speed;
-    const bool turns = ballbot_magnitude(change[2]) <= own->turn;
+    const float fastest = (1.0f + ROUNDING) * own->speed;
+    const bool moves = change[0] * change[0] + change[1] * change[1] <= fastest * fastest;
+    const bool turns = ballbot_magnitude(change[2]) <= (1.0f + ROUNDING) * own->turn;
 
     follow_bends(own, state, change);
     follow(own, state, r, steps);

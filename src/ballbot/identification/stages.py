@@ -1,8 +1,14 @@
-"""One estimate from balancing logs and a sweep of the free wheels.
+"""Estimates of the same quantities by several stages: whether they agree, and one estimate from logs and a sweep.
 
-A sweep determines b and c of each wheel far better than balancing does, but relative to the torque in its log. A data
-sheet, or the balancing logs, give the scale of that torque. With g_i the gain of motor i, which is the acting torque
-over the logged one (1 if it is not estimated), and b', c' the values of the sweep,
+Agreement. With estimates x and y of k quantities and their covariances, chi^2 = (x - y)^T (P_x + P_y)^-1 (x - y) is
+chi-squared distributed with k degrees of freedom if both estimate the same values. A p-value below `LEAST_P_VALUE`
+gives a warning. Balancing is known to differ from freely turning wheels (docs/generated/evidence.md, "Friction by the
+three stages"). Only b, c and C_rr are compared. s, v_s and delta compensate for each other far beyond the range in
+which their errors are normally distributed.
+
+Sweep. A sweep of the free wheels determines b and c of each wheel far better than balancing does, but relative to the
+torque in its log. With g_i the gain of motor i, which is the acting torque over the logged one (1 if it is not
+estimated), and b', c' the values of the sweep,
 
     b_i - g_i b'_i = 0 +- g_i (error of b'_i)        c_i - g_i c'_i = 0 +- g_i (error of c'_i)
 
@@ -13,26 +19,106 @@ derivatives and S their covariance from the sweep,
     K = C H^T (H C H^T + S)^-1        x' = x - K r        C' = C - K H C
 
 Friction under the robot's weight may differ from that of a free wheel. A measurement that contradicts the logs by more
-than `CONTRADICTS` standard errors is left out, with a warning. Another warning compares all of them at once
-(`ballbot.identification.agreement`).
+than `CONTRADICTS` standard errors is left out, with a warning.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy.special import chdtrc
 
+from ballbot.control.overcompensation import stated_covariance
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
-from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty
-from ballbot.identification.agreement import StageEstimate, agreement_findings
+from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
 from ballbot.identification.quantities import Coordinates, Layout
+from ballbot.robot import Robot
+
+#: that of three standard deviations. At two, one comparison in twenty would be a false alarm, and one in nine if a
+#: standard error is too small by a fifth, which is about how well it is known
+LEAST_P_VALUE = 0.0027
+#: symbols whose errors are close to normal
+_COMPARED = ("b", "c", "C_rr")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StageEstimate:
+    """Estimates of k quantities by one stage."""
+
+    source: str  #: the stage in words, as "the sweep"
+    labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
+    values: NDArray[np.float64]  #: (k,), SI units
+    covariance: NDArray[np.float64]  #: (k, k); NaN, infinite or zero for a number without standard error
+
+    def among(self, labels: list[str]) -> StageEstimate:
+        """Return the estimates of these labels, in their order."""
+        rows = [self.labels.index(label) for label in labels]
+        return StageEstimate(
+            source=self.source,
+            labels=tuple(labels),
+            values=self.values[rows],
+            covariance=self.covariance[np.ix_(rows, rows)],
+        )
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """Standard errors (k,)."""
+        return np.sqrt(self.covariance.diagonal())
+
+    @property
+    def known(self) -> list[str]:
+        """Labels that have a standard error and are compared."""
+        finite = (self.errors > 0.0) & np.isfinite(self.errors)
+        labels = zip(self.labels, finite, strict=True)
+        return [label for label, known in labels if known and label.rstrip("0123456789") in _COMPARED]
+
+
+def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
+    """Return a warning if two stages differ by more than their errors in the quantities that both estimate."""
+    both = [label for label in first.known if label in second.known]
+    x, y = first.among(both), second.among(both)
+    covariance = x.covariance + y.covariance
+    errors = np.sqrt(covariance.diagonal())
+    deviations = (y.values - x.values) / errors
+    inverse = np.linalg.pinv(covariance / np.outer(errors, errors), hermitian=True)
+    chi_squared = float(deviations @ inverse @ deviations)
+    if not both or chdtrc(len(both), chi_squared) > LEAST_P_VALUE:
+        return []
+    named = ", ".join(
+        f"{both[i]} {x.values[i]:.3g} and {y.values[i]:.3g} ({abs(deviations[i]):.1f} standard errors)"
+        for i in np.argsort(-np.abs(deviations))[:3]
+    )
+    text = (
+        f"{first.source[0].upper()}{first.source[1:]} and {second.source} differ by more than their errors: {named}; "
+        f"chi-squared {chi_squared:.3g} for {len(both)} values. A wrong torque scale changes all values by one factor; "
+        "losses of rollers, ball and floor occur only in balancing, and raise its b and C_rr and lower its c. Use the "
+        "values of the stage that matches the purpose: balancing for control, free wheels for motors and gears."
+    )
+    return [warning("methods-differ", text)]
+
+
+def of_robot_file(robot: Robot) -> StageEstimate | None:
+    """Return the friction in the robot's file, None if the file has no standard deviations of it."""
+    covariance = stated_covariance(robot)
+    if covariance is None:
+        return None
+    layout = Layout(wheel_count=robot.wheel_count)
+    values, count = layout.nominal(robot), len(layout.labels)
+    covariance = covariance[:count, :count]
+    return StageEstimate(source="the robot file", labels=layout.labels, values=values, covariance=covariance)
+
+
+def file_findings(robot: Robot, estimate: StageEstimate) -> list[Finding]:
+    """Return a warning if an estimate and the friction in the robot's file differ by more than their errors."""
+    stated = of_robot_file(robot)
+    return [] if stated is None else agreement_findings(stated, estimate)
+
 
 #: largest difference between sweep and logs, in its standard errors
 CONTRADICTS = 3.0
@@ -41,10 +127,7 @@ _QUANTITIES = ("viscous", "coulomb")
 
 
 def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> StageEstimate:
-    """Return the estimate of a sweep from b [N m s/rad] and c [N m] of each free wheel (n, 2).
-
-    Their covariances (n, 2, 2) are NaN for a value without a standard error.
-    """
+    """Return the estimate of a sweep from b [N m s/rad] and c [N m] (n, 2) and their covariances (n, 2, 2)."""
     n = len(values)
     C = np.zeros((2 * n, 2 * n))
     for i, own in enumerate(covariances):
@@ -54,10 +137,7 @@ def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> S
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
-    """Read the friction from a results.json of `ballbot identify-driveline`.
-
-    InputError if the file cannot be read, is another file, or has another number of wheels.
-    """
+    """Read the friction from a results.json of `ballbot identify-driveline`; InputError if it is another file."""
     results = cast("dict[str, dict]", read_results(path))
     try:
         tables = [results[name] for name in ("parameters", "standard_errors")]
@@ -83,8 +163,7 @@ def with_sweep(
 ) -> tuple[Uncertainty, tuple[Finding, ...]]:
     """Return the estimate from logs and sweep together, within the bounds, and findings.
 
-    The larger of the logs' two errors counts, clustered or bootstrap. If no value of the sweep can be used, the
-    uncertainty is unchanged.
+    The larger of the logs' two errors counts, clustered or bootstrap.
     """
     values, slopes = coordinates.physical(uncertainty.point), coordinates.slopes(uncertainty.point)
     logs = np.fmax(uncertainty.scaled_errors, uncertainty.bootstrap) * slopes
@@ -93,8 +172,8 @@ def with_sweep(
     if moved is values:
         return uncertainty, findings
     moved, errors = np.clip(moved, coordinates.lower, coordinates.upper), np.sqrt(C.diagonal())
-    half = float(special.ndtri(0.5 + 0.5 * CONFIDENCE)) * errors
-    lower, upper = np.maximum(moved - half, coordinates.lower), np.minimum(moved + half, coordinates.upper)
+    lower = np.maximum(moved - HALF_WIDTH * errors, coordinates.lower)
+    upper = np.minimum(moved + HALF_WIDTH * errors, coordinates.upper)
     intervals = {
         coordinates.labels[i]: Interval(lower=float(lower[i]), upper=float(upper[i]), method="with sweep")
         for i in np.flatnonzero(np.isfinite(errors))
@@ -134,12 +213,11 @@ def combine(
     labels, theirs = [layout.labels[i] for i in at[used]], (scale * numbers)[used]
     H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs
     of_logs = H @ C @ H.T
-    stages = zip(("the sweep", "the balancing logs"), (theirs, theirs + r), (S, of_logs), strict=True)
     findings = agreement_findings(
-        *(
-            StageEstimate(source=source, labels=tuple(labels), values=x, covariance=P)
-            for source, x, P in stages
-        )
+        StageEstimate(source="the sweep", labels=tuple(labels), values=theirs, covariance=S),
+        StageEstimate(
+            source="the balancing logs", labels=tuple(labels), values=theirs + r, covariance=of_logs
+        ),
     )
     apart = np.abs(r) / np.sqrt((of_logs + S).diagonal())
     agrees = apart <= CONTRADICTS

@@ -1,0 +1,46 @@
+"""Small samples of the campaigns on learned policies; `make evidence` runs the whole."""
+
+import numpy as np
+import pytest
+
+from ballbot.fitting.run import Threads
+from ballbot.learning.ppo import Training
+from campaigns import randomisation, section
+
+TINY = Training(lanes=40, decisions=8, updates=2, batches=2)
+
+
+@pytest.mark.sample
+def test_policies_are_the_same_bytes_though_a_worker_of_the_cluster_is_killed(tmp_path, monkeypatch):
+    pytest.importorskip("distributed")
+    from campaigns.killed_policies import files_of, killed_files, sweep
+
+    monkeypatch.setattr(section, "BUILD", tmp_path)
+    runs = sweep(1, TINY)
+    alone = files_of("alone", runs, workers=Threads(count=1))
+    there, killed = killed_files("cluster", runs)
+    assert killed == 3
+    assert len(runs) == len(set(alone.values())) == 6
+    assert there == alone
+
+
+@pytest.mark.sample
+def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(section, "BUILD", tmp_path)
+    monkeypatch.setattr(randomisation, "RUNS", {False: 2, True: 1})
+    monkeypatch.setattr(randomisation, "DURATION", 2.0)
+    seed = randomisation.HELD_OUT[0]
+    files = randomisation.identified(seed)
+    for kind in randomisation.KINDS:
+        run = randomisation.PolicyRun(task="drive", kind=kind, seed=seed, files=files, training=TINY)
+        trials = randomisation.tried(run)
+        assert [len(trials[twin]) for twin in (False, True)] == [2, 1]
+        assert all(0.0 < trial.reward <= 1.0 for runs in trials.values() for trial in runs)
+
+
+def test_ratio_and_difference_of_pairs_have_their_intervals():
+    base = np.array([0.8, 0.9, 1.0, 1.1])
+    assert randomisation.compared_words(1.1 * base, base, ratio=True) == "1.1 (1.1 to 1.1)"
+    words = randomisation.compared_words(np.array([0.0, 5.0, np.nan]), np.array([5.0, 0.0, 1.0]), ratio=False)
+    assert words == "+0 (-5 to +5)"
