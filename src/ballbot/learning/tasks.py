@@ -14,7 +14,6 @@ The errors e_i and weights w_i are those of `Weights`, a is `Weights.upright`.
 
 from __future__ import annotations
 
-import math
 from dataclasses import field
 from itertools import product
 from types import MappingProxyType
@@ -104,9 +103,9 @@ class Task:
     interval: float = parameter("longest time until something else is asked for", "s", default=3.0)
     impulse: float = parameter("largest push, at most one every interval", "N s", default=0.0, least=0.0)
     grip: float = parameter(
-        "friction coefficient that a wheel of a robot at rest may need by an action; it limits the torques",
+        "friction coefficient that a wheel of a robot at rest may need by an action, which limits torques (1e9: not)",
         default=0.75,
-        most=math.inf,
+        most=1e9,
     )
     weights: Weights = field(default_factory=Weights)
 
