@@ -99,7 +99,7 @@ LAW_TYPE, MEMORY_TYPE = LAW.dtype(), MEMORY.dtype()
 #: lengths of the numbers before a policy's weights, and of the memory, as arrays of float64
 LAW_SIZE, MEMORY_SIZE = LAW_TYPE.itemsize // 8, MEMORY_TYPE.itemsize // 8
 #: place of the torque limit in the numbers
-LIMIT_AT = LAW_TYPE.fields["torque_limit"][1] // 8
+LIMIT_AT = (LAW_TYPE.fields or {})["torque_limit"][1] // 8
 
 
 def law_record(settings: LawSettings, *, torque_limit: float, parts: Parts) -> NDArray[np.void]:
