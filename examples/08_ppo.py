@@ -173,8 +173,8 @@ def write(agent: Agent, envs: gymnasium.vector.VectorEnv, args: Args) -> Path:
     )
     policy = Policy(
         feedback=0.0,
-        torque_scale=robot.drive.torque_limit,
-        torque_limit=robot.drive.torque_limit,
+        torque_scale=contract.action[0].scale,
+        torque_limit=contract.action[0].scale,
         period=contract.period,
         largest_lean=task_named(args.task).fallen,
         largest_speed=LARGEST_SPEED,

@@ -107,7 +107,7 @@ class EnvironmentOptions:
         self.contract = Contract.of(
             known.name,
             wheels=known.wheel_count,
-            torque_limit=known.drive.torque_limit,
+            torque_limit=self._lanes.torque_limit,
             period=self.repeat * known.sensors.sample_time,
             base=base,
             observed=self.observe,

@@ -78,7 +78,8 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
 @pytest.mark.slow
 def test_a_base_controller_is_shown_poses_as_on_a_course_and_its_torque_limit_holds():
     base = precise_controller(ROBOTS[0].model.robot)
-    lanes, memory, expected = made("drive", base=base, repeat=1), np.zeros(MEMORY_SIZE), np.zeros(3)
+    task, memory, expected = replace(TASKS["Drive"], grip=1e9), np.zeros(MEMORY_SIZE), np.zeros(3)
+    lanes = TaskLanes(ROBOTS, task, lanes=3, base=base, repeat=1, threads=1)
     lanes.start()
     for action in [*100 * [0.0], *3 * [5.0]]:
         seen = lanes.states[0].copy()
@@ -132,6 +133,8 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
     lanes, random = made("drive", lanes=5, repeat=1), np.random.default_rng(2)
     lanes.start()
     limit, past = lanes.torque_limit, np.zeros((4, 5, 3))
+    drives = lanes.robot.drive.torque_limit
+    assert limit < drives
     for _ in range(12):
         torques = random.uniform(-1.5 * limit, 1.5 * limit, (5, 3))
         past = np.concatenate([np.clip(torques, -limit, limit)[None], past[:-1]])
@@ -152,7 +155,7 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
             + w.heading * (r - truth)[4] ** 2 / 0.1**2
             + w.lean_rate * np.sum(truth[7:9] ** 2) / 0.1**2
             + w.turning * truth[9] ** 2 / 0.2**2
-            + w.torque_change * np.sum((past[0, lane] - past[1, lane]) ** 2) / (0.1 * limit) ** 2
+            + w.torque_change * np.sum((past[0, lane] - past[1, lane]) ** 2) / (0.1 * drives) ** 2
         )
         assert_allclose(
             lanes.rewards[lane], 0.005 * (w.upright + (1.0 - w.upright) / (1.0 + cost)), rtol=1e-9

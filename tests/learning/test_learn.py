@@ -118,7 +118,7 @@ def test_policy_for_another_sample_time_is_refused():
 
 @pytest.mark.parametrize(
     ("other", "named"), [(KNOWN.replace(name="other"), "'alten', not for 'other'"),
-                         (KNOWN.replace({"drive.torque_limit": 2.0}), "up to 6 N m"),
+                         (KNOWN.replace({"drive.torque_limit": 1.0}), "up to 1.5 N m"),
                          (KNOWN.replace({"sensors.sample_time": 0.01}), "samples of 0.005 s")],
 )  # fmt: skip
 @pytest.mark.filterwarnings("ignore::ballbot.errors.UnsuitedController")

@@ -81,7 +81,7 @@ class Contract:
         observed: Literal["sensors", "state"] = "sensors",
         delay: int = 0,
     ) -> Contract:
-        """Return the contract of a robot's environment, with torques [N m] over the drives' limit.
+        """Return the contract of a robot's environment, with torques over the largest of an action [N m].
 
         They are added to those of `base`, if there is one.
         """

@@ -26,7 +26,7 @@ from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_row
 from ballbot.estimation.kalman_model import sample_code
 from ballbot.learning.streams import fill_normal, stream_of, uniform
-from ballbot.learning.tasks import Task, TaskNumbers, observe, reward
+from ballbot.learning.tasks import Task, TaskNumbers, action_limit, observe, reward
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
@@ -336,6 +336,8 @@ class TaskLanes:
         What is asked for, with the velocity.
     ages : (lanes,)
         Samples since each episode's start.
+    torque_limit : float
+        Of the torques given to `step` [N m], by `ballbot.learning.tasks.action_limit`.
     final_observations, final_truths, final_references : (lanes, size), (lanes, 10), (lanes, 10)
         Where `ended`, those at the end of the episode that ended in the last step, with `SAME_STEP`.
 
@@ -361,7 +363,7 @@ class TaskLanes:
         self.lanes = whole_number(lanes, "lanes", least=1)
         self.repeat = whole_number(repeat, "repeat", least=1)
         self.sample_time, self.wheels = self.robot.sensors.sample_time, self.robot.wheel_count
-        self.torque_limit = self.robot.drive.torque_limit
+        self.torque_limit = action_limit(task, self.robot)
         _check_kinds(robots, self.sample_time, base)
         self._selected = robots[0].model.selected
         self._world = world = self._new_world(robots, base, estimator, seed)
@@ -410,7 +412,9 @@ class TaskLanes:
             ),
             out=empty_outcome(lanes, 0, _NEVER, n),
             pool=pool,
-            task=TaskNumbers.of(self.task, self.robot, sensing=estimator is not None),
+            task=TaskNumbers.of(
+                self.task, self.robot, torque_limit=self.torque_limit, sensing=estimator is not None
+            ),
             episodes=_new_episodes(inputs.loops, n, seed),
         )
 

@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 LARGEST_SPEED = 2.0
 #: and largest lean [rad]: with 0.35 policies fell after pushes and in a stop from 1.4 m/s that the law stands
 LARGEST_LEAN = 0.12
-#: torque of an output of 1, over the limit: of a policy alone, and of one that is added to a controller
-SCALE, RESIDUAL_SCALE = 0.5, 0.2
+#: torque of an output of 1, over that of an action: of a policy alone, and of one that is added to a controller
+SCALE, RESIDUAL_SCALE = 2.0, 0.8
 #: seconds of the loop in which a baseline's reward is measured, and robots
 _BASELINE_TIME, _BASELINE_ROBOTS = 10.0, 80
 #: the film has the policies after these parts of a training, which are 0, 5, 10 and 30 s of one that takes 30 s, and so

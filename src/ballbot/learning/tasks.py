@@ -15,6 +15,7 @@ The errors e_i and weights w_i are those of `Weights`, a is `Weights.upright`.
 from __future__ import annotations
 
 from dataclasses import field
+from itertools import product
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -25,9 +26,11 @@ from ballbot.control.parts.policy import ERRORS, SHOWN
 from ballbot.control.parts.policy import SCALES as SIZES
 from ballbot.errors import InputError, suggest
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.parameters import parameter, parameter_class
+from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 
 #: size that counts as 1: of position [m], lean, heading [rad], velocity [m/s], lean rate and turning rate [rad/s]
 SCALES = np.array(SIZES)
@@ -99,6 +102,11 @@ class Task:
     drive: float = parameter("largest velocity asked for, along each axis", "m/s", default=0.0, least=0.0)
     interval: float = parameter("longest time until something else is asked for", "s", default=3.0)
     impulse: float = parameter("largest push, at most one every interval", "N s", default=0.0, least=0.0)
+    grip: float = parameter(
+        "friction coefficient that a wheel of a robot at rest may need by an action, which limits torques (1e9: not)",
+        default=0.75,
+        most=1e9,
+    )
     weights: Weights = field(default_factory=Weights)
 
     def __post_init__(self) -> None:
@@ -143,6 +151,26 @@ def task_named(name: str) -> Task:
     return TASKS[name.capitalize()]
 
 
+def action_limit(task: Task, robot: Robot) -> float:
+    """Return the largest torque of an action [N m], at most the drives' limit, in hundredths of it.
+
+    Up to it no wheel of a robot at rest needs more friction than `task.grip`, whatever the others do: each wheel's
+    torque presses some wheels on the ball and unloads others, and a wheel without load slips.
+
+    >>> from ballbot.robot import as_robot
+    >>> round(action_limit(TASKS["Drive"], as_robot("alten")), 3)
+    1.5
+    """
+    model, limit = Model(robot), robot.drive.torque_limit
+    signs = np.array(list(product((-1.0, 1.0), repeat=robot.wheel_count)))
+    sizes = limit * np.linspace(0.01, 1.0, 100)
+    torques = (sizes[:, None, None] * signs).reshape(-1, robot.wheel_count)
+    states, needed = np.zeros((len(torques), 10)), np.empty(len(torques))
+    friction_needed_along(model.selected, model.packed, pack_contacts(robot), states, torques, needed)
+    too_large = needed.reshape(len(sizes), -1).max(axis=1) > task.grip
+    return float(sizes[max(too_large.argmax() - 1, 0)]) if too_large.any() else limit
+
+
 class TaskNumbers(NamedTuple):
     """A task as compiled code reads it: `Task`'s numbers, times in samples, and those of the robot that it needs."""
 
@@ -160,14 +188,15 @@ class TaskNumbers(NamedTuple):
     impulse: float
     push_samples: int  #: in a push
     push_height: float  #: above the ball's centre [m]
-    torque_limit: float  #: [N m]
+    torque_limit: float  #: of an action [N m]
     sensing: bool  #: whether sensors are read
     weights: NDArray[np.float64]  #: of `Weights.per_si`
 
     @staticmethod
-    def of(task: Task, robot: Robot, *, sensing: bool) -> TaskNumbers:
-        """Return a task's numbers for a robot; a push acts at its body's centre of mass."""
-        h = robot.sensors.sample_time
+    def of(task: Task, robot: Robot, *, torque_limit: float, sensing: bool) -> TaskNumbers:
+        """Return a task's numbers for a robot, by `action_limit`; a push acts at its body's centre of mass."""
+        h, weights = robot.sensors.sample_time, task.weights.per_si()
+        weights[5] *= (torque_limit / robot.drive.torque_limit) ** 2  # of the drives' limit
         return TaskNumbers(
             samples=max(1, round(task.duration / h)),
             sample_time=h,
@@ -183,9 +212,9 @@ class TaskNumbers(NamedTuple):
             impulse=task.impulse,
             push_samples=max(1, round(PUSH / h)),
             push_height=robot.body.center_of_mass,
-            torque_limit=robot.drive.torque_limit,
+            torque_limit=torque_limit,
             sensing=sensing,
-            weights=task.weights.per_si(),
+            weights=weights,
         )
 
 
