@@ -25,7 +25,7 @@ from ballbot.identification.identify import IdentificationOptions, identify
 from ballbot.learning.learn import Learned, fresh_conditions, learn, velocity_asked
 from ballbot.learning.ppo import Training
 from ballbot.learning.robots import drawn_robots, learned_robot
-from ballbot.learning.tasks import Task, TaskNumbers, reward, task_named
+from ballbot.learning.tasks import Task, TaskNumbers, action_limit, reward, task_named
 from ballbot.log import STATE_NAMES, Log
 from ballbot.progress import ignore_progress
 from ballbot.robot.file import robot_text
@@ -140,7 +140,8 @@ def _trial(task: str, run: GridRun, log: Log) -> Trial:
     for index, name in ((0, "x"), (1, "y"), (4, "psi")):
         references[:, index] = log[f"ref_{name}"]
     references[:, 5:7] = asked
-    numbers, torques = TaskNumbers.of(task_named(task), ROBOT, sensing=True), log.torques
+    named, torques = task_named(task), log.torques
+    numbers = TaskNumbers.of(named, ROBOT, torque_limit=action_limit(named, ROBOT), sensing=True)
     # the torques of a row act from it on: the state at that sample's end is the next row's
     paid = sum(
         reward.py_func(numbers, states[k + 1], references[k], torques[k], torques[max(k - 1, 0)])
