@@ -29,7 +29,7 @@ def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
     pytest.importorskip("mujoco")
     monkeypatch.setattr(section, "BUILD", tmp_path)
     monkeypatch.setattr(randomisation, "RUNS", {"loop": 2, "twin": 1})
-    monkeypatch.setattr(randomisation, "DURATION", 2.0)
+    monkeypatch.setattr(randomisation, "DURATION", 3.0)
     seed = randomisation.HELD_OUT[0]
     files = randomisation.identified(seed)
     for kind in randomisation.KINDS:

@@ -21,7 +21,7 @@ PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stab
 #: WebGL without a graphics card too; Chromium's sandbox does not run as root
 _OPTIONS = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 #: [s] for the browser to answer, on a busy machine
-PATIENCE = 60.0
+PATIENCE = 180.0
 #: where what a reader can use ends on the right, in JavaScript
 RIGHTMOST = (
     "Math.max(...[...document.querySelectorAll('button, select, input, canvas')]"
