@@ -1,6 +1,6 @@
 """Learned controllers beside the designed ones on the benchmark's courses, on the loop and on the twin.
 
-.venv/bin/python -m campaigns.evidence learned_league
+.venv/bin/python -m campaigns.learned_league
 
 Trainings and leagues that are finished are kept in build/learned_policies and build/learned_league.
 """
@@ -185,7 +185,7 @@ def _courses_of() -> str:
 
 
 def campaign() -> Section:
-    """Run what is missing and return the section of docs/generated/evidence.md."""
+    """Run what is missing and return the table of courses."""
     alone = Threads(count=1)
     tasks = tuple(dict.fromkeys(TASK_OF.values()))
     pieces = {f"{t}_{kind}_{k}": (t, kind, k) for t in tasks for kind in KINDS for k in range(TRAININGS)}
@@ -218,3 +218,7 @@ def campaign() -> Section:
         after=f"A training took {seconds['learned']:.0f} s by the clock in the median alone, and "
         f"{seconds['residual']:.0f} s onto the precise controller.",
     )
+
+
+if __name__ == "__main__":
+    print(campaign().markdown())

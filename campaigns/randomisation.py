@@ -2,10 +2,9 @@
 
 .venv/bin/python -m campaigns.evidence randomisation
 
-A true robot is a twin with all faults of random sizes, of which neither randomisation knows. It records logs, they are
-identified, and the policies are trained with what is known of it: the identified robot, robots drawn from the
-identification, or uniform boxes. Then each does its task on the true robot. What is finished is kept in
-build/randomisation.
+A true robot is a twin with all faults of random sizes, of which neither randomisation knows. Its friction is identified
+from its log, and policies are trained on the robot as identified, on robots drawn from the identification, or on robots
+drawn from uniform boxes. Then each does its task on the true robot. What is finished is kept in build/randomisation.
 """
 
 import tempfile
@@ -90,7 +89,7 @@ def identified(seed: int) -> dict[str, str]:
 
 
 def learned(run: PolicyRun) -> Learned:
-    """Learn a policy from what is known of a true robot."""
+    """Learn a policy for a true robot from its identification."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for file, text in run.files.items():

@@ -192,7 +192,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
-    """Return the logs by their names, see `named_files`; raise InputError if there is none or one cannot be read."""
+    """Return the logs by their names, see `named_files`; InputError without logs, or if a log cannot be read."""
     return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
 
 

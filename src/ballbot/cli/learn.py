@@ -50,9 +50,9 @@ def learn(
     as every other one: ballbot compare, simulate, export. Where the robot's state is not like those of the training, a
     linear law acts. Ctrl-C ends the training and keeps the best policy.
 
-    Writes report.html (with the learning curve, and a film of the robot after 0, 5, 10 and 30 s of learning, or as many
-    parts of the time that it took), results.json, controller.toml, robot.toml, and contract.json, which says what the
-    policy observes and does.
+    Writes report.html (with the learning curve, and a film of the robot before the training and after a sixth, a third
+    and all of it), results.json, controller.toml, robot.toml, and contract.json, which says what the policy observes
+    and does.
 
     Example: ballbot learn balance found/robot.toml --out learned
 

@@ -55,7 +55,7 @@ _PIECE, _SETS = 64, 4
 
 @dataclass(kw_only=True, eq=False)
 class Starts:
-    """Starts of n windows, and what is known there; changed in place while they settle."""
+    """Starts of n windows with their residuals and slopes; changed in place while they settle."""
 
     rows: NDArray[np.int64]  #: (n,), the windows
     starts: NDArray[np.float64]  #: (n, 10)

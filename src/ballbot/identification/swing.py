@@ -73,7 +73,7 @@ class Swing:
 
 
 def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
-    """Return the free swing in a log of the hanging body; InputError if there is none.
+    """Return the free swing in a log of the hanging body; InputError if the log has no swing.
 
     It is taken from `column`, an angle [rad] or a rate [rad/s] by its name; by default from the gyro about its main
     axis, or from the one of theta, phi and psi that swings most.

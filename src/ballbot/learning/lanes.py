@@ -84,7 +84,7 @@ class Episodes(NamedTuple):
     drawn: NDArray[np.int64]  #: (lanes,) which robot of the pool
     actions: NDArray[np.float64]  #: (lanes, n) torques given from outside [N m]
     history: NDArray[np.float64]  #: (lanes, HISTORY, n) those of the last steps, limited, newest first [N m]
-    references: NDArray[np.float64]  #: (lanes, 10) what is asked for, with the velocity
+    references: NDArray[np.float64]  #: (lanes, 10) the reference, with the velocity
     late: NDArray[np.float64]  #: (lanes,) by which the last sampling instant was late [s]
     changes: NDArray[np.int64]  #: (lanes,) age at which something else is asked for
     started: NDArray[np.bool_]  #: (lanes,) whether an episode is to start

@@ -345,7 +345,7 @@ def _alone(controller: Controller, task: Task) -> Controller:
 
 
 def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAULT_RUN) -> dict[str, Log]:
-    """Return runs on the loop of what had been learned after some seconds, each from the same start until it falls."""
+    """Return a run on the loop of the policy after each part of the training, from the same start, until it falls."""
     (condition,) = fresh_conditions(
         learned.task, robot, scenario, runs=1, duration=FILM_DURATION, seed=run.seed
     )
@@ -405,7 +405,7 @@ def _errors(_: GridRun, log: Log) -> tuple[float, float]:
 
 
 def velocity_asked(log: Log) -> NDArray[np.float64]:
-    """Return the velocity of the place asked for (N, 2) [m/s]; a jump is none."""
+    """Return the velocity of the reference (N, 2) [m/s]; zero where the reference jumps."""
     asked = np.stack([np.gradient(log[f"ref_{axis}"], log.sample_time) for axis in "xy"], axis=1)
     return np.where(np.abs(asked) > LARGEST_SPEED, 0.0, asked)
 

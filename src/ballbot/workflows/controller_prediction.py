@@ -115,7 +115,7 @@ class ControllerPrediction:
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
-    """Predict the chosen controller's next run; None if there is none, or fewer than six robots were drawn."""
+    """Predict the chosen controller's next run; None if none was chosen, or fewer than six robots were drawn."""
     chosen, controller = choice.chosen, choice.controller
     if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
         return None

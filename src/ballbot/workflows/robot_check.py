@@ -104,7 +104,7 @@ def check_swing(
 ) -> CheckedSwing:
     """Return a robot's inertia from the swing in a column of a log.
 
-    InputError if there is none, it has an error whose code is not accepted, or the pivot is not possible.
+    InputError if the log has no swing, the swing has an error whose code is not accepted, or the pivot is not possible.
     """
     log = Log.read(file)
     of_log = [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]
