@@ -47,7 +47,7 @@ _HOME = {
 
 _PACKAGES = (
     "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
-    "identification", "validation", "vision", "workflows", "firmware", "link", "viewer", "report",
+    "identification", "validation", "vision", "workflows", "learning", "firmware", "link", "viewer", "report",
 )  # fmt: skip
 
 __all__ = ["__version__", *sorted(_HOME)]

@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.controller import Controller
+from ballbot.control.parts.policy import VERSION
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError, missing_package, suggest
-from ballbot.learning.contract import VERSION, Contract
+from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import TASKS, Task, task_named
-from ballbot.learning.twin_lanes import TwinLanes, twin_scenario
+from ballbot.learning.twin_lanes import Twins, twin_scenario
 from ballbot.robot import RobotLike, as_robot
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import load_scenario
@@ -93,17 +94,22 @@ class EnvironmentOptions:
                 "The base of an environment must be a controller of Ballbot's own, not one in Python."
             )
         estimator = None if self.observe == "state" else base.estimator if base else "kalman"
-        if self.plant == "model":
-            self._lanes = TaskLanes(
-                robots, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat, threads=threads
-            )
-        else:
+        move = None
+        if self.plant == "twin":
             twins = [(robot, scenario)]
             if self.randomize is not None:
                 twins = [(drawn.model.robot, twin_scenario(drawn, scenario)) for drawn in robots]
-            self._lanes = TwinLanes(
-                robots, twins, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat
-            )
+            move, threads = Twins(twins=twins, known=known, estimator=estimator), 1
+        self._lanes = TaskLanes(
+            robots,
+            task,
+            lanes=count,
+            base=base,
+            estimator=estimator,
+            repeat=self.repeat,
+            threads=threads,
+            move=move,
+        )
         self.contract = Contract.of(
             known.name,
             wheels=known.wheel_count,

@@ -42,5 +42,5 @@ def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
 def test_ratio_and_difference_of_pairs_have_their_intervals():
     base = np.array([0.8, 0.9, 1.0, 1.1])
     assert randomisation.compared_words(1.1 * base, base, ratio=True) == "1.1 (1.1 to 1.1)"
-    words = randomisation.compared_words(np.array([0.0, 5.0, np.nan]), np.array([5.0, 0.0, 1.0]), ratio=False)
-    assert words == "+0 (-5 to +5)"
+    words = randomisation.compared_words(np.array([1.0, 1.0, 4.0, np.nan]), np.zeros(4), ratio=False)
+    assert words == "+2 (-2.3 to +6.3)"

@@ -10,6 +10,7 @@ import pytest
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.learning.contract import Contract
+from ballbot.robot import Robot
 
 SHORT = ["--updates", "1", "--runs", "1", "--duration", "1"]
 
@@ -24,7 +25,7 @@ def test_controller_robot_and_contract_are_written(tmp_path, capsys):
     assert results["curve"][0]["samples"] == 51_200
     assert results["confirmed"][0]["runs"] == 1
     page = (out / "report.html").read_text()
-    assert len(re.findall(r'"name":"\d+ s"', page)) == 2  # before the first update and after it
+    assert len(re.findall(r'"name":"[\d.]+ s"', page)) == 2  # before the first update and after it
 
 
 def test_ctrl_c_in_the_midst_of_an_update_keeps_the_best_policy(tmp_path, capsys, monkeypatch):
@@ -56,4 +57,18 @@ def test_bad_input_is_refused_in_one_sentence_before_the_training(tmp_path, caps
     error = capsys.readouterr().err
     assert named in error
     assert "learning" not in error
+    assert "None" not in error
     assert not (tmp_path / "learned").exists()
+
+
+def test_set_changes_the_robot_of_an_identification(tmp_path):
+    found, out = tmp_path / "found", tmp_path / "learned"
+    robot = Robot.load("alten").replace({"friction.coulomb": 0.1})
+    found.mkdir()
+    deviations = {"friction.coulomb": (0.01, 0.01, 0.01)}
+    robot.annotated(standard_deviations=deviations).write(found / "robot.toml")
+    (found / "results.json").write_text("{}")
+    words = ["--randomize", str(found), "--set", "body.mass=8.5", *SHORT]
+    assert main(["learn", "balance", *words, "--out", str(out)]) == 0
+    written = Robot.load(out / "robot.toml")
+    assert (written.body.mass, written.friction.coulomb) == (8.5, (0.1, 0.1, 0.1))

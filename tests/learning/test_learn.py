@@ -129,12 +129,18 @@ def test_policy_of_another_robot_is_refused_where_its_file_is_read(tmp_path, oth
     with pytest.raises(InputError, match=f"learned for .*{named}.*ballbot learn"):
         read_controller(tmp_path / "controller.toml", other)
     read_controller(tmp_path / "controller.toml", KNOWN.replace({"body.mass": 1.2 * KNOWN.body.mass}))
+    text = (tmp_path / "controller.toml").read_text()
+    assert "\nversion = 0\n" in text
+    (tmp_path / "controller.toml").write_text(text.replace("\nversion = 0\n", "\nversion = 7\n"))
+    with pytest.raises(InputError, match=r"controller\.toml: .* version 7 "):
+        read_controller(tmp_path / "controller.toml", KNOWN)
     read_controller(tmp_path / "linear.toml", other)  # a design is only warned of
 
 
 @pytest.mark.parametrize(
     ("change", "named"), [({"last": np.zeros((4, 65))}, "3 wheels"), ({"first": np.zeros((64, 19))}, "shapes"),
-                          ({"period": 0.0075}, "0.0075"), ({"torque_scale": np.nan}, "torque_scale")],
+                          ({"period": 0.0075}, "0.0075"), ({"torque_scale": np.nan}, "torque_scale"),
+                          ({"version": 7}, "version 7 .* here it is version 0. Learn one again")],
 )  # fmt: skip
 def test_impossible_policy_is_refused(change, named):
     lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=1)

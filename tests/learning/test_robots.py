@@ -89,7 +89,7 @@ def test_a_robot_without_friction_of_its_own_has_the_scenarios():
 
 
 def test_a_folder_that_is_no_identification_is_refused(tmp_path, folder):
-    with pytest.raises(InputError, match=r"There is no .*robot\.toml: robots are drawn from"):
+    with pytest.raises(InputError, match=r"There is no .*robot\.toml; robots are drawn from"):
         learned_robot(None, tmp_path / "nothing")
     with pytest.raises(InputError, match="not of 'other'"):
         learned_robot(ALTEN.replace(name="other"), folder)

@@ -34,7 +34,7 @@ from ballbot.printable import shell_line
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.report.blocks import PAGE, RESULTS, Provenance, provenance
 from ballbot.result_folder import ResultFolder, result_folder
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.file import robot_text
 
 if TYPE_CHECKING:
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 _MAX_SEEDS = 100_000
 
 
-def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
-    """Return the preset of that name or the robot in that file, with the values of --set.
+def changed_robot(source: RobotLike, changes: Sequence[str] | None) -> Robot:
+    """Return a robot, the preset of that name or the robot in that file, with the values of --set.
 
     Raise InputError if there is no such robot, a change is not NAME=VALUE, or the robot cannot have the value.
     """
@@ -58,7 +58,7 @@ def changed_robot(source: str, changes: Sequence[str] | None) -> Robot:
             raise InputError(
                 f"--set {change}: it must be a name and a value, such as body.mass=9.0 or friction.coulomb=0.1."
             ) from None
-    return Robot.load(source).replace(values)
+    return as_robot(source).replace(values)
 
 
 def robot_words(source: str, changes: Sequence[str] | None) -> str:

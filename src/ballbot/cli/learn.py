@@ -17,6 +17,7 @@ from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import TASKS, task_named
 from ballbot.progress import Progress
 from ballbot.report.learning import learning_report
+from ballbot.robot import as_robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.scenario_file import load_scenario
 
@@ -78,7 +79,8 @@ def learn(
     confirm_on_twin
         Number of runs on the twin as well; each takes some seconds.
     """
-    described, wanted = learned_robot(changed_robot(robot, change), randomize), task_named(task)
+    described = changed_robot(learned_robot(as_robot(robot), randomize), change)
+    wanted = task_named(task)
     truth = load_scenario(scenario, described)
     robots = drawn_robots(described, truth, randomize, seed=seed)
     known = robots[0].imperfections.known or described

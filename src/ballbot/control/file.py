@@ -207,7 +207,7 @@ def _part_text(name: str, part: Part) -> str:
         stated, value = *setting.metadata.values(), getattr(part, setting.name)
         unit = "" if stated.unit == DIMENSIONLESS else f" [{stated.unit}]"
         rows = "".join(f"\n  {_row(row)}," for row in np.atleast_2d(value))
-        text = f"[{rows}\n]" if np.ndim(value) else repr(float(value))
+        text = f"[{rows}\n]" if np.ndim(value) else repr(value if setting.type == "int" else float(value))
         lines += [f"# {stated.meaning}{unit}", f"{setting.name} = {text}"]
     return "\n".join(lines) + "\n"
 

@@ -14,13 +14,11 @@ from typing import Literal
 from pydantic import ConfigDict
 
 from ballbot.control.controller import Controller
-from ballbot.control.parts.policy import ERRORS, HISTORY, SCALES, SHOWN
+from ballbot.control.parts.policy import ERRORS, HISTORY, SCALES, SHOWN, VERSION
 from ballbot.errors import InputError
 from ballbot.files import read_json, write_text
 from ballbot.schema import validate_table
 
-#: of the environments; a change of what is observed, done or rewarded counts it up
-VERSION = 0
 _ERRORS = (
     ("forward position error", "m"),
     ("left position error", "m"),

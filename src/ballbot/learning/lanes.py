@@ -9,7 +9,7 @@ threads.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import NamedTuple
@@ -322,6 +322,8 @@ class TaskLanes:
         Samples for which the torques of a step are held.
     threads : int, optional
         All cores by default. The results do not depend on it.
+    move : callable, optional
+        Moves and starts the lanes of `commands.todo` in place of the loop, as `ballbot.learning.twin_lanes.Twins` do.
 
     Attributes
     ----------
@@ -358,6 +360,7 @@ class TaskLanes:
         estimator: EstimatorName | None = "kalman",
         repeat: int = REPEAT,
         threads: int | None = None,
+        move: Callable[[LaneArrays], None] | None = None,
     ) -> None:
         self.task, self.robot = task, robots[0].imperfections.known or robots[0].model.robot
         self.lanes = whole_number(lanes, "lanes", least=1)
@@ -365,7 +368,7 @@ class TaskLanes:
         self.sample_time, self.wheels = self.robot.sensors.sample_time, self.robot.wheel_count
         self.torque_limit = action_limit(task, self.robot)
         _check_kinds(robots, self.sample_time, base)
-        self._selected = robots[0].model.selected
+        self._selected, self._moved = robots[0].model.selected, move
         self._world = world = self._new_world(robots, base, estimator, seed)
         self.ages, self.references = world.commands.ages, world.episodes.references
         self.truths, self.states = world.blocks.truths, world.blocks.states
@@ -478,6 +481,15 @@ class TaskLanes:
 
     def _play(self, parts: int, ending: int, samples: int) -> None:
         """Take all lanes through parts of a step of so many samples."""
+        if self._moved is None:
+            self._play_compiled(parts, ending, samples)
+            return
+        for part, count in [(parts & TAKE, 0), *[(BEGIN, 1), (END, 1)] * samples, (START, 0), (OBSERVE, 0)]:
+            self._play_compiled(part, ending, count)
+            if part in (BEGIN, START):
+                self._moved(self._world)
+
+    def _play_compiled(self, parts: int, ending: int, samples: int) -> None:
         if self._threads is None:
             self._play_span(self._spans[0], parts, ending, samples)
             return

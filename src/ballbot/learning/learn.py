@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.parts.policy import Policy
+from ballbot.control.parts.policy import VERSION, Policy
 from ballbot.control.presets import nominal_controller
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.learning.contract import Contract
@@ -139,6 +139,7 @@ def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual:
     """Return a network as the part of a controller."""
     first, second, last = (np.vstack([actor[k], actor[k + 1]]).T.astype(np.float64) for k in (0, 2, 4))
     return Policy(
+        version=VERSION,
         feedback=1.0 if residual else 0.0,
         torque_scale=torque_scale,
         torque_limit=lanes.torque_limit,
@@ -351,7 +352,9 @@ def film(learned: Learned, robot: Robot, scenario: Scenario, *, run: Run = DEFAU
     )
     runs = [
         GridRun(
-            candidate=f"{seconds:.0f} s", controller=_alone(controller, learned.task), condition=condition
+            candidate=f"{round(seconds, 1):g} s",
+            controller=_alone(controller, learned.task),
+            condition=condition,
         )
         for seconds, controller in learned.stages.items()
     ]

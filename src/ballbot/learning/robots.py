@@ -107,6 +107,6 @@ def _in_folder(folder: str | Path, name: str) -> Path:
     path = Path(folder) / name
     if not path.is_file():
         raise InputError(
-            f'There is no {path}: robots are drawn from None, "boxes" or the folder of a study or an identification.'
+            f"There is no {path}; robots are drawn from the folder of a study or an identification, or from boxes."
         )
     return path

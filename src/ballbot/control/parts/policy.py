@@ -27,6 +27,8 @@ from ballbot.estimation.heading import TURN
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import Parameter, parameter
 
+#: of what a policy observes and does, in controller files, contracts and environments: a change of it counts it up
+VERSION = 0
 #: decisions whose torques are observed
 HISTORY = 3
 #: entries of an observation before those torques
@@ -177,6 +179,11 @@ class Policy(Part):
     record = PolicyRecord
     state = PolicyState
 
+    version: int = parameter(
+        "version of what it observes and does; a policy of another version is refused",
+        least=0.0,
+        default=0,
+    )
     feedback: float = parameter(
         "part of the linear law's torque that is kept: 0 for a policy alone, 1 for one that is added",
         least=0.0,
@@ -208,6 +215,11 @@ class Policy(Part):
             )
             object.__setattr__(self, name, weights.astype(np.float32).astype(np.float64))
         super().__post_init__()
+        if self.version != VERSION:
+            raise InputError(
+                f"The policy was learned with version {self.version} of what a policy observes and does; here it is "
+                f"version {VERSION}. Learn one again: ballbot learn."
+            )
         units, wheels = len(self.first), len(self.last)
         wanted = ((units, observation_size(wheels) + 1), (units, units + 1), (wheels, units + 1))
         found = (self.first.shape, self.second.shape, self.last.shape)
