@@ -58,8 +58,8 @@ def balancing(robot, **options) -> Session:
 def states(session: Session, seconds: float) -> list[State]:
     """Return the states of the next seconds."""
     found = []
-    end = session._clock() + seconds
-    while session._clock() < end:
+    end = session.clock() + seconds
+    while session.clock() < end:
         found += [one for one in session.poll(H) if isinstance(one, State)]
     return found
 

@@ -56,7 +56,7 @@ class Connected:
         self.line = FaultyTransport(self.emulated, Faults(), seed=0)
         self.session = Session(self.line, clock=self.emulated.clock)
         self.session.connect()
-        self.robot = LiveRobot(self.session, clock=self.emulated.clock)
+        self.robot = LiveRobot(self.session)
         self.operator = EmulatedOperator(hand)
         self.rows = []
 

@@ -14,7 +14,7 @@ from ballbot.firmware.build import compilers
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.messages import AnswerResult, Layer
 from ballbot.link.session import Session
-from ballbot.link.transport import LinkError, SerialTransport, Transport, open_transport
+from ballbot.link.transport import LinkError, SerialTransport, Transport
 from tests.link.test_emulated import H, emulated
 from tests.support.processes import PATIENCE
 
@@ -30,8 +30,7 @@ def serial_line() -> Iterator[tuple[SerialTransport, int]]:
     """Hold a serial port, and the descriptor of what is at its other end, while the block runs."""
     far, near = os.openpty()
     try:
-        port = open_transport(os.ttyname(near))
-        assert isinstance(port, SerialTransport)
+        port = SerialTransport(os.ttyname(near))
         yield port, far
         port.close()
     finally:
@@ -147,7 +146,7 @@ def read_until(port: SerialTransport, end: float) -> None:
 def test_addresses_of_transports():
     for wrong in ("/dev/ttyACM0?baud=fast", "/dev/ttyACM0?baud=0", ""):
         with pytest.raises(InputError):
-            open_transport(wrong)
+            SerialTransport(wrong)
     for gone in ("/dev/no-such-port?baud=115200", "udp://127.0.0.1:5005"):
         with pytest.raises(LinkError, match="cannot be opened"):
-            open_transport(gone)
+            SerialTransport(gone)

@@ -20,12 +20,13 @@ from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.firmware.export import check_belongs, export_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
-from ballbot.link.connection import Connection, LiveRun, Monitor, connect_emulated, connect_port
+from ballbot.link.connection import Connection, LiveRun, Monitor, connect
 from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import Commander, FollowReference, TorqueProgram
 from ballbot.link.recorder import SUFFIX, check_no_recording
 from ballbot.link.references import KEYBOARD, live_reference
 from ballbot.link.stream import stream_address
+from ballbot.link.transport import SerialTransport
 from ballbot.link.tuning import TERMINAL, Change, Tuner, command_lines
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.report.blocks import finding_line
@@ -111,7 +112,7 @@ class LinkOptions:
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
         stream = [stream_address(text) for text in self.stream or ()]
         if port is not None:
-            return connect_port(port, self.described, say=notice, stream=stream)
+            return connect(SerialTransport(port), self.described, address=port, say=notice, stream=stream)
         described = Robot.load(self.name)
         emulated = emulated_robot(
             described,
@@ -124,7 +125,9 @@ class LinkOptions:
             weights=weights,
         )
         filmed_by = self.seed if hold == "upside_down" else None
-        return connect_emulated(described, emulated, filmed_by=filmed_by, stream=stream)
+        return connect(
+            emulated, described, address="emulated", say=notice, filmed_by=filmed_by, stream=stream
+        )
 
 
 _LINK = LinkOptions()

@@ -7,7 +7,7 @@ import io
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -26,7 +26,7 @@ from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, T
 from ballbot.link.recorder import Recorder
 from ballbot.link.session import Session
 from ballbot.link.stream import LiveStream, StreamAddress
-from ballbot.link.transport import Transport, open_transport
+from ballbot.link.transport import Transport
 from ballbot.log import Log
 from ballbot.robot import Robot
 
@@ -57,12 +57,6 @@ class Monitor:
         finally:
             if self._live is not None:
                 self._live.stop()
-
-    def states_of(self, robot: LiveRobot) -> Callable[[State], None]:
-        """Return a callback that shows each state of a robot, armed or not."""
-        return lambda state: self.show(
-            1e-6 * (state.time % 2**32), lambda: state_line(state, wheel_count=robot.wheel_count)
-        )
 
     def show(self, t: float, line: Callable[[], str]) -> None:
         """Show a line that is made at the robot's time t [s], if the last one is old."""
@@ -123,12 +117,12 @@ class Connection:
 
     def states_shown(self, monitor: Monitor) -> Callable[[State], None]:
         """Return a callback that shows each state of the robot, armed or not, on the monitor and in the stream."""
-        show, robot = monitor.states_of(self.robot), self.robot
-        samples: Samples | None = None
+        samples, robot = None, self.robot
 
         def watch(state: State) -> None:
             nonlocal samples
-            show(state)
+            t = 1e-6 * (state.time % 2**32)
+            monitor.show(t, lambda: state_line(state, wheel_count=robot.wheel_count))
             samples = samples or Samples(
                 state, wheel_count=robot.wheel_count, encoder_step=robot.encoder_step
             )
@@ -172,7 +166,7 @@ class Connection:
                 def watch(sample: RobotSample) -> None:
                     monitor.show(sample.t, lambda: line(sample, torque_limit=robot.torque_limit))
                     if self.camera is not None:
-                        self.camera.watch(sample.t)
+                        self.camera.watch()
 
                 gc.collect()
                 gc.freeze()  # a collection that walks all imported code takes longer than the robot waits
@@ -206,58 +200,30 @@ class Connection:
 
 
 @contextmanager
-def _robot_at(transport: Transport, clock: Callable[[], float]) -> Iterator[LiveRobot]:
-    session = Session(transport, clock=clock)
-    try:
-        session.connect()
-        yield LiveRobot(session, clock=clock)
-    finally:
-        session.close()
-
-
-@contextmanager
-def connect_port(
-    port: str,
+def connect(
+    transport: Transport,  # a port, or an emulated robot, which has its own clock and person
     described: Robot | None,
     *,
-    say: Callable[[str], None],
-    stream: Sequence[StreamAddress] = (),  # where its rows are shown live
-) -> Iterator[Connection]:
-    """Hold the link to a robot at a port while the block runs; `say` prints what its operator is to do."""
-    with (
-        _robot_at(open_transport(port), time.monotonic) as robot,
-        LiveStream(stream, log_columns(robot.wheel_count), described) as live,
-    ):
-        yield Connection(
-            robot=robot, described=described, operator=TerminalOperator(say), address=port, stream=live
-        )
-
-
-@contextmanager
-def connect_emulated(
-    described: Robot,
-    emulated: EmulatedRobot,
-    *,
+    address: str,
+    say: Callable[[str], None],  # prints what the person is to do
     filmed_by: int
-    | None = None,  # random seed of a camera above a robot that is held upside down, if there is one
+    | None = None,  # random seed of a camera above an emulated robot upside down, if there is one
     stream: Sequence[StreamAddress] = (),  # where its rows are shown live
 ) -> Iterator[Connection]:
-    """Hold the link to an emulated robot while the block runs."""
-    with (
-        _robot_at(emulated, emulated.clock) as robot,
-        LiveStream(stream, log_columns(robot.wheel_count), described) as live,
-    ):
-        camera = None
-        if filmed_by is not None:
-            camera = EmulatedCamera(
-                emulated.hand, clock=emulated.clock, sample_time=robot.sample_time, seed=filmed_by
+    """Hold the link to a robot while the block runs."""
+    clock, operator, camera = time.monotonic, TerminalOperator(say), None
+    if isinstance(transport, EmulatedRobot):
+        clock, operator = transport.clock, EmulatedOperator(transport.hand)
+        camera = None if filmed_by is None else EmulatedCamera(transport.hand, seed=filmed_by)
+    with closing(Session(transport, clock=clock)) as session:
+        session.connect()
+        robot = LiveRobot(session)
+        with LiveStream(stream, log_columns(robot.wheel_count), described) as live:
+            yield Connection(
+                robot=robot,
+                described=described,
+                operator=operator,
+                address=address,
+                stream=live,
+                camera=camera,
             )
-        operator = EmulatedOperator(emulated.hand)
-        yield Connection(
-            robot=robot,
-            described=described,
-            operator=operator,
-            address="emulated",
-            stream=live,
-            camera=camera,
-        )

@@ -56,15 +56,12 @@ def state_line(state: State, *, wheel_count: int) -> str:
     counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
     speeds = " ".join(f"{speed:+.1f}" for speed in state.wheel_speeds[:wheel_count])
     stop = stop_reason(state)
+    test = _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
     return (
-        f"{'armed' if state.armed else 'disarmed'}, self-test {_self_test(state)}, "
+        f"{'armed' if state.armed else 'disarmed'}, self-test {test}, "
         f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
         f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
     )
-
-
-def _self_test(state: State) -> str:
-    return _SELF_TESTS.get(SelfTestOutcome(state.self_test), f"failed (wheel {state.self_test_wheel})")
 
 
 def _share(sample: RobotSample, torque_limit: float) -> float:

@@ -16,7 +16,6 @@ is lost. A robot whose link is lost stops by itself.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, Protocol
@@ -31,7 +30,7 @@ from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
 from ballbot.link.messages import AnswerResult, ControllerPlace, State
 from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
-from ballbot.link.session import IMU_POSITIONS, MOVING_TIME, Session, reason, stop_reason
+from ballbot.link.session import MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
 from ballbot.link.tuning import Tuner
 from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
@@ -75,7 +74,6 @@ _SELF_TESTS: dict[SelfTestOutcome, str] = {
         "when the robot was {moved}, the gyro's turn was not the attitude's: it has other axes, signs or another unit"
     ),
 }
-_POSITIONS = dict(zip(IMU_POSITIONS[1:], MOVEMENTS, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,14 +231,10 @@ class Samples:
 class LiveRobot:
     """A robot at the other end of a session."""
 
-    def __init__(
-        self,
-        session: Session,  # connected
-        *,
-        clock: Callable[[], float] = time.monotonic,  # the session's [s]
-    ) -> None:
+    def __init__(self, session: Session) -> None:
+        """Take a session that is connected."""
         assert session.welcome is not None
-        self.session, self.welcome, self._clock = session, session.welcome, clock
+        self.session, self.welcome = session, session.welcome
         self.parameters = session.read_parameters()  #: (1,), those on the robot
 
     @property
@@ -290,11 +284,11 @@ class LiveRobot:
 
     def watch(self, show: Callable[[State], None], *, duration: float) -> None:
         """Show every state for a duration [s], or until Ctrl-C."""
-        end = self._clock() + duration
+        end = self.session.clock() + duration
         try:
             for state in self._states():
                 show(state)
-                if self._clock() >= end:
+                if self.session.clock() >= end:
                     return
         except KeyboardInterrupt:
             return
@@ -331,20 +325,13 @@ class LiveRobot:
 
         InputError if it fails or the link is lost.
         """
-
-        def move(position: SelfTestOutcome) -> None:
-            assert operator is not None
-            if position in _POSITIONS:
-                operator.move(_POSITIONS[position])
-            else:
-                operator.hold_upright()
-
-        outcome = self.session.self_test(move=move if operator else None, motors=motors, watch=watch)
+        move = operator.move if operator else None
+        outcome = self.session.self_test(move=move, motors=motors, watch=watch)
         if outcome in (SelfTestOutcome.PASSED, SelfTestOutcome.IMU_PASSED):
             return outcome
         state = self.session.state
-        wheel = state.self_test_wheel if state else 0
-        moved = MOVEMENTS[wheel - 1].words if 1 <= wheel <= len(MOVEMENTS) else "moved"
+        wheel = state.self_test_wheel if state else 0  # or the movement, of the IMU
+        moved = dict(enumerate(movement.words for movement in MOVEMENTS.values())).get(wheel)
         stop = stop_reason(state) if state else None
         text = _SELF_TESTS.get(outcome, "it did not run").format(wheel=wheel, moved=moved)
         if outcome == SelfTestOutcome.STOPPED and stop is not None:
@@ -383,10 +370,10 @@ class LiveRobot:
     ) -> Ending:
         """Send an armed robot the commander's references or torques until the time is over or the run ends."""
         samples: Samples | None = None
-        t, began = 0.0, self._clock()
+        t, began = 0.0, self.session.clock()
         try:
             for state in self._states():
-                if samples is None and not state.armed and self._clock() - began < _ARMING_TIME:
+                if samples is None and not state.armed and self.session.clock() - began < _ARMING_TIME:
                     continue  # from before the arming
                 if not state.armed or state.stop:
                     return Ending(kind="stop", text=_why_disarmed(state, t), t=t)

@@ -5,52 +5,49 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.log import Log
 from ballbot.simulation.held_robot import CAMERA_NOISE, HeldRobot
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Movement:
-    """How the person is to move the robot by hand, and the turn that it is from upright."""
+    """How the person is to move the robot by hand."""
 
     prompt: str  #: what to do, in one sentence
-    axis: int  #: of the turn: 0, 1, 2 for x, y, z
-    sign: int  #: of the turn about that axis
     words: str  #: what was done, to follow "when the robot was"
+    attitude: tuple[float, float, float]  #: theta, phi, psi of the emulated robot afterwards [deg]
 
 
-#: the body's movements from upright that show the axes of IMU and encoders
-MOVEMENTS = (
-    Movement(
-        prompt="Tilt its top forward by about 15 degrees and hold it there.",
-        axis=1,
-        sign=1,
-        words="tilted forward",
+#: by the position that the firmware waits for; those after the first show the axes of IMU and encoders
+MOVEMENTS = {
+    SelfTestOutcome.HOLD_UPRIGHT: Movement(
+        "Hold the robot upright and still on its ball, with a foot against the ball.",
+        "upright",
+        (0.0, 0.0, 0.0),
     ),
-    Movement(
-        prompt="Tilt its top to the left by about 15 degrees and hold it there.",
-        axis=0,
-        sign=-1,
-        words="tilted to the left",
+    SelfTestOutcome.TILT_FORWARD: Movement(
+        "Tilt its top forward by about 15 degrees and hold it there.", "tilted forward", (0.0, 15.0, 0.0)
     ),
-    Movement(
-        prompt="Turn it to the left (counter-clockwise from above) by about 45 degrees and hold it there.",
-        axis=2,
-        sign=1,
-        words="turned to the left",
+    SelfTestOutcome.TILT_LEFT: Movement(
+        "Tilt its top to the left by about 15 degrees and hold it there.",
+        "tilted to the left",
+        (-15.0, 0.0, 0.0),
     ),
-)
-UPRIGHT = "Hold the robot upright and still on its ball, with a foot against the ball."
+    SelfTestOutcome.TURN_LEFT: Movement(
+        "Turn it to the left (counter-clockwise from above) by about 45 degrees and hold it there.",
+        "turned to the left",
+        (0.0, 0.0, 45.0),
+    ),
+}
 
 
 class Operator(Protocol):
@@ -60,17 +57,9 @@ class Operator(Protocol):
         """Ask whether the robot may arm, and return the answer."""
         ...
 
-    def hold_upright(self) -> None:
-        """Ask to hold the robot upright and still; do not wait for it."""
+    def move(self, position: SelfTestOutcome) -> None:
+        """Ask to bring the robot into one of `MOVEMENTS`; do not wait for it."""
         ...
-
-    def move(self, movement: Movement) -> None:
-        """Ask for a movement from upright; do not wait for it."""
-        ...
-
-
-#: angle of the emulated operator's movements about x, y and z [rad]
-_ANGLES = (math.radians(15.0), math.radians(15.0), math.radians(45.0))
 
 
 #: what is typed at the terminal to let the robot arm
@@ -96,13 +85,9 @@ class TerminalOperator:
         self._say(f"Type {_CONFIRMATION} and press Enter within 10 s; anything else leaves it disarmed.")
         return sys.stdin.readline().strip() == _CONFIRMATION
 
-    def hold_upright(self) -> None:
+    def move(self, position: SelfTestOutcome) -> None:
         """Print what to do."""
-        self._say(UPRIGHT)
-
-    def move(self, movement: Movement) -> None:
-        """Print what to do."""
-        self._say(movement.prompt)
+        self._say(MOVEMENTS[position].prompt)
 
 
 class EmulatedOperator:
@@ -118,47 +103,26 @@ class EmulatedOperator:
         """Confirm."""
         return True
 
-    def hold_upright(self) -> None:
-        """Bring the robot back to upright."""
-        self._hand.tilt([0.0, 0.0, 0.0])
-
-    def move(self, movement: Movement) -> None:
+    def move(self, position: SelfTestOutcome) -> None:
         """Move the robot."""
-        attitude = [0.0, 0.0, 0.0]
-        attitude[movement.axis] = movement.sign * _ANGLES[movement.axis]
-        self._hand.tilt(attitude)
+        self._hand.tilt(np.radians(MOVEMENTS[position].attitude))
 
 
 class EmulatedCamera:
     """A camera above an emulated robot that is upside down: it adds the ball's angular velocity to the log."""
 
-    def __init__(
-        self,
-        hand: HeldRobot,
-        *,
-        clock: Callable[[], float],  # gives the robot's time [s]
-        sample_time: float,  # [s]
-        seed: int,  # of its noise
-    ) -> None:
-        self._hand, self._clock, self._step = hand, clock, sample_time
-        self._random = np.random.default_rng([seed, 23])
-        self._times: list[float] = []
-        self._omegas: list[NDArray[np.float64]] = []
-        self._began = math.inf  # time of the first row by the robot's clock [s]
+    def __init__(self, hand: HeldRobot, *, seed: int) -> None:
+        self._hand, self._random = hand, np.random.default_rng([seed, 23])
+        self._omegas = [hand.ball_omega]
 
-    def watch(self, t: float) -> None:
-        """Look at the ball, after the sample of a row's time t [s]."""
-        now = self._clock()
-        self._began = min(self._began, now - t)
-        self._times.append(now + self._step)  # the ball is a sample further on
+    def watch(self) -> None:
+        """Look at the ball after the sample of a row, by which it is a sample further on."""
         self._omegas.append(self._hand.ball_omega)
 
     def added_to(self, log: Log) -> Log:
         """Return a log with ball_omega_x, _y and _z."""
-        times, omegas = np.array(self._times), np.array(self._omegas)
-        noise = CAMERA_NOISE * self._random.standard_normal((len(log), 3))
-        columns = {
-            f"ball_omega_{axis}": np.interp(log.t + self._began, times, omegas[:, k]) + noise[:, k]
-            for k, axis in enumerate("xyz")
-        }
-        return log.with_columns(columns)
+        seen = np.array(self._omegas[: len(log)])
+        seen += CAMERA_NOISE * self._random.standard_normal(seen.shape)
+        return log.with_columns(
+            dict(zip(("ball_omega_x", "ball_omega_y", "ball_omega_z"), seen.T, strict=True))
+        )

@@ -11,9 +11,10 @@ cut off.
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Event, Thread
 
 from ballbot.errors import InputError
 from ballbot.files import check_file
@@ -42,8 +43,8 @@ class Recorder:
         #: why rows are no longer written, in one sentence; None as long as they are
         self.failure: str | None = None
         self._descriptor = _new_file(path)
-        self._rows: list[Sequence[float]] = []
-        self._lock, self._end = Lock(), Event()
+        self._rows: deque[Sequence[float]] = deque()
+        self._end = Event()
         self._write(",".join((*columns, "whole")) + "\n")
         self._thread = Thread(target=self._write_rows, name="recorder", daemon=True)
         self._thread.start()
@@ -62,17 +63,14 @@ class Recorder:
 
     def append(self, row: Sequence[float]) -> None:
         """Take a row, in the order of the columns; it is written within the interval. Never waits for the disk."""
-        with self._lock:
-            self._rows.append(row)
+        self._rows.append(row)
 
     def _write_rows(self) -> None:
         """Write the rows that have come, again and again until the end."""
         ended = False
         while not ended and self.failure is None:
             ended = self._end.wait(INTERVAL)
-            with self._lock:
-                rows, self._rows = self._rows, []
-            if rows:
+            if rows := [self._rows.popleft() for _ in range(len(self._rows))]:
                 self._write("".join(",".join(map(repr, map(float, row))) + ",1\n" for row in rows))
 
     def _write(self, text: str) -> None:

@@ -18,6 +18,7 @@ import os
 import select
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,13 +102,11 @@ class KeyboardReference:
             self._restore()
 
     def _new_bytes(self) -> bytes:
-        if self._gone or not select.select([self._descriptor], [], [], 0.0)[0]:
-            return b""
-        try:
-            data = os.read(self._descriptor, 1024)
-        except OSError:
-            data = b""
-        self._gone = not data
+        data = b""
+        if not self._gone and select.select([self._descriptor], [], [], 0.0)[0]:
+            with suppress(OSError):
+                data = os.read(self._descriptor, 1024)
+            self._gone = not data
         return data
 
 
@@ -149,14 +148,8 @@ def in_robot_frame(
     start: NDArray[np.float64],  # (3,) x, y [m] and psi [rad] of the robot at the start
 ) -> NDArray[np.float64]:
     """Return a reference (10,) in the frame of the start, in the frame in which the robot estimates its state."""
-    turned = (
-        _turned_state(reference, float(start[2]))
-        if reference[[2, 3, *range(5, 10)]].any()
-        else reference.copy()
-    )
-    turned[:2] = start[:2] + _turned(reference[:2], start[2])
-    psi = reference[4] + start[2]  # without the jump of a turn
-    turned[4] = psi + math.remainder(turned[4] - psi, 2.0 * math.pi) if turned[2:4].any() else psi
+    turned = _turned_state(reference, float(start[2]))
+    turned[:2] += start[:2]
     return turned
 
 

@@ -1,6 +1,6 @@
 """A session with a robot: handshake, watchdogs, arming in two steps, parameters.
 
-    session = Session(open_transport("/dev/ttyACM0"))
+    session = Session(SerialTransport("/dev/ttyACM0"))
     session.connect()
     session.self_test()
     session.arm(lambda: input("Type yes to arm: ") == "yes")
@@ -115,7 +115,7 @@ class Session:
         self.counts = LayerCounts()
         self.welcome: Welcome | None = None  #: of the handshake; None before it and after the link is lost
         self.state: State | None = None  #: the last one
-        self._clock = clock
+        self.clock = clock
         self._reader = FrameReader(TO_HOST, self.counts)
         self._session = 0
         self._sequence = 0
@@ -138,11 +138,11 @@ class Session:
         self.welcome, self.state, self._last = None, None, None
         self._queued = []
         self._session = secrets.randbelow(2**32 - 1) + 1
-        end = self._clock() + timeout
-        while self._clock() < end:
+        end = self.clock() + timeout
+        while self.clock() < end:
             self._write(hello)
-            resend = min(self._clock() + _ANSWER_TIME, end)
-            while self._clock() < resend:
+            resend = min(self.clock() + _ANSWER_TIME, end)
+            while self.clock() < resend:
                 self._queued += self._received(KEEP_INTERVAL)
                 if self.welcome is not None:
                     return self.welcome
@@ -159,7 +159,7 @@ class Session:
                     f"The robot's firmware has {name} of another version; export it again and flash it."
                 )
         self.welcome, self._session = welcome, welcome.session % 2**32
-        self._heard = self._clock()
+        self._heard = self.clock()
 
     @property
     def connected(self) -> bool:
@@ -172,10 +172,10 @@ class Session:
         LinkError if there is no session, or the robot has been silent for 50 ms.
         """
         queued, self._queued = self._queued, []
-        end = self._clock() + timeout
+        end = self.clock() + timeout
         messages = queued + self._step(0.0 if queued else min(timeout, KEEP_INTERVAL))
-        while not messages and self._clock() < end:
-            messages = self._step(min(KEEP_INTERVAL, end - self._clock()))
+        while not messages and self.clock() < end:
+            messages = self._step(min(KEEP_INTERVAL, end - self.clock()))
         return messages
 
     def _step(self, timeout: float) -> list[Message]:
@@ -183,13 +183,13 @@ class Session:
         if self.welcome is None:
             raise LinkError("There is no session with a robot; connect first.")
         try:
-            if self._clock() - self._sent >= KEEP_INTERVAL:
+            if self.clock() - self._sent >= KEEP_INTERVAL:
                 self._write(Keep())
             messages = self._received(timeout)
         except LinkError:
             self.welcome = None
             raise
-        now = self._clock()
+        now = self.clock()
         if messages:
             self._heard = now
         elif now - self._heard > WATCHDOG:
@@ -236,7 +236,7 @@ class Session:
     def _write(self, message: Message) -> int:
         self._sequence = (self._sequence + 1) % 65536
         self.transport.write(encode(message, session=self._session, sequence=self._sequence))
-        self._sent = self._clock()
+        self._sent = self.clock()
         return self._sequence
 
     def _exchange(
@@ -249,8 +249,8 @@ class Session:
         sent: set[int] = set()
         for _ in range(_ATTEMPTS):
             sent.add(self.send(message))
-            end = self._clock() + _ANSWER_TIME
-            while self._clock() < end:
+            end = self.clock() + _ANSWER_TIME
+            while self.clock() < end:
                 answer = None
                 for received in self._step(KEEP_INTERVAL):
                     if answer is None and wanted(received, sent):
@@ -280,10 +280,6 @@ class Session:
                 f"The robot refuses the command {type(message).__name__}: {reason(answer.result)}."
             )
 
-    def start_self_test(self) -> None:
-        """Let the robot begin its self-test; `state.self_test` has the result later. LinkError if it is armed."""
-        self._demand(SelfTest())
-
     def self_test(
         self,
         *,
@@ -299,7 +295,7 @@ class Session:
 
         LinkError if the robot is armed, does not answer, or does not end the test in time.
         """
-        self.start_self_test()
+        self._demand(SelfTest())
         seen, passed, waited_for = self.state, 0.0, None
         while passed < (timeout if waited_for is None else MOVING_TIME):
             before = self.state
@@ -314,13 +310,13 @@ class Session:
             outcome = SelfTestOutcome(self.state.self_test)
             if outcome is SelfTestOutcome.IMU_PASSED and motors:
                 self._queued.clear()  # the states of a minute
-                self.start_self_test()
+                self._demand(SelfTest())
                 seen, passed, waited_for = self.state, 0.0, None
             elif outcome in IMU_POSITIONS and move is not None:
                 if outcome is not waited_for:
                     waited_for, passed = outcome, 0.0
                     move(outcome)
-                    self._heard = self._clock()
+                    self._heard = self.clock()
             elif outcome not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
                 return outcome
         if waited_for is not None:
@@ -349,7 +345,7 @@ class Session:
         asked, _ = self._request(Arm(nonce=0, controller=controller, ramp=ramp))
         if asked.result != AnswerResult.CONFIRM or not confirm():
             return AnswerResult(asked.result)
-        self._heard = self._clock()  # the link was not read while the person decided
+        self._heard = self.clock()  # the link was not read while the person decided
         answer, resent = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
         if resent and answer.result == AnswerResult.ACTIVE:
             return AnswerResult.OK  # the answer to the first was lost

@@ -36,34 +36,19 @@ class LinkError(InputError):
     """The link to a robot failed; the text is one sentence."""
 
 
-def open_transport(
-    address: str,  # A serial port, with "?baud=N" if it is not 921600
-) -> Transport:
-    """Open the transport of an address.
-
-    InputError if the address is not valid. LinkError if the transport cannot be opened.
-    """
-    path, _, query = address.partition("?")
-    baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
-    if not path or not baud.isdecimal() or int(baud) == 0:
-        raise InputError(f"{address!r} is no serial port; write it as /dev/ttyACM0?baud={DEFAULT_BAUD}.")
-    return SerialTransport(path, baud=int(baud))
-
-
 class SerialTransport:
-    """A serial port.
+    """A serial port: "/dev/ttyACM0", "COM3" or a URL of pyserial, with "?baud=N" if it is not 921600.
 
-    LinkError if the port cannot be opened.
+    InputError if the address is not valid. LinkError if the port cannot be opened.
     """
 
-    def __init__(
-        self,
-        port: str,  # "/dev/ttyACM0", "COM3", or a URL of pyserial
-        *,
-        baud: int = DEFAULT_BAUD,  # bits a second
-    ) -> None:
+    def __init__(self, address: str) -> None:
+        port, _, query = address.partition("?")
+        baud = parse_qs(query).get("baud", [str(DEFAULT_BAUD)])[0]
+        if not port or not baud.isdecimal() or int(baud) == 0:
+            raise InputError(f"{address!r} is no serial port; write it as /dev/ttyACM0?baud={DEFAULT_BAUD}.")
         try:
-            self._port = serial.serial_for_url(port, baudrate=baud, timeout=0.0, write_timeout=0.1)
+            self._port = serial.serial_for_url(port, baudrate=int(baud), timeout=0.0, write_timeout=0.1)
         except (serial.SerialException, ValueError) as problem:
             reason = os.strerror(problem.errno) if isinstance(problem, OSError) and problem.errno else problem
             raise LinkError(f"The serial port {port} cannot be opened: {reason}.") from None

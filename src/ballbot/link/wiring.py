@@ -25,7 +25,6 @@ from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import LiveRobot
 from ballbot.link.messages import State
 from ballbot.link.operators import MOVEMENTS, Movement, Operator
-from ballbot.link.session import IMU_POSITIONS
 from ballbot.mechanics.geometry import rotation
 
 #: a wrong scale is another number of counts or gear; a hand and a ball that rolls a little make less
@@ -70,11 +69,12 @@ def measure_turns(
     InputError if the robot is not moved within a minute, the IMU's axes are wrong or were checked before, the encoders
     give nothing, or the link is lost.
     """
+    movements = list(MOVEMENTS.values())[1:]
     rests: list[State] = []  # the last state in each position that the firmware waited for, in order
 
     def take(state: State) -> None:
         watch(state)
-        if state.self_test in IMU_POSITIONS:
+        if state.self_test in MOVEMENTS:
             if not state.encoders_valid:
                 raise InputError("The encoders of the robot give nothing; check the cable and the driver.")
             if rests and rests[-1].self_test == state.self_test:
@@ -88,7 +88,7 @@ def measure_turns(
         if state is None or state.self_test != SelfTestOutcome.IMU_AXES or len(rests) < 2:
             raise
         raise InputError(f"{refusal} It turned {_words_of(_turned(*rests[-2:]))}.") from None
-    if outcome is not SelfTestOutcome.IMU_PASSED or len(rests) != 2 * len(MOVEMENTS):
+    if outcome is not SelfTestOutcome.IMU_PASSED or len(rests) != 2 * len(movements):
         raise InputError(
             "The IMU's axes were checked before; switch the robot off and on to check the wiring again."
         )
@@ -98,7 +98,7 @@ def measure_turns(
             attitude=_turned(before, after),
             wheels=robot.encoder_step * _counted(before, after)[: robot.wheel_count].astype(np.float64),
         )
-        for movement, before, after in zip(MOVEMENTS, rests[::2], rests[1::2], strict=True)
+        for movement, before, after in zip(movements, rests[::2], rests[1::2], strict=True)
     )
 
 
