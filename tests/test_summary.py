@@ -59,7 +59,12 @@ def limits() -> RobotLimits:
         heights=np.arange(9.0),
         lean=LimitBounds(lower=np.full(3, 0.2), upper=np.full(3, 0.3)),
         impulse=LimitBounds(lower=np.ones((9, 3)), upper=np.full((9, 3), 2.0)),
-        plane=Plane(direction=0.0, lean=1.0, rate=1.0, lower=kept, upper=kept),
+        plane=Plane(
+            **dict.fromkeys(("direction", "lower_area", "upper_area"), 0.0),
+            **dict.fromkeys(("lean", "rate"), 1.0),
+            **dict.fromkeys(("leans", "rates"), edge),
+            **dict.fromkeys(("lower", "upper"), kept),
+        ),
     )
 
 

@@ -214,7 +214,7 @@ def test_sensor_that_froze_is_refused_and_one_that_is_clipped_gets_a_warning(rob
         fit_swing(swing_of(truth.t, frozen, kind="angle", source="theta"))
     clipped = swing_of(truth.t, np.clip(truth.angle, -0.2, 0.2), kind="angle", source="theta")
     found = inertia_of_swing(fit_swing(clipped), robot)
-    assert [one.code for one in found.findings()] == ["swing-fit"]
+    assert [one.code for one in found.findings] == ["swing-fit"]
     # crossings of the middle have the frequency all the same
     assert found.about_ball_center.value == pytest.approx(4.37, rel=0.005)
 
@@ -223,7 +223,7 @@ def test_a_large_correct_swing_has_no_findings(robot: Robot) -> None:
     truth = swung(duration=25.0, h=0.02, amplitude=1.2)
     noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1)
     swing = swing_of(truth.t, noisy, kind="angle", source="theta")
-    assert [*inertia_of_swing(fit_swing(swing), robot).findings()] == []
+    assert inertia_of_swing(fit_swing(swing), robot).findings == ()
 
 
 def test_swing_of_another_body_gets_a_warning(robot: Robot) -> None:
@@ -231,6 +231,6 @@ def test_swing_of_another_body_gets_a_warning(robot: Robot) -> None:
     t = np.linspace(0.0, 25.0, 1251)
     angle, _ = pendulum(t, stiffness=0.5 * STIFFNESS, viscous=0.02, amplitude=0.2)
     fit = fit_swing(swing_of(t, angle, kind="angle", source="theta"))
-    findings = [*inertia_of_swing(fit, robot).findings()]
+    findings = inertia_of_swing(fit, robot).findings
     assert {one.severity for one in findings} == {"warning"}
     assert any("2 times the file's 4.37" in one.text for one in findings)

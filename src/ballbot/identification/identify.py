@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import Fit, FitOptions, fit
-from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.model_selection import Gain, gain_between
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.balancing import Balancing, WindowsIterate
@@ -48,7 +47,6 @@ from ballbot.identification.result_findings import parameter_findings, predictio
 from ballbot.identification.stages import StageEstimate, file_findings, with_sweep
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
-    Variation,
     alike_finding,
     discrepancy_finding,
     inseparable,
@@ -380,25 +378,6 @@ def _alike(
     return prepared, replace(again, other=estimate.other, searched=estimate.searched)
 
 
-def _uncertainty(
-    experiment: Balancing,
-    estimate: Fit[WindowsIterate],
-    logs: Sequence[Log],
-    *,
-    options: IdentificationOptions,
-) -> tuple[Uncertainty, Variation, list[Finding]]:
-    """Return the uncertainty from windows, between logs, of the torque scale and between wheels, and with the sweep."""
-    coordinates = experiment.coordinates
-    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    scale_errors = torque_scale_errors(list(logs), experiment.predictor.robot)
-    uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
-    uncertainty, findings = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # it does not vary between logs
-        uncertainty, findings = with_sweep(coordinates, uncertainty, options.sweep)
-    others = [*discrepancy_finding(estimate.discrepancy), *variation_findings(varied)]
-    return uncertainty, varied, [*findings, *others]
-
-
 #: number of groups of windows by speed
 _SPEED_GROUPS = 3
 
@@ -422,7 +401,13 @@ def _result(
     experiment, fitted = prepared.experiment, list(logs.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     layout = predictor.layout
-    uncertainty, varied, findings = _uncertainty(experiment, estimate, fitted, options=options)
+    # from windows, between logs, of the torque scale, between wheels, and with the sweep
+    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
+    scale_errors = torque_scale_errors(fitted, predictor.robot)
+    uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
+    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
+    if options.sweep is not None:  # it does not vary between logs
+        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     robot = found_robot(predictor.robot, layout, uncertainty, log_count=len(fitted), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
@@ -461,7 +446,9 @@ def _result(
                 other=estimate.other,
             ),
             *prediction_findings(held_out.with_over_without),
-            *findings,
+            *of_sweep,
+            *discrepancy_finding(estimate.discrepancy),
+            *variation_findings(varied),
             *file_findings(predictor.robot, balancing),
         ),
         other=estimate.other,
@@ -474,21 +461,16 @@ def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Se
     robot = predictor.robot
     names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
     by_name = list(zip(names, logs, strict=True))
-    corrupted = [finding for name, log in by_name for finding in _corrupted(log, robot, name)]
+    corrupted = list[Finding]()
+    for name, log in by_name:
+        rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
+        if rows.size:
+            text = (
+                f"In {name} {'one row is' if rows.size == 1 else f'{rows.size} rows are'} corrupted, the first at t = "
+                f"{log.t[rows[0]]:.6g} s. Windows with them are not used; `ballbot check-log` names the columns."
+            )
+            corrupted.append(warning("corrupted", text))
     chatter = {name: chatter_findings(log, robot, name) for name, log in by_name}
     shares = [share_shown(log, robot) for name, log in by_name if not chatter[name]]
     pivoting = heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra)
     return [*corrupted, *(finding for findings in chatter.values() for finding in findings), *pivoting]
-
-
-def _corrupted(log: Log, robot: Robot, name: str) -> list[Finding]:
-    """Return a warning if a log has corrupted rows."""
-    rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
-    if not rows.size:
-        return []
-    count = "one row is" if rows.size == 1 else f"{rows.size} rows are"
-    text = (
-        f"In {name} {count} corrupted, the first at t = {log.t[rows[0]]:.6g} s. "
-        "Windows with them are not used; `ballbot check-log` names the columns."
-    )
-    return [warning("corrupted", text)]

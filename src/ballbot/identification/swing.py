@@ -18,8 +18,9 @@ hung the body at the ball's centre, r = l). The errors of frequency, m, r and l 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -30,7 +31,7 @@ from scipy.special import ellipk, stdtrit
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
-from ballbot.findings import Finding, error, finding, finding_results, note, warning
+from ballbot.findings import Finding, by_severity, error, finding, finding_results, note, warning
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
@@ -323,9 +324,14 @@ class SwingInertia:
     about_pivot: SwingQuantity
     about_center_of_mass: SwingQuantity
     about_ball_center: SwingQuantity
+    log_findings: tuple[Finding, ...] = ()  #: of the recording
 
-    def findings(self) -> Iterator[Finding]:
-        """Yield findings against the result."""
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """The findings of the recording and against the result, errors first."""
+        return by_severity([*self.log_findings, *self._doubts()])
+
+    def _doubts(self) -> Iterator[Finding]:
         swing, mass, (first, _) = self.fit.swing, self.robot.body.mass, self.fit.amplitudes
         name = swing.source
         if first > _LARGE:
@@ -400,11 +406,11 @@ class SwingInertia:
             rows.append((f"inertia about the {name}", (about.value, about.half_width), "kg m^2"))
         return [[name, plus_minus(*number), unit] for name, number, unit in rows]
 
-    def to_dict(self, findings: Sequence[Finding] = ()) -> dict[str, object]:
+    def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json, SI units; half widths are those of 95 % intervals."""
         fit, numbers = self.fit, self._numbers
         results = {
-            "findings": finding_results([*findings, *self.notes()]),
+            "findings": finding_results([*self.findings, *self.notes()]),
             "source": fit.swing.source,
             "swings": fit.swing.swings,
             "amplitude_first": fit.amplitudes[0],

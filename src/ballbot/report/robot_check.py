@@ -42,7 +42,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    quantity, value, unit = swing.found.rows()[0] if swing else ("", "", "")
+    quantity, value, unit = swing.rows()[0] if swing else ("", "", "")
     on_twin = "How noise, delay and play change the run along the reference: `ballbot record` has them."
     vertical = "The inertia about the vertical axis: the body does not turn about it in a swing."
     return Result(
@@ -103,13 +103,9 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
     if swing := checked.swing:
         yield section(
             "The swing",
-            Sheet(
-                ("quantity", "value, 95 %", "unit"),
-                swing.found.rows(),
-                f"From {swing.found.fit.swing.source}.",
-            ),
-            Bullets([finding.text for finding in (*swing.findings, *swing.found.notes())]),
-            swing_series(swing.found.fit),
+            Sheet(("quantity", "value, 95 %", "unit"), swing.rows(), f"From {swing.fit.swing.source}."),
+            Bullets([finding.text for finding in (*swing.findings, *swing.notes())]),
+            swing_series(swing.fit),
         )
     if following := checked.following:
         caption = "Largest use of each limit."

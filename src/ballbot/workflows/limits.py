@@ -235,35 +235,12 @@ class Plane:
     direction: float  #: on the floor [rad]
     lean: float  #: largest of the plane, to both sides [rad]
     rate: float  #: the same of the lean's rate [rad/s]
+    leans: NDArray[np.float64] = field(metadata=left_out)  #: (`POINTS`,) [rad]
+    rates: NDArray[np.float64] = field(metadata=left_out)  #: (`POINTS`,) [rad/s]
     lower: NDArray[np.bool_] = field(metadata=left_out)  #: (leans, rates): no wheel slips
     upper: NDArray[np.bool_] = field(metadata=left_out)  #: if wheels never slip
-
-    @property
-    def leans(self) -> NDArray[np.float64]:
-        """The leans (`POINTS`,) [rad]."""
-        return np.linspace(-self.lean, self.lean, POINTS)
-
-    @property
-    def rates(self) -> NDArray[np.float64]:
-        """The lean rates (`POINTS`,) [rad/s]."""
-        return np.linspace(-self.rate, self.rate, POINTS)
-
-    def starts(self) -> NDArray[np.float64]:
-        """Return the states (leans * rates, 10)."""
-        return leaning_state(self.direction, np.repeat(self.leans, POINTS), np.tile(self.rates, POINTS))
-
-    @reported
-    def lower_area(self) -> float:
-        """Area of recovery in which no wheel slips [rad^2/s]."""
-        return self._area(self.lower)
-
-    @reported
-    def upper_area(self) -> float:
-        """Area of recovery if wheels never slip [rad^2/s]."""
-        return self._area(self.upper)
-
-    def _area(self, kept: NDArray[np.bool_]) -> float:
-        return float(kept.sum() * (self.leans[1] - self.leans[0]) * (self.rates[1] - self.rates[0]))
+    lower_area: float  #: of recovery in which no wheel slips [rad^2/s]
+    upper_area: float  #: if wheels never slip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -327,22 +304,25 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     worst = int(lean.lower.argmin())
     widest = float(lean.upper[worst])
     growth = float(loop.model.linearize().poles().real.max())
-    none = np.zeros((POINTS, POINTS), bool)
+    lean_end, rate_end = min(1.6 * widest, LARGEST_LEAN), 2.2 * growth * widest
+    leans, rates = (np.linspace(-end, end, POINTS) for end in (lean_end, rate_end))
+    starts = leaning_state(directions[worst], np.repeat(leans, POINTS), np.tile(rates, POINTS))
+    lower, upper = (each.recovers(starts).reshape(POINTS, POINTS) for each in (loop, unlimited))
+    lower_area, upper_area = (
+        float(kept.sum() * (leans[1] - leans[0]) * (rates[1] - rates[0])) for kept in (lower, upper)
+    )
     plane = Plane(
         direction=float(directions[worst]),
-        lean=min(1.6 * widest, LARGEST_LEAN),
-        rate=2.2 * growth * widest,
-        lower=none,
-        upper=none,
+        lean=lean_end,
+        rate=rate_end,
+        leans=leans,
+        rates=rates,
+        lower=lower,
+        upper=upper,
+        lower_area=lower_area,
+        upper_area=upper_area,
     )
-    lower, upper = (each.recovers(plane.starts()).reshape(none.shape) for each in (loop, unlimited))
-    return RobotLimits(
-        directions=directions,
-        heights=heights,
-        lean=lean,
-        impulse=impulse,
-        plane=replace(plane, lower=lower, upper=upper),
-    )
+    return RobotLimits(directions=directions, heights=heights, lean=lean, impulse=impulse, plane=plane)
 
 
 #: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario

@@ -21,7 +21,7 @@ from ballbot.control.presets import KINDS
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, finding_results, stop_on_errors
+from ballbot.findings import Finding, finding_results, stop_on_errors
 from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
@@ -85,14 +85,6 @@ _DURATION = 40.0
 _BEYOND = 3.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class CheckedSwing:
-    """A body's inertia by a free swing."""
-
-    found: SwingInertia
-    findings: tuple[Finding, ...]  #: of the recording, and against the result
-
-
 def check_swing(
     robot: Robot,
     file: Path,
@@ -101,7 +93,7 @@ def check_swing(
     deviation: float | None = None,
     column: str | None = None,
     accept: Collection[str] = (),
-) -> CheckedSwing:
+) -> SwingInertia:
     """Return a robot's inertia from the swing in a column of a log.
 
     InputError if the log has no swing, the swing has an error whose code is not accepted, or the pivot is not possible.
@@ -111,12 +103,12 @@ def check_swing(
     inertia = inertia_of_swing(
         fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
     )
-    findings = by_severity([*of_log, *inertia.findings()])
+    swing = replace(inertia, log_findings=tuple(of_log))
     stop_on_errors(
-        [replace(finding, where=replace(finding.where, file=str(file))) for finding in findings],
+        [replace(finding, where=replace(finding.where, file=str(file))) for finding in swing.findings],
         accept=accept,
     )
-    return CheckedSwing(found=inertia, findings=findings)
+    return swing
 
 
 def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
@@ -134,7 +126,7 @@ class CheckedRobot:
     robot: Robot
     findings: tuple[Finding, ...]  #: of the robot, errors first
     controller: str = "nominal"  #: whose margins are stated: "nominal", "precise" or a file
-    swing: CheckedSwing | None = None
+    swing: SwingInertia | None = None
     following: ReferenceMargins | None = None
 
     @cached_property
@@ -182,7 +174,7 @@ class CheckedRobot:
             "unstable_pole_uncertainty": self.spread,
             "loop_margins": {"controller": self.controller, **margins},
             "findings": finding_results(self.findings),
-            "swing": self.swing.found.to_dict(self.swing.findings) if self.swing else None,
+            "swing": self.swing,
             "reference": self.following,
         }
 
