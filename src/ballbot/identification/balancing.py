@@ -38,6 +38,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import Bools, Floats
 
 T = TypeVar("T")
 _STATES = len(STATE_NAMES)
@@ -58,14 +59,14 @@ class Starts:
     """Starts of n windows with their residuals and slopes; changed in place while they settle."""
 
     rows: NDArray[np.int64]  #: (n,), the windows
-    starts: NDArray[np.float64]  #: (n, 10)
-    residuals: NDArray[np.float64]  #: (n, 1 + k, 10), from the starts
-    slopes: NDArray[np.float64]  #: (n, m + 10, 1 + k, 10), by m free parameters and the start
-    slopes_at: NDArray[np.float64]  #: (n, 10), the starts at which the slopes are computed
-    slopes_from: NDArray[np.float64]  #: (n, 1 + k, 10), the residuals there
-    known: NDArray[np.bool_]  #: (n,), whether the slopes by parameters are computed yet
-    ties: NDArray[np.float64]  #: (n, m + 10, m + 10), of starts on kinks
-    others: NDArray[np.float64]  #: (n, o, 10), starts in other basins to try at the next point
+    starts: Floats  #: (n, 10)
+    residuals: Floats  #: (n, 1 + k, 10), from the starts
+    slopes: Floats  #: (n, m + 10, 1 + k, 10), by m free parameters and the start
+    slopes_at: Floats  #: (n, 10), the starts at which the slopes are computed
+    slopes_from: Floats  #: (n, 1 + k, 10), the residuals there
+    known: Bools  #: (n,), whether the slopes by parameters are computed yet
+    ties: Floats  #: (n, m + 10, m + 10), of starts on kinks
+    others: Floats  #: (n, o, 10), starts in other basins to try at the next point
 
     @staticmethod
     def joined(pieces: Sequence[Starts]) -> Starts:
@@ -73,7 +74,7 @@ class Starts:
         names = vars(pieces[0])
         return Starts(**{name: np.concatenate([vars(piece)[name] for piece in pieces]) for name in names})
 
-    def take_slopes(self, rows: NDArray[np.int64], other: Starts, chosen: NDArray[np.bool_]) -> None:
+    def take_slopes(self, rows: NDArray[np.int64], other: Starts, chosen: Bools) -> None:
         """Replace the slopes in rows by those in the chosen rows of another."""
         for name in ("slopes", "slopes_at", "slopes_from", "known"):
             vars(self)[name][rows] = vars(other)[name][chosen]
@@ -83,9 +84,9 @@ class Starts:
 class WindowsIterate:
     """A point of a descent."""
 
-    point: NDArray[np.float64]  #: (p,), scaled
+    point: Floats  #: (p,), scaled
     windows: Starts  #: settled there
-    weights: NDArray[np.float64]  #: (1 + k, 10), of the residuals of every window
+    weights: Floats  #: (1 + k, 10), of the residuals of every window
     cost: float
 
 
@@ -96,9 +97,7 @@ class Work:
     predictor: Predictor  #: with one thread
     windows: Windows
 
-    def residuals(
-        self, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def residuals(self, values: Floats, starts: Floats, rows: NDArray[np.int64]) -> Floats:
         """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
         windows, every = self.windows.take(rows), self.windows.comparison_interval
         later = self.predictor.residuals(values, windows, every=every, starts=starts)
@@ -110,9 +109,7 @@ def _called(work: Work, piece: tuple[Callable[..., T], *tuple[object, ...]]) -> 
     return function(work, *arguments)
 
 
-def _squares(
-    work: Work, values: NDArray[np.float64], starts: NDArray[np.float64], rows: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def _squares(work: Work, values: Floats, starts: Floats, rows: NDArray[np.int64]) -> Floats:
     """Return each window's squares (sets, rows, 10)."""
     return (work.residuals(values, starts, rows) ** 2).sum(axis=2)
 
@@ -130,16 +127,16 @@ class Balancing:
     windows: Windows
     coordinates: Coordinates
     #: which states (10,) count in the cost
-    counted: NDArray[np.bool_] = field(default_factory=lambda: np.ones(_STATES, dtype=bool))
+    counted: Bools = field(default_factory=lambda: np.ones(_STATES, dtype=bool))
     #: sums of squares (10,) that the cost is relative to; by default those without friction
-    reference: NDArray[np.float64] | None = None
+    reference: Floats | None = None
     executor: Executor = field(default_factory=Threads)  #: where the work is done
 
     #: v_s and delta have no effect without s
     dependences = (Dependence(through="stribeck", dependent=("stribeck_speed", "stribeck_exponent")),)
 
     @cached_property
-    def _relative_to(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _relative_to(self) -> tuple[Floats, Floats]:
         """The sums of squares (10,) that the cost is relative to, and its floor."""
         reference = self.reference
         if reference is None:
@@ -149,7 +146,7 @@ class Balancing:
             reference = self.predictor.square_sums(none, self.windows, every=every)[0]
         return reference, 1e-12 * reference + np.finfo(float).tiny
 
-    def _cost(self, square_sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _cost(self, square_sums: Floats) -> Floats:
         """Return the cost (sets,) of sums of squares (sets, 10), infinite if a prediction has no value."""
         reference, floor = self._relative_to
         ratios = (square_sums + floor) / (reference + floor)
@@ -175,9 +172,7 @@ class Balancing:
         """Return the experiment of some of the windows."""
         return replace(self, windows=self.windows.take(blocks))
 
-    def costs(
-        self, points: NDArray[np.float64], starts: NDArray[np.float64] | None = None
-    ) -> NDArray[np.float64]:
+    def costs(self, points: Floats, starts: Floats | None = None) -> Floats:
         """Return the costs (sets,) of points (sets, p) with starts (sets, w, 10), by default the measured ones."""
         values, costs = self.coordinates.physical(points), []
         if starts is None:
@@ -190,7 +185,7 @@ class Balancing:
             costs.append(self._cost(of_group.sum(axis=1)))
         return np.concatenate(costs)
 
-    def begin(self, point: NDArray[np.float64], near: WindowsIterate | None = None) -> WindowsIterate:
+    def begin(self, point: Floats, near: WindowsIterate | None = None) -> WindowsIterate:
         """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
         starts = self.windows.initial if near is None else near.windows.starts
         weights, _ = self._weighed(self._residuals(point, starts))
@@ -211,7 +206,7 @@ class Balancing:
             known.known[:] = True
         return self._linearized(known.slopes, known.residuals, at.weights, known.ties)
 
-    def linearize_widely(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> Linearized:
+    def linearize_widely(self, point: Floats, starts: Floats) -> Linearized:
         """Return the equations about a point (p,) and starts (w, 10), by wide central differences."""
         residuals = self._residuals(point, starts)
         weights, _ = self._weighed(residuals)
@@ -223,7 +218,7 @@ class Balancing:
         """Return each window's equations with the start eliminated, by wide central differences."""
         return self.linearize_widely(at.point, at.windows.starts).equations
 
-    def advance(self, at: WindowsIterate, about: Linearized, step: NDArray[np.float64]) -> WindowsIterate:
+    def advance(self, at: WindowsIterate, about: Linearized, step: Floats) -> WindowsIterate:
         """Return the iterate after a step (p,), with the starts settled there."""
         starts, others = at.windows.starts, at.windows.others.transpose(1, 0, 2)
         ahead = starts + about.response @ step
@@ -262,25 +257,19 @@ class Balancing:
         count = len(self.windows)
         return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
 
-    def _residuals(self, point: NDArray[np.float64], starts: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _residuals(self, point: Floats, starts: Floats) -> Floats:
         """Return the residuals (w, 1 + k, 10) at a point (p,) with starts (w, 10)."""
         values = self.coordinates.physical(point[None])
         return np.concatenate(self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1)[0]
 
-    def _settled(
-        self,
-        point: NDArray[np.float64],
-        weights: NDArray[np.float64],
-        offered: NDArray[np.float64],
-        others: NDArray[np.float64],
-    ) -> WindowsIterate:
+    def _settled(self, point: Floats, weights: Floats, offered: Floats, others: Floats) -> WindowsIterate:
         """Return the iterate at a point (p,), settled from the best of the starts (n, w, 10) and others (o, w, 10)."""
         about = _differences(self.coordinates, point, weights, _NARROW)
         settled = Starts.joined(self._each(_settled, lambda k: (about, offered[:, k], others[:, k], k)))
         weights, cost = self._weighed(settled.residuals)
         return WindowsIterate(point=point, windows=settled, weights=weights, cost=cost)
 
-    def _weighed(self, residuals: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    def _weighed(self, residuals: Floats) -> tuple[Floats, float]:
         """Return the weights (1 + k, 10) of residuals (w, 1 + k, 10), and their cost."""
         squares = (residuals**2).sum(axis=(0, 1))
         # the floor of the cost: for a state that nothing moves any weight will do
@@ -291,10 +280,10 @@ class Balancing:
 
     def _linearized(
         self,
-        slopes: NDArray[np.float64],
-        residuals: NDArray[np.float64],
-        weights: NDArray[np.float64],
-        ties: NDArray[np.float64] | float,
+        slopes: Floats,
+        residuals: Floats,
+        weights: Floats,
+        ties: Floats | float,
     ) -> Linearized:
         columns, size, count = np.flatnonzero(self.coordinates.free), len(self.coordinates.free), len(slopes)
         Z, r, m = _flat(slopes, weights), _flat(residuals, weights), len(columns)
@@ -310,10 +299,10 @@ class Balancing:
 class _Differences:
     """The points of finite differences: n ahead, then n behind, or one for all."""
 
-    values: NDArray[np.float64]  #: (n + n or 1, p), SI units
-    shifts: NDArray[np.float64]  #: (n + n or 1, 10), of the starts
-    distance: NDArray[np.float64]  #: (n,), from behind to ahead, scaled
-    weights: NDArray[np.float64]  #: (1 + k, 10)
+    values: Floats  #: (n + n or 1, p), SI units
+    shifts: Floats  #: (n + n or 1, 10), of the starts
+    distance: Floats  #: (n,), from behind to ahead, scaled
+    weights: Floats  #: (1 + k, 10)
 
     @property
     def parameters(self) -> int:
@@ -323,8 +312,8 @@ class _Differences:
 
 def _differences(
     coordinates: Coordinates,
-    point: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    point: Floats,
+    weights: Floats,
     widths: tuple[float, float],
     *,
     central: bool = False,
@@ -354,9 +343,9 @@ def _differences(
 def _lanes(
     work: Work,
     about: _Differences,
-    starts: NDArray[np.float64],
+    starts: Floats,
     rows: NDArray[np.int64],
-    residuals: NDArray[np.float64] | None = None,
+    residuals: Floats | None = None,
 ) -> Starts:
     """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals
@@ -378,7 +367,7 @@ def _lanes(
     )
 
 
-def _with_floor(about: _Differences, derivatives: NDArray[np.float64]) -> NDArray[np.float64]:
+def _with_floor(about: _Differences, derivatives: Floats) -> Floats:
     """Return derivatives (w, n, 1 + k, 10) with those by the place on the floor, which moves all rows alike."""
     m, (count, _, *shape) = about.parameters, derivatives.shape
     of_floor = np.zeros((count, _ON_FLOOR, *shape))
@@ -390,11 +379,11 @@ def _with_floor(about: _Differences, derivatives: NDArray[np.float64]) -> NDArra
 def _differences_of(
     work: Work,
     about: _Differences,
-    starts: NDArray[np.float64],
+    starts: Floats,
     rows: NDArray[np.int64],
     which: slice,
-    behind: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    behind: Floats | None = None,
+) -> Floats:
     """Return derivatives (rows, n, 1 + k, 10) by some points, with `behind` one-sided; zero without a value."""
     n = len(about.distance)
     ahead = work.residuals(about.values[:n][which], starts + about.shifts[:n][which][:, None], rows)
@@ -414,7 +403,7 @@ def _complete(work: Work, about: _Differences, lanes: Starts, rows: NDArray[np.i
         lanes.known[rows] = True
 
 
-def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+def _flat(values: Floats, weights: Floats) -> Floats:
     """Return residuals or derivatives (..., 1 + k, 10), weighted and flattened to (..., (1 + k) 10)."""
     with np.errstate(invalid="ignore", over="ignore"):
         flat = (values * weights).reshape(*values.shape[:-2], -1)
@@ -423,13 +412,7 @@ def _flat(values: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
-def _settled(
-    work: Work,
-    about: _Differences,
-    own: NDArray[np.float64],
-    others: NDArray[np.float64],
-    rows: NDArray[np.int64],
-) -> Starts:
+def _settled(work: Work, about: _Differences, own: Floats, others: Floats, rows: NDArray[np.int64]) -> Starts:
     """Return each window's start, settled from the best of those offered, and starts in other basins."""
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
@@ -466,7 +449,7 @@ def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
         S, r = _flat(lanes.slopes[active, m:], W), _flat(lanes.residuals[active], W)
         A, a = S @ S.transpose(0, 2, 1), (S @ r[..., None])[..., 0]
         own, A = A, A + ties[active][:, m:, m:]
-        shift: NDArray[np.float64] = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
+        shift: Floats = np.negative(np.linalg.solve(A, a[..., None])[..., 0], dtype=np.float64)
         promised = -(a * shift).sum(axis=1)
         unsettled = promised > _SETTLED
         if not unsettled.any():
@@ -513,12 +496,7 @@ def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
         lanes.starts[active[nearer]], lanes.residuals[active[nearer]] = on_kink[nearer], residuals[nearer]
 
 
-def _kink(
-    Z: NDArray[np.float64],
-    ahead: NDArray[np.float64],
-    change: NDArray[np.float64],
-    shift: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _kink(Z: Floats, ahead: Floats, change: Floats, shift: Floats) -> tuple[Floats, Floats]:
     """Return the kinks between two starts: normals (n, m + 10) of length 1 over the start, and distances (n,)."""
     # the jump Z' - Z is nearly of rank one, u n^T; its first singular vectors give u and n
     m = Z.shape[1] - _STATES
@@ -553,13 +531,13 @@ _APART, _BETTER = 0.02, 0.01
 def _renewed(
     work: Work,
     about: _Differences,
-    starts: NDArray[np.float64],
-    residuals: NDArray[np.float64],
-    slopes: NDArray[np.float64],
-    others: NDArray[np.float64],
+    starts: Floats,
+    residuals: Floats,
+    slopes: Floats,
+    others: Floats,
     seed: int,
     rows: NDArray[np.int64],
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
@@ -570,7 +548,7 @@ def _renewed(
     offered = np.concatenate([work.windows.initial[rows][None], others, random])
     predicted = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
 
-    def eliminated(r: NDArray[np.float64]) -> NDArray[np.float64]:
+    def eliminated(r: Floats) -> Floats:
         a = (S @ r[..., None])[..., 0]
         return (r**2).sum(axis=-1) - (a * np.linalg.solve(A, a[..., None])[..., 0]).sum(axis=-1)
 

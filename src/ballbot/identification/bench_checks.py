@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, error, warning
@@ -22,7 +21,7 @@ from ballbot.identification.axis.motion import inverse_model, motion_of
 from ballbot.identification.driveline import BALL_NAMES, LIMITED, Sweep
 from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
-from ballbot.log.columns import torque_names, wheel_speed_names
+from ballbot.log.columns import Floats, torque_names, wheel_speed_names
 from ballbot.log.signals import longest_repeat
 from ballbot.robot import Robot
 from ballbot.simulation.upside_down import ClampedBall
@@ -84,7 +83,7 @@ def upside_down_findings(robot: Robot, log: Log) -> tuple[Finding, ...]:
     return tuple(_of_torques(robot, fit.values[: len(names)].tolist(), explained, BALL_NAMES))
 
 
-def _frozen(t: NDArray[np.float64], values: NDArray[np.float64], names: Sequence[str]) -> Iterator[Finding]:
+def _frozen(t: Floats, values: Floats, names: Sequence[str]) -> Iterator[Finding]:
     """Yield an error if values (N, k) repeat all together for long, other than at rest."""
     moving = np.any(values != 0.0, axis=1, keepdims=True)
     first, last = longest_repeat(np.where(moving, values, np.nan))

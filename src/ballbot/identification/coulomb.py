@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.identification.quantities import Layout
+from ballbot.log.columns import Floats
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key, left_out, reported
 from ballbot.robot.friction_law import FrictionLaw
@@ -37,11 +37,11 @@ _STEP = 1e-4
 class CoulombEquivalent:
     """Equivalent Coulomb friction of each wheel."""
 
-    values: NDArray[np.float64]  #: c_e (n,) [N m]
-    standard_errors: NDArray[np.float64]  #: (n,) [N m]; NaN if c has none
-    speeds: NDArray[np.float64] = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
-    coulomb: NDArray[np.float64] = field(metadata=left_out)  #: c itself (n,) [N m]
-    coulomb_errors: NDArray[np.float64] = field(metadata=left_out)  #: its errors (n,) [N m]
+    values: Floats  #: c_e (n,) [N m]
+    standard_errors: Floats  #: (n,) [N m]; NaN if c has none
+    speeds: Floats = field(metadata=key("up_to_speed"))  #: W (n,) [rad/s]
+    coulomb: Floats = field(metadata=left_out)  #: c itself (n,) [N m]
+    coulomb_errors: Floats = field(metadata=left_out)  #: its errors (n,) [N m]
 
     @reported
     def compared(self) -> Literal["c", "c_e"]:
@@ -56,10 +56,10 @@ class CoulombEquivalent:
 
 def coulomb_equivalent(
     layout: Layout,
-    values: NDArray[np.float64],
+    values: Floats,
     *,
-    covariance: NDArray[np.float64],
-    wheel_speeds: NDArray[np.float64],
+    covariance: Floats,
+    wheel_speeds: Floats,
     law: FrictionLaw | None = None,
 ) -> CoulombEquivalent:
     """Return each wheel's c_e.
@@ -72,7 +72,7 @@ def coulomb_equivalent(
     x = (np.arange(_POINTS) + 0.5) / _POINTS
     driven = speeds[:, None] * x
 
-    def at(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(parameters: Floats) -> Floats:
         """Return c_e (n,): the integral of (4 - 6 x) times the dry friction, by the midpoint rule."""
         if law:
             parts = {name: layout.part(name, parameters) for name in law.takes}

@@ -26,7 +26,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
-from ballbot.log.columns import wheel_angle_names
+from ballbot.log.columns import Floats, wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
@@ -71,12 +71,12 @@ class Sweep:
     """One wheel's sweep."""
 
     wheel: int  #: from 1
-    t: NDArray[np.float64]  #: (N,) [s]
-    torque: NDArray[np.float64]  #: (N,) [N m]
-    speed: NDArray[np.float64]  #: (N,) [rad/s]
+    t: Floats  #: (N,) [s]
+    torque: Floats  #: (N,) [N m]
+    speed: Floats  #: (N,) [rad/s]
     limit: float  #: l [rad/s]
     inertia: float  #: j_w + j_r [kg m^2]
-    angle: NDArray[np.float64] | None = None  #: (N,) of the encoder at the wheel [rad]
+    angle: Floats | None = None  #: (N,) of the encoder at the wheel [rad]
 
     @property
     def sample_time(self) -> float:
@@ -155,12 +155,12 @@ class DrivelineFit(Plotted):
     """One driveline's friction; `plot()` shows it over speed."""
 
     wheel: int  #: from 1
-    values: NDArray[np.float64]  #: (4,) b, c, s, v_s
-    standard_errors: NDArray[np.float64]  #: (4,), NaN at a bound, and of v_s if s is zero
-    intervals: NDArray[np.float64]  #: (4, 2) ends of the 95 % intervals; friction is not below zero
-    correlation: NDArray[np.float64]  #: (4, 4), zero between those of which one has no standard error
-    predicted: NDArray[np.float64]  #: (N,) speed [rad/s], each piece from its first; NaN where it is limited
-    without: NDArray[np.float64]  #: (N,) without friction, the speed clamped as in (3.2)
+    values: Floats  #: (4,) b, c, s, v_s
+    standard_errors: Floats  #: (4,), NaN at a bound, and of v_s if s is zero
+    intervals: Floats  #: (4, 2) ends of the 95 % intervals; friction is not below zero
+    correlation: Floats  #: (4, 4), zero between those of which one has no standard error
+    predicted: Floats  #: (N,) speed [rad/s], each piece from its first; NaN where it is limited
+    without: Floats  #: (N,) without friction, the speed clamped as in (3.2)
     rmse: float  #: of `predicted` [rad/s]
     rmse_without: float  #: of `without` [rad/s]
     findings: tuple[Finding, ...] = ()
@@ -183,7 +183,7 @@ class DrivelineFit(Plotted):
         )
 
 
-def classical(values: NDArray[np.float64]) -> Classical:
+def classical(values: Floats) -> Classical:
     """Return the law of b, c, s, v_s (4,)."""
     b, c, s, v_s = values.tolist()
     return Classical(viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=1.0)
@@ -248,7 +248,7 @@ def robot_with_friction(robot: Robot, estimate: StageEstimate, *, source: str) -
     own, known = robot.friction, bool(np.isfinite(estimate.values[-1]))
     empty = replace(Friction.none(robot.wheel_count), rolling=own.rolling)
 
-    def robot_of(numbers: NDArray[np.float64]) -> Robot:
+    def robot_of(numbers: Floats) -> Robot:
         b, c, s = (tuple(row) for row in numbers[:-1].reshape(3, -1).tolist())
         v_s, delta = (float(numbers[-1]), 1.0) if known else (own.stribeck_speed, own.stribeck_exponent)
         shape = {"stribeck_speed": v_s, "stribeck_exponent": delta}

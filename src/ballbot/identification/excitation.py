@@ -22,7 +22,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
@@ -30,7 +29,7 @@ from ballbot.identification.prediction import ball_spin
 from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import wheel_speed_names
+from ballbot.log.columns import Bools, Floats, wheel_speed_names
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model
@@ -80,7 +79,7 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
 class Identifiability:
     """The parameters that the logs cannot determine."""
 
-    refused: NDArray[np.bool_]  #: (p,), free parameters that the logs cannot determine
+    refused: Bools  #: (p,), free parameters that the logs cannot determine
     findings: tuple[Finding, ...]  #: one for each reason
 
 
@@ -116,9 +115,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     return Identifiability(refused=refused, findings=tuple(findings))
 
 
-def _reasons(
-    windows: Windows, speeds: NDArray[np.float64], turning: NDArray[np.bool_]
-) -> Iterator[tuple[tuple[str, ...], int, str]]:
+def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple[tuple[str, ...], int, str]]:
     """Yield quantities that the windows do not determine, the wheel from 1 (0 for all), and the reason."""
     torque = np.sqrt((windows.torques**2).mean(axis=(0, 1)))
     mean, spread = speeds.mean(axis=(0, 1)), speeds.std(axis=(0, 1))

@@ -50,7 +50,7 @@ from ballbot.identification.turning import (
     poses_turning,
 )
 from ballbot.log import Log
-from ballbot.log.columns import wheel_angle_names
+from ballbot.log.columns import Floats, wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.results import key, reported, to_results
@@ -69,8 +69,8 @@ _LEAST_SHARE = 0.5
 
 
 def _increments(
-    totals: Sequence[tuple[Log, tuple[NDArray[np.float64], ...]]], *, window: float
-) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
+    totals: Sequence[tuple[Log, tuple[Floats, ...]]], *, window: float
+) -> tuple[list[Floats], NDArray[np.int64]]:
     """Return increments (w, .) of running totals (N, .) over complete windows, end to end, and their clusters (w,)."""
     increments, clusters = [], []
     for number, (log, columns) in enumerate(totals):
@@ -193,7 +193,7 @@ _LARGEST_CONDITION = 1e10
 def _fitted(
     kind: str,
     parameters: Sequence[FitParameter],
-    residuals: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    residuals: Callable[[Floats], Floats],
     clusters: NDArray[np.int64],
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
     """Fit parameters, from the file's values, to residuals (w, n) of windows in clusters (w,)."""
@@ -244,7 +244,7 @@ def _of_rolling(
     (wheels, rolls, turns, speeds), clusters = _increments(totals, window=ROLLING_WINDOW)
     wheels = wheels - wheels.mean(axis=1, keepdims=True)
 
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(p: Floats) -> Floats:
         level = np.column_stack([-np.cos(p[1 : 1 + n]), -np.sin(p[1 : 1 + n])])
         rolled = (rolls - p[2 + n] * speeds) / p[0]
         seen = (rolled - p[1 + n] * leaning * turns) @ level.T
@@ -273,7 +273,7 @@ def _of_upside_down(
         totals.append((log, (angles, Turning.of_rates(log.t, omega).total, omega)))
     (wheels, turns, rates), clusters = _increments(totals, window=UPSIDE_DOWN_WINDOW)
 
-    def residuals(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    def residuals(p: Floats) -> Floats:
         frame = Rotation.from_rotvec([p[2 + n], p[3 + n], 0.0])
         return wheels - p[0] * frame.apply(turns - p[4 + n] * rates) @ axles(p[2 : 2 + n], p[1]).T
 

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
@@ -26,6 +25,7 @@ from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
+from ballbot.log.columns import Floats
 from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.results import key
@@ -35,7 +35,7 @@ from ballbot.rounding import plus_minus
 HORIZONS = (0.1, 0.25, 0.5)
 
 #: from times (m,) [s] of rows to states (m, 10), NaN if unknown
-InitialStates = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+InitialStates = Callable[[Floats], Floats]
 
 #: blocks of neighbouring starts in the jackknife
 _BLOCKS = 10
@@ -65,7 +65,7 @@ class FrictionAtHorizon:
 
 
 def friction_by_horizon(
-    predictor: Predictor, values: NDArray[np.float64], log: Log, *, starts: InitialStates | None = None
+    predictor: Predictor, values: Floats, log: Log, *, starts: InitialStates | None = None
 ) -> tuple[FrictionAtHorizon, ...]:
     """Return the effect of friction, by parameters (p,), on the errors at each horizon.
 
@@ -107,7 +107,7 @@ def friction_by_horizon(
     return tuple(effects)
 
 
-def _errors(differences: NDArray[np.float64]) -> FrictionErrors:
+def _errors(differences: Floats) -> FrictionErrors:
     """Return the errors from differences (3, w, k) with friction, with its viscous part, and without."""
     with_friction, viscous, without = np.sqrt((differences**2).mean(axis=(1, 2))).tolist()
     effect = differences[2] - differences[0]

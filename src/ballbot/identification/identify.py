@@ -68,7 +68,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Bools, Floats, torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
@@ -109,7 +109,7 @@ class IdentificationOptions(FitOptions):
             raise InputError("Every state is excluded from the cost; at least one must remain.")
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Bools:
         """Which states (10,) count in the cost."""
         return ~np.isin(STATE_NAMES, self.excluded_states)
 
@@ -314,7 +314,7 @@ def prepare(
 _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 
 
-def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
+def fixed_starts(coordinates: Coordinates) -> Floats:
     """Return the scaled points (s, p) from which the search starts; quantities other than friction are nominal."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
     points, own_amounts = [], ("viscous", "coulomb", "stribeck", "rolling")
@@ -332,7 +332,7 @@ def fixed_starts(coordinates: Coordinates) -> NDArray[np.float64]:
     return np.array(points)
 
 
-def _values_of(coordinates: Coordinates, earlier: Identification) -> NDArray[np.float64]:
+def _values_of(coordinates: Coordinates, earlier: Identification) -> Floats:
     """Return the scaled parameters (p,) of an earlier identification; those that it lacks are nominal."""
     values = coordinates.nominal.copy()
     for name in coordinates.layout.names:
@@ -382,7 +382,7 @@ def _alike(
 _SPEED_GROUPS = 3
 
 
-def wheel_speeds(experiment: Balancing) -> NDArray[np.float64]:
+def wheel_speeds(experiment: Balancing) -> Floats:
     """Return the wheel speeds (w, 1 + m, n) [rad/s] in the windows."""
     windows = experiment.windows
     states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)

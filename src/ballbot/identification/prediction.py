@@ -28,13 +28,12 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import Span, Windows, common_sample_time, cut_windows
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import wheel_speed_names
+from ballbot.log.columns import Floats, wheel_speed_names
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
@@ -71,12 +70,12 @@ class Predictor:
 
     def residuals(
         self,
-        values: NDArray[np.float64],
+        values: Floats,
         windows: Windows,
         *,
         every: int,
-        starts: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+        starts: Floats | None = None,
+    ) -> Floats:
         """Return predicted less measured states (sets, w, m // every, 10), once `every` so many samples.
 
         `values` (sets, p) are in SI units, in the order of the layout; `starts` (sets, w, 10) replace the measured
@@ -102,30 +101,26 @@ class Predictor:
 
     def in_chunks(
         self,
-        values: NDArray[np.float64],
+        values: Floats,
         windows: Windows,
         *,
         every: int = 1,
-        starts: NDArray[np.float64] | None = None,
-    ) -> Iterator[NDArray[np.float64]]:
+        starts: Floats | None = None,
+    ) -> Iterator[Floats]:
         """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
         for first in range(0, len(windows), CHUNK):
             rows = np.arange(first, min(first + CHUNK, len(windows)))
             begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
             yield self.residuals(values, windows.take(rows), every=every, starts=begin)
 
-    def square_sums(
-        self, values: NDArray[np.float64], windows: Windows, *, every: int
-    ) -> NDArray[np.float64]:
+    def square_sums(self, values: Floats, windows: Windows, *, every: int) -> Floats:
         """Return the residuals' sums of squares over windows and time, (sets, 10)."""
         sums = np.zeros((len(values), 10))
         for residuals in self.in_chunks(values, windows, every=every):
             sums += (residuals**2).sum(axis=(1, 2))
         return sums
 
-    def _initial(
-        self, values: NDArray[np.float64], windows: Windows, starts: NDArray[np.float64] | None
-    ) -> NDArray[np.float64]:
+    def _initial(self, values: Floats, windows: Windows, starts: Floats | None) -> Floats:
         """Return the true initial states (sets, w, 10 or 11)."""
         shape = (len(values), *windows.initial.shape)
         initial = np.broadcast_to(windows.initial, shape) if starts is None else starts
@@ -136,7 +131,7 @@ class Predictor:
             initial = np.concatenate([initial, spin], axis=2)
         return initial
 
-    def _acting_torques(self, values: NDArray[np.float64], windows: Windows) -> NDArray[np.float64] | None:
+    def _acting_torques(self, values: Floats, windows: Windows) -> Floats | None:
         """Return the acting torques (sets, w, m, n); None if they are those logged."""
         part = self.layout.part
         gain, offset, delay = (part(name, values) for name in ("torque_gain", "torque_offset", "delay"))
@@ -156,9 +151,7 @@ class Predictor:
         u = u if gain is None else u * gain[:, None, None, :]
         return u if offset is None else u + offset[:, None, None, :]
 
-    def _sensor_offsets(
-        self, values: NDArray[np.float64], states: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _sensor_offsets(self, values: Floats, states: Floats, times: Floats) -> Floats:
         """Return the errors (sets, w, k, 10) of sensors with a bias at `times` (k,) [s]; (1,) without a bias."""
         lean, gyro = (self.layout.part(name, values) for name in ("lean_bias", "gyro_bias"))
         if lean is None and gyro is None:
@@ -175,9 +168,7 @@ class Predictor:
             offsets[..., psi] = about_z * times
         return offsets
 
-    def _seen_late(
-        self, values: NDArray[np.float64], lanes: Lanes, sample_time: float
-    ) -> NDArray[np.float64]:
+    def _seen_late(self, values: Floats, lanes: Lanes, sample_time: float) -> Floats:
         """Return the states (sets, w, m, 10) as sensors with delays show them; the first and last line are extended."""
         names, delays = len(STATE_NAMES), np.zeros((len(values), len(STATE_NAMES)))
         for name, late in _LATE.items():
@@ -199,7 +190,7 @@ class Predictor:
         later = np.take_along_axis(states, before[:, None] + 1, axis=2)
         return (1.0 - share) * earlier + share * later
 
-    def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> NDArray[np.float64]:
+    def _simulate(self, lanes: Lanes, *, sample_time: float, every: int) -> Floats:
         """Return the states (lanes, m // every, 10 or 11)."""
         law, wheels = self.robot.friction.own_law, self.robot.wheel_count
         return simulate_lanes(
@@ -212,7 +203,7 @@ class Predictor:
             lost_lanes=True,  # some parameters make a lane overflow
         ).states
 
-    def _packed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _packed(self, values: Floats) -> Floats:
         """Return the parameters as compiled code reads them (sets, size)."""
         robot, layout = self.robot, self.layout
         if set(RIGID) & set(layout.extra):
@@ -246,14 +237,12 @@ class Predictor:
         return "pivoting" in self.layout.extra
 
     @cached_property
-    def _own(self) -> NDArray[np.float64]:
+    def _own(self) -> Floats:
         """The robot's own parameters as compiled code reads them."""
         return pack(self.robot, "exact")
 
 
-def windows_for(
-    predictor: Predictor, upper: NDArray[np.float64], logs: Sequence[Log], *, duration: float
-) -> Windows:
+def windows_for(predictor: Predictor, upper: Floats, logs: Sequence[Log], *, duration: float) -> Windows:
     """Cut logs into windows, with the torques before them and the spin that parameters up to `upper` (p,) need."""
     layout, pivots = predictor.layout, "pivoting" in predictor.layout.extra
     sample_time, delay = common_sample_time(logs, duration=duration), layout.part("delay", upper)
@@ -266,7 +255,7 @@ def windows_for(
     )
 
 
-def ball_spin(log: Log, robot: Robot) -> NDArray[np.float64]:
+def ball_spin(log: Log, robot: Robot) -> Floats:
     """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
 
     The encoders measure A (z - w), with the rates w of the body and z = R^T Omega of the ball in the body frame, so the
@@ -291,8 +280,8 @@ class WindowErrors:
 
     spans: tuple[Span, ...]  #: (w,), the windows
     window_samples: int  #: samples compared in each window
-    squares_with: NDArray[np.float64]  #: (w, 10), sums of squared errors with friction
-    squares_without: NDArray[np.float64]  #: (w, 10), without friction
+    squares_with: Floats  #: (w, 10), sums of squared errors with friction
+    squares_without: Floats  #: (w, 10), without friction
 
     @property
     def samples(self) -> int:
@@ -300,12 +289,12 @@ class WindowErrors:
         return len(self.spans) * self.window_samples
 
     @property
-    def rmse_with(self) -> NDArray[np.float64]:
+    def rmse_with(self) -> Floats:
         """Root mean square error of each state (10,) with friction."""
         return np.sqrt(self.squares_with.sum(axis=0) / max(self.samples, 1))
 
     @property
-    def rmse_without(self) -> NDArray[np.float64]:
+    def rmse_without(self) -> Floats:
         """Root mean square error of each state (10,) without friction."""
         return np.sqrt(self.squares_without.sum(axis=0) / max(self.samples, 1))
 
@@ -331,7 +320,7 @@ class WindowErrors:
         return {"windows": len(self.spans), "samples": self.samples, **by_state}
 
 
-def window_errors(predictor: Predictor, windows: Windows, values: NDArray[np.float64]) -> WindowErrors:
+def window_errors(predictor: Predictor, windows: Windows, values: Floats) -> WindowErrors:
     """Return the errors of predictions by parameters (p,), with friction and without."""
     both = np.stack([values, predictor.layout.without_friction(values)])
     squares = [(residuals**2).sum(axis=2) for residuals in predictor.in_chunks(both, windows)]

@@ -19,12 +19,12 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arguments import names_listed
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
+from ballbot.log.columns import Floats
 from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
@@ -51,7 +51,7 @@ def rotor_inertia(robot: Robot) -> Sequence[float]:
     return (robot.drive.reflected_inertia,)
 
 
-def with_rigid_body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Robot:
+def with_rigid_body(robot: Robot, quantities: Mapping[str, Floats]) -> Robot:
     """Return the robot with these quantities of `RIGID`.
 
     Products of inertia scale in proportion, S_xy by the ratio of new to old sqrt(S_x S_y), which keeps a positive
@@ -72,7 +72,7 @@ def with_rigid_body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]])
     return robot.replace(ball=ball, body=body, wheels=wheels, drive=drive)
 
 
-def _body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Body:
+def _body(robot: Robot, quantities: Mapping[str, Floats]) -> Body:
     S = _second_moment_matrix(robot)
     if "second_moment" in quantities:
         ratio = np.sqrt(quantities["second_moment"] / np.array(second_moments(robot)))
@@ -88,7 +88,7 @@ def _body(robot: Robot, quantities: Mapping[str, NDArray[np.float64]]) -> Body:
     return replace(robot.body, center_of_mass=height, inertia=(xx, yy, zz, xy, xz, yz))
 
 
-def _second_moment_matrix(robot: Robot) -> NDArray[np.float64]:
+def _second_moment_matrix(robot: Robot) -> Floats:
     J = robot.body.inertia_about_center_of_mass()
     return 0.5 * np.trace(J) * np.eye(3) - J
 
@@ -134,12 +134,12 @@ class Quantity:
         """The value without effect."""
         return 1.0 if self.scale == "ratio" else 0.0
 
-    def nominal(self, robot: Robot) -> NDArray[np.float64]:
+    def nominal(self, robot: Robot) -> Floats:
         """Return the robot's own values, or the neutral ones."""
         count = len(self.labels(robot.wheel_count))
         return np.full(count, self.neutral) if self.own is None else np.array(self.own(robot), dtype=float)
 
-    def limits(self, robot: Robot) -> NDArray[np.float64]:
+    def limits(self, robot: Robot) -> Floats:
         """Return the default bounds of its numbers (k, 2); InputError if a lower and an upper one are equal."""
         count = len(self.labels(robot.wheel_count))
         unit = np.ones(count) if self.share_of is None else np.array(self.share_of(robot))
@@ -348,25 +348,25 @@ class Layout:
         """Return the columns of a quantity in a row of parameters, None if it is not among them."""
         return self._columns.get(name)
 
-    def part(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    def part(self, name: str, values: Floats) -> Floats | None:
         """Return a quantity's numbers (..., k) from rows of parameters (..., p), None if it is not among them."""
         columns = self.columns(name)
         return None if columns is None else values[..., columns]
 
-    def number(self, name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def number(self, name: str, values: Floats) -> Floats:
         """Return a quantity of one number (...) from rows of parameters (..., p)."""
         return values[..., self._columns[name]][..., 0]
 
-    def nominal(self, robot: Robot) -> NDArray[np.float64]:
+    def nominal(self, robot: Robot) -> Floats:
         """Return the parameters (p,) before identification."""
         return np.concatenate([BY_NAME[name].nominal(robot) for name in self.names])
 
-    def with_rigid_body(self, robot: Robot, values: NDArray[np.float64]) -> Robot:
+    def with_rigid_body(self, robot: Robot, values: Floats) -> Robot:
         """Return the robot with the rigid body from parameters (p,), as far as it is among them."""
         quantities = {name: part for name in RIGID if (part := self.part(name, values)) is not None}
         return with_rigid_body(robot, quantities) if quantities else robot
 
-    def robot_of(self, robot: Robot, values: NDArray[np.float64], *, asymmetric: bool = False) -> Robot:
+    def robot_of(self, robot: Robot, values: Floats, *, asymmetric: bool = False) -> Robot:
         """Return the robot with friction and rigid body from parameters (p,).
 
         Terms of friction that are not among them are removed. If `asymmetric`, the torque offset is a difference of
@@ -393,9 +393,7 @@ class Layout:
         )
         return self.with_rigid_body(robot.replace(friction=friction), values)
 
-    def without_friction(
-        self, values: NDArray[np.float64], *, keep: Sequence[str] = ()
-    ) -> NDArray[np.float64]:
+    def without_friction(self, values: Floats, *, keep: Sequence[str] = ()) -> Floats:
         """Return parameters (..., p) without friction, except the quantities to `keep`."""
         result = values.copy()
         for name in (*FRICTION, *TERMS, *self.own):
@@ -404,7 +402,7 @@ class Layout:
                 part[...] = BY_NAME[name].neutral
         return result
 
-    def by_symbol(self, values: NDArray[np.float64]) -> dict[str, list[float] | float]:
+    def by_symbol(self, values: Floats) -> dict[str, list[float] | float]:
         """Return parameters (p,) as {"b": [..], "c": [..], "s": [..], "v_s": .., "delta": .., "C_rr": .., ..}."""
         table: dict[str, list[float] | float] = {}
         for name, columns in self._columns.items():
@@ -413,11 +411,11 @@ class Layout:
         return table
 
 
-def _shaped_like(value: Value, numbers: NDArray[np.float64]) -> Value:
+def _shaped_like(value: Value, numbers: Floats) -> Value:
     return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
 
 
-def _within(values: NDArray[np.float64], sizes: Sequence[float]) -> tuple[float, ...]:
+def _within(values: Floats, sizes: Sequence[float]) -> tuple[float, ...]:
     """Return values (n,) clipped to plus and minus these sizes (n,)."""
     return tuple(np.clip(values, np.negative(sizes), sizes).tolist())
 

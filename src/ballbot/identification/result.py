@@ -36,6 +36,7 @@ from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import Bools, Floats
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits
@@ -55,7 +56,7 @@ class Identification(Plotted):
     robot: Robot  #: with the friction found
     predictor: Predictor  #: predicts windows by any such parameters
     uncertainty: Uncertainty  #: of the estimate, including the variation between logs
-    unknown: NDArray[np.bool_]  #: (p,), without influence on the logs, or not excited by them
+    unknown: Bools  #: (p,), without influence on the logs, or not excited by them
     variation: Variation  #: between logs, and intervals of the estimate from another log
     coulomb: CoulombEquivalent  #: to compare logs and robots; see `ballbot.identification.coulomb`
     fit: WindowErrors  #: on the windows fitted
@@ -80,12 +81,12 @@ class Identification(Plotted):
         return self.layout.labels
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Floats:
         """The parameters (p,), SI units."""
         return self.uncertainty.coordinates.physical(self.uncertainty.point)
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """Standard errors (p,), SI units; NaN if a parameter has none: no influence, at a bound, or held."""
         return self.uncertainty.standard_errors
 
@@ -100,7 +101,7 @@ class Identification(Plotted):
         return self.layout.by_symbol(self.errors)
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Floats:
         """Lower and upper bounds (p, 2), SI units; equal for a parameter that is held."""
         return np.stack([self.uncertainty.coordinates.lower, self.uncertainty.coordinates.upper], axis=1)
 
@@ -115,17 +116,17 @@ class Identification(Plotted):
         return self.variation.predictions
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
+    def correlation(self) -> Floats:
         """Correlation matrix of the parameters (p, p); NaN for parameters without a standard error."""
         return self.uncertainty.correlation
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """Covariance (p, p), SI units, as in the robot's file; NaN for parameters without a standard error."""
         return self.correlation * np.outer(self.errors, self.errors)
 
     @property
-    def assumed_covariance(self) -> NDArray[np.float64]:
+    def assumed_covariance(self) -> Floats:
         """`covariance`, with the variance of a uniform distribution over the interval where there is no error."""
         assumed = np.nan_to_num(self.covariance)
         for index, (low, high) in ends_without_error(self.uncertainty).items():
@@ -141,7 +142,7 @@ class Identification(Plotted):
         return tuple(name for name in self.layout.names if name not in zero)
 
     @property
-    def counted(self) -> NDArray[np.bool_]:
+    def counted(self) -> Bools:
         """Which states (10,) counted in the fit."""
         return ~np.isin(STATE_NAMES, self.excluded_states)
 
@@ -323,11 +324,11 @@ class Verdict:
 
 
 def verdict_of(
-    squares: NDArray[np.float64],
-    without: NDArray[np.float64],
+    squares: Floats,
+    without: Floats,
     spans: Sequence[Span],
     *,
-    lean: NDArray[np.bool_] | None = None,
+    lean: Bools | None = None,
     at_end: Sequence[str] = (),
     disagree: Sequence[str] = (),
 ) -> Verdict:
@@ -339,7 +340,7 @@ def verdict_of(
     """
     logs = np.array([span.log for span in spans])
 
-    def gain_on(rows: NDArray[np.intp], states: NDArray[np.bool_] | slice = slice(None)) -> Gain:
+    def gain_on(rows: NDArray[np.intp], states: Bools | slice = slice(None)) -> Gain:
         blocks = window_blocks([spans[row] for row in rows.tolist()])
         return gain_between(squares[rows][:, states], without[rows][:, states], blocks)
 

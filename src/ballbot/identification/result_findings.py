@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Coordinates
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine the sum or ratio of two parameters but not each
@@ -61,8 +61,8 @@ def parameter_findings(
     coordinates: Coordinates,
     uncertainty: Uncertainty,
     *,
-    no_influence: NDArray[np.bool_],
-    at_bound: NDArray[np.bool_],
+    no_influence: Bools,
+    at_bound: Bools,
     other: OtherOptimum | None,
 ) -> list[Finding]:
     """Return findings on the parameters (p,) that the logs do not determine."""
@@ -130,7 +130,7 @@ def interval_findings(intervals: Mapping[str, Interval]) -> list[Finding]:
     ]
 
 
-def correlation_findings(labels: tuple[str, ...], correlation: NDArray[np.float64]) -> list[Finding]:
+def correlation_findings(labels: tuple[str, ...], correlation: Floats) -> list[Finding]:
     """Return findings on parameters that the logs cannot separate, and experiments that would.
 
     They are pairs, and sets of three or more that are collinear: the diagonal of the inverse correlation matrix is the
@@ -169,9 +169,7 @@ def _experiment(first: str, second: str) -> str:
     return next((text for those, text in _EXPERIMENTS.items() if symbols <= set(those.split())), "")
 
 
-def optimum_findings(
-    coordinates: Coordinates, point: NDArray[np.float64], other: OtherOptimum | None
-) -> list[Finding]:
+def optimum_findings(coordinates: Coordinates, point: Floats, other: OtherOptimum | None) -> list[Finding]:
     """Return the finding on another optimum than that at scaled parameters (p,)."""
     if other is None:
         return []

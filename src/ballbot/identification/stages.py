@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from ballbot.control.overcompensation import stated_covariance
@@ -38,6 +37,7 @@ from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
 from ballbot.identification.quantities import Coordinates, Layout
+from ballbot.log.columns import Floats
 from ballbot.robot import Robot
 
 #: that of three standard deviations. At two, one comparison in twenty would be a false alarm, and one in nine if a
@@ -53,8 +53,8 @@ class StageEstimate:
 
     source: str  #: the stage in words, as "the sweep"
     labels: tuple[str, ...]  #: (k,) "b1", "c1", ..., "C_rr"
-    values: NDArray[np.float64]  #: (k,), SI units
-    covariance: NDArray[np.float64]  #: (k, k); NaN, infinite or zero for a number without standard error
+    values: Floats  #: (k,), SI units
+    covariance: Floats  #: (k, k); NaN, infinite or zero for a number without standard error
 
     def among(self, labels: list[str]) -> StageEstimate:
         """Return the estimates of these labels, in their order."""
@@ -67,7 +67,7 @@ class StageEstimate:
         )
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """Standard errors (k,)."""
         return np.sqrt(self.covariance.diagonal())
 
@@ -126,7 +126,7 @@ _SYMBOLS = ("b", "c")
 _QUANTITIES = ("viscous", "coulomb")
 
 
-def sweep_of(values: NDArray[np.float64], covariances: NDArray[np.float64]) -> StageEstimate:
+def sweep_of(values: Floats, covariances: Floats) -> StageEstimate:
     """Return the estimate of a sweep from b [N m s/rad] and c [N m] (n, 2) and their covariances (n, 2, 2)."""
     n = len(values)
     C = np.zeros((2 * n, 2 * n))
@@ -190,8 +190,8 @@ def with_sweep(
 
 
 def combine(
-    layout: Layout, values: NDArray[np.float64], covariance: NDArray[np.float64], sweep: StageEstimate
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Finding, ...]]:
+    layout: Layout, values: Floats, covariance: Floats, sweep: StageEstimate
+) -> tuple[Floats, Floats, tuple[Finding, ...]]:
     """Return the estimate from logs and sweep together, its covariance, and findings.
 
     `covariance` (p, p) is that of the logs' `values` (p,), NaN for parameters without a standard error, which the sweep

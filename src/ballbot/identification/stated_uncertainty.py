@@ -12,12 +12,12 @@ from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
 from ballbot.identification.quantities import FRICTION, Layout
+from ballbot.log.columns import Floats
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of
@@ -60,7 +60,7 @@ def found_robot(
             of = " of S_x, S_y, S_z" if name == "second_moment" else ""
             sources |= dict.fromkeys(lines, f"identified: from {logs}, standard error{of} {numbers}")
 
-    def robot_of(parameters: NDArray[np.float64]) -> Robot:
+    def robot_of(parameters: Floats) -> Robot:
         return layout.robot_of(robot, parameters, asymmetric=asymmetric)
 
     return with_uncertainty(
@@ -75,9 +75,9 @@ def found_robot(
 
 def with_uncertainty(
     robot: Robot,
-    robot_of: Callable[[NDArray[np.float64]], Robot],
-    values: NDArray[np.float64],
-    covariance: NDArray[np.float64],
+    robot_of: Callable[[Floats], Robot],
+    values: Floats,
+    covariance: Floats,
     *,
     names: Collection[str],
     ends: Mapping[int, tuple[float, float]] = MappingProxyType({}),
@@ -90,7 +90,7 @@ def with_uncertainty(
     names = [name for name in BY_NAME if name in set(names) and value_of(robot, BY_NAME[name]) != ()]
     covariance, numbers = np.nan_to_num(covariance), _numbers(robot, names)
 
-    def with_value(index: int, value: float) -> NDArray[np.float64] | None:
+    def with_value(index: int, value: float) -> Floats | None:
         """Return the numbers with another value of one parameter; None if no robot has it."""
         moved = values.copy()
         moved[index] = value
@@ -134,7 +134,7 @@ def with_uncertainty(
     )
 
 
-def _numbers(robot: Robot, names: Collection[str]) -> NDArray[np.float64]:
+def _numbers(robot: Robot, names: Collection[str]) -> Floats:
     """Return the numbers of these parameters, one after another."""
     values = [np.atleast_1d(np.asarray(value_of(robot, BY_NAME[name]), dtype=np.float64)) for name in names]
     return np.concatenate([np.empty(0), *values])

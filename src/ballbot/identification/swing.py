@@ -25,7 +25,6 @@ from typing import Literal
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipk, stdtrit
 
@@ -38,7 +37,7 @@ from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
-from ballbot.log.columns import unit_of
+from ballbot.log.columns import Floats, unit_of
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import plus_minus
@@ -61,8 +60,8 @@ _LARGEST_RATE = 2.5
 class Swing:
     """A free swing, from a pass through the middle on, untouched until the last row."""
 
-    t: NDArray[np.float64]  #: (n,) [s]
-    values: NDArray[np.float64]  #: (n,) [rad] or [rad/s], with any offset
+    t: Floats  #: (n,) [s]
+    values: Floats  #: (n,) [rad] or [rad/s], with any offset
     kind: Kind
     period: float  #: approximate [s]
     source: str  #: sensor or file, in words
@@ -97,7 +96,7 @@ def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
     return swing_of(log.t, log[most], kind="rate" if rate else "angle", source=most)
 
 
-def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind, source: str) -> Swing:
+def swing_of(t: Floats, values: Floats, *, kind: Kind, source: str) -> Swing:
     """Return the free swing within a recording, from the first pass through the middle after the largest swing.
 
     The values (n,) [rad] or [rad/s] may have an offset; the times (n,) [s] increase; `source` is the sensor in words.
@@ -141,7 +140,7 @@ def swing_of(t: NDArray[np.float64], values: NDArray[np.float64], *, kind: Kind,
     return Swing(t=t[start:end], values=values[start:end], kind=kind, period=period, source=source)
 
 
-def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
+def _period(t: Floats, centred: Floats) -> float:
     """Return the period of the largest line in the spectrum [s]."""
     h = float(np.median(np.diff(t)))
     even = np.interp(np.arange(t[0], t[-1], h), t, centred)
@@ -156,9 +155,7 @@ def _period(t: NDArray[np.float64], centred: NDArray[np.float64]) -> float:
 _STEP = 0.03
 
 
-def pendulum_motion(
-    p: NDArray[np.float64], t: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def pendulum_motion(p: Floats, t: Floats) -> tuple[Floats, Floats]:
     """Return angle [rad] and rate [rad/s] (n,) at times t (n,) of a pendulum.
 
     `p` begins with omega_n^2 [1/s^2], beta [1/s], kappa [1/s^2], and angle and rate at t_0. The axis's steps are of
@@ -171,7 +168,7 @@ def pendulum_motion(
     rows = max(1, math.ceil(span * math.sqrt(max(abs(stiffness), 1e-12)) / _STEP))
     start, first = np.array([[angle, rate]]), np.array([0])
 
-    def simulated(count: int) -> NDArray[np.float64]:
+    def simulated(count: int) -> Floats:
         return pendulum.windows(np.zeros(count), span / count, first, np.array([count]), start)
 
     states = np.concatenate([start, (4.0 * simulated(2 * rows)[1::2] - simulated(rows)) / 3.0])
@@ -179,7 +176,7 @@ def pendulum_motion(
     return motion(t), motion(t, 1)
 
 
-def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
+def pendulum_experiment(swing: Swing) -> tuple[Residuals, Floats]:
     """Return the experiment and start values (6,); friction may be below zero, so that intervals contain zero."""
     first = swing.values[swing.t - swing.t[0] <= swing.period]
     size, omega = 0.5 * float(np.ptp(first)), 2.0 * np.pi / swing.period
@@ -207,7 +204,7 @@ def pendulum_experiment(swing: Swing) -> tuple[Residuals, NDArray[np.float64]]:
     return experiment, np.array([omega**2, 0.0, 0.0, angle, rate, zero])
 
 
-def _sensed(p: NDArray[np.float64], swing: Swing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _sensed(p: Floats, swing: Swing) -> tuple[Floats, Floats]:
     """Return the angle [rad] and the sensor's value, both (n,)."""
     angles, rates = pendulum_motion(p, swing.t)
     return angles, (angles if swing.kind == "angle" else rates) + p[5]
@@ -224,9 +221,9 @@ class SwingFit:
     """A pendulum fitted to a swing."""
 
     swing: Swing
-    values: NDArray[np.float64]  #: (6,) omega_n^2, beta, kappa, first angle, first rate and zero
-    half_widths: NDArray[np.float64]  #: (6,) half widths of their 95 % intervals, clustered by swing
-    predicted: NDArray[np.float64]  #: (n,) the sensor's value by the fit [rad] or [rad/s]
+    values: Floats  #: (6,) omega_n^2, beta, kappa, first angle, first rate and zero
+    half_widths: Floats  #: (6,) half widths of their 95 % intervals, clustered by swing
+    predicted: Floats  #: (n,) the sensor's value by the fit [rad] or [rad/s]
     amplitudes: tuple[float, float]  #: largest angle in the first and in the last swing [rad]
 
     @property
@@ -450,7 +447,7 @@ def inertia_of_swing(
             f"{pivot['deviation']:g} m; the distance must be above zero, the deviation zero or more."
         )
 
-    def inertias(omega: float, m: float, r: float, height: float) -> NDArray[np.float64]:
+    def inertias(omega: float, m: float, r: float, height: float) -> Floats:
         """Return the inertias about the pivot, the centre of mass and the ball's centre."""
         about = m * robot.gravity * r / omega**2  # (Appendix III)
         return about + m * np.array([0.0, -(r**2), height**2 - r**2])

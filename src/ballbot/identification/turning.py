@@ -30,6 +30,7 @@ from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.log.pose import Poses
 
 GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
@@ -42,18 +43,18 @@ _LONGEST_BRIDGE = 0.06
 class Turning:
     """Running totals of a body's rotation, in the body frame."""
 
-    t: NDArray[np.float64]  #: (N,) [s], on the clock of its source
-    total: NDArray[np.float64]  #: (N, 3) [rad]
-    missing: NDArray[np.float64]  #: (N,) running number of steps with unknown rotation
+    t: Floats  #: (N,) [s], on the clock of its source
+    total: Floats  #: (N, 3) [rad]
+    missing: Floats  #: (N,) running number of steps with unknown rotation
 
     @staticmethod
-    def of(t: NDArray[np.float64], steps: NDArray[np.float64], known: NDArray[np.bool_]) -> Turning:
+    def of(t: Floats, steps: Floats, known: Bools) -> Turning:
         """Return the totals of steps (N - 1, 3) [rad] between times (N,) [s]; unknown steps are missing."""
         total = np.concatenate([np.zeros((1, 3)), np.cumsum(np.where(known[:, None], steps, 0.0), axis=0)])
         return Turning(t=t, total=total, missing=np.concatenate([[0.0], np.cumsum(~known)]))
 
     @staticmethod
-    def of_rates(t: NDArray[np.float64], rate: NDArray[np.float64]) -> Turning:
+    def of_rates(t: Floats, rate: Floats) -> Turning:
         """Return the totals of rates (N, 3) [rad/s]; NaN are missing."""
         known = _complete_rows(rate)
         rate = np.where(known[:, None], rate, 0.0)
@@ -61,12 +62,12 @@ class Turning:
             t, 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)[:, None], known[1:] & known[:-1] & ~_gaps(t)
         )
 
-    def over(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+    def over(self, start: Floats, end: Floats) -> Floats:
         """Return the rotation (k, 3) [rad] from times `start` (k,) to `end`."""
         columns = [np.interp(end, self.t, total) - np.interp(start, self.t, total) for total in self.total.T]
         return np.column_stack(columns)
 
-    def covers(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def covers(self, start: Floats, end: Floats) -> Bools:
         """Return for which intervals (k,) the rotation is known throughout."""
         after = self.missing[np.clip(np.searchsorted(self.t, end), 0, len(self.t) - 1)]
         before = self.missing[np.clip(np.searchsorted(self.t, start, side="right") - 1, 0, len(self.t) - 1)]
@@ -88,7 +89,7 @@ def has_gyro(log: Log) -> bool:
     return all(name in log for name in GYRO_NAMES)
 
 
-def log_rotations(log: Log) -> tuple[Rotation, NDArray[np.bool_]]:
+def log_rotations(log: Log) -> tuple[Rotation, Bools]:
     """Return the log's orientations, body to world, and which (N,) are known; unknown ones repeat the last."""
     angles, known = _columns(log, ANGLE_NAMES)
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), np.argmax(known)))
@@ -100,24 +101,24 @@ def poses_turning(poses: Poses) -> Turning:
     return Turning.of(poses.t, _steps(poses.rotations), ~_gaps(poses.t))
 
 
-def longest_bridge(t: NDArray[np.float64]) -> float:
+def longest_bridge(t: Floats) -> float:
     """Return the longest interval between times (N,) over which values may be interpolated [s]."""
     return max(_LONGEST_BRIDGE, 2.5 * float(np.median(np.diff(t))))
 
 
-def _gaps(t: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _gaps(t: Floats) -> Bools:
     return np.diff(t) > longest_bridge(t)
 
 
-def _steps(rotations: Rotation) -> NDArray[np.float64]:
+def _steps(rotations: Rotation) -> Floats:
     return (rotations[:-1].inv() * rotations[1:]).as_rotvec()
 
 
-def _complete_rows(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _complete_rows(values: Floats) -> Bools:
     return np.asarray(np.isfinite(values).all(axis=1))
 
 
-def _columns(log: Log, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _columns(log: Log, names: Sequence[str]) -> tuple[Floats, Bools]:
     """Return columns (N, k) and which rows (N,) are complete; InputError if hardly any is."""
     values = np.column_stack([log[name] for name in names])
     known = _complete_rows(values)
@@ -148,11 +149,11 @@ class Clock:
     offset: float  #: the cameras' time at the log's zero [s]
     rate: float  #: by which the cameras' clock runs faster [s/s]
 
-    def to_log(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_log(self, t: Floats) -> Floats:
         """Return times of the cameras' clock as times of the log's."""
         return (t - self.offset) / (1.0 + self.rate)
 
-    def to_cameras(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def to_cameras(self, t: Floats) -> Floats:
         """Return times of the log's clock as times of the cameras'."""
         return self.offset + (1.0 + self.rate) * t
 
@@ -183,20 +184,18 @@ def _candidate_clocks(log: Turning, cameras: Turning) -> list[Clock]:
     return [clock for _, clock in kept]
 
 
-def _speeds(turning: Turning, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _speeds(turning: Turning, t: Floats) -> tuple[Floats, Floats]:
     """Return the mean turning speeds (k,) [rad/s] around times (k,), and 1 where they are known, else 0."""
     start, end = t - 0.5 * _MEAN, t + 0.5 * _MEAN
     known = turning.covers(start, end).astype(np.float64)
     return known * np.linalg.norm(turning.over(start, end), axis=1) / _MEAN, known
 
 
-def _scores(
-    a: NDArray[np.float64], a_known: NDArray[np.float64], b: NDArray[np.float64], b_known: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _scores(a: Floats, a_known: Floats, b: Floats, b_known: Floats) -> Floats:
     """Return the z-score (len(a) + len(b) - 1,) of the correlation of `a` and `b` by shift; -inf with short overlap."""
     size = fft.next_fast_len(len(a) + len(b) - 1, real=True)
 
-    def shifted(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> NDArray[np.float64]:
+    def shifted(left: NDArray[np.complex128], right: NDArray[np.complex128]) -> Floats:
         return np.asarray(fft.irfft(left * right, size))[: len(a) + len(b) - 1]
 
     A, A1, A2 = (np.asarray(fft.rfft(values[::-1], size)) for values in (a, a_known, a * a))
@@ -219,16 +218,14 @@ _BLOCK = 5.0
 _LEAST_BLOCKS = 8
 
 
-def fit_in_blocks(
-    J: NDArray[np.float64], values: NDArray[np.float64], times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def fit_in_blocks(J: Floats, values: Floats, times: Floats) -> tuple[Floats, Floats]:
     """Return the parameters (p,) that fit values (n, c) by J (n, c, p), and their 95 % half widths (p,)."""
     blocks, quantile = _blocks(times)
     fit = fit_linear(J.reshape(-1, J.shape[2]), values.ravel(), np.repeat(blocks, values.shape[1]))
     return fit.values, quantile * fit.errors
 
 
-def _blocks(times: NDArray[np.float64]) -> tuple[NDArray[np.int64], float]:
+def _blocks(times: Floats) -> tuple[NDArray[np.int64], float]:
     """Return the block (n,) of each of increasing times (n,) [s], and Student's t for 95 % with as many blocks."""
     length = max(min(_BLOCK, (times[-1] - times[0]) / _LEAST_BLOCKS), 1e-9)
     blocks = np.unique(((times - times[0]) / length).astype(np.int64), return_inverse=True)[1]
@@ -259,10 +256,10 @@ class MotionFit:
 
     clock: Clock
     body_marker: Rotation  #: marker frame to the log's body frame
-    bias: NDArray[np.float64]  #: (3,) of the log's gyro [rad/s], body frame
+    bias: Floats  #: (3,) of the log's gyro [rad/s], body frame
     offset_half_width: float  #: [s]
     rate_half_width: float  #: [s/s]
-    rotation_errors: NDArray[np.float64]  #: (3,) standard errors about the body's axes [rad]
+    rotation_errors: Floats  #: (3,) standard errors about the body's axes [rad]
     quantile: float  #: Student's t for 95 %, with as many blocks
     error: float  #: rms error of a component of an increment [rad]
     motion: float  #: rms of a component of an increment [rad]
@@ -270,7 +267,7 @@ class MotionFit:
     axis_error: float  #: standard error of the rotation about the least determined axis [rad]
 
     @property
-    def rotation_half_width(self) -> NDArray[np.float64]:
+    def rotation_half_width(self) -> Floats:
         """95 % half widths of `body_marker` (3,) about the body's axes [rad]."""
         return self.quantile * self.rotation_errors
 
@@ -325,9 +322,9 @@ class _Pairs:
     """Increments (n,) from log and cameras, and the start of the fit of x (8,), the values of `_PARAMETERS`."""
 
     log: Turning
-    start: NDArray[np.float64]  #: (n,), on the cameras' clock [s]
-    end: NDArray[np.float64]
-    turned: NDArray[np.float64]  #: (n, 3), from the cameras [rad]
+    start: Floats  #: (n,), on the cameras' clock [s]
+    end: Floats
+    turned: Floats  #: (n, 3), from the cameras [rad]
     clock: Clock
     middle: float  #: of the log's times [s]
     body_marker: Rotation
@@ -357,23 +354,23 @@ class _Pairs:
             body_marker=Rotation.align_vectors(logged, _centred(turned))[0],
         )
 
-    def clock_of(self, x: NDArray[np.float64]) -> Clock:
+    def clock_of(self, x: Floats) -> Clock:
         rate = self.clock.rate + x[1]
         offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
         return Clock(offset=float(offset), rate=float(rate))
 
-    def _at(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def _at(self, x: Floats) -> tuple[Floats, ...]:
         """Return start and end (n,) on the log's clock, and the cameras' increments (n, 3) in its frame."""
         clock = self.clock_of(x)
         rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
         return clock.to_log(self.start), clock.to_log(self.end), rotated
 
-    def errors(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def errors(self, x: Floats) -> Floats:
         """Return the errors e (n, 3)."""
         s0, s1, rotated = self._at(x)
         return rotated - self.log.over(s0, s1) + np.outer(s1 - s0, x[5:])
 
-    def slopes(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(self, x: Floats) -> Floats:
         """Return the derivatives of the errors (n, 3, 8)."""
         s0, s1, v = self._at(x)
         w0, w1 = (self.log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
@@ -385,7 +382,7 @@ class _Pairs:
         J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
         return J
 
-    def experiment(self, weights: NDArray[np.float64]) -> Residuals:
+    def experiment(self, weights: Floats) -> Residuals:
         """Return the experiment with weights (n,) of the squared errors."""
         blocks, _ = _blocks(self.start)
         root = np.sqrt(weights)[:, None]
@@ -430,14 +427,14 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     )
 
 
-def _huber_weights(residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+def _huber_weights(residuals: Floats) -> Floats:
     """Return the weights (n,) of residuals (n, 3)."""
     size = np.linalg.norm(residuals, axis=1)
     scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
     return np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
 
 
-def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], every: float) -> float:
+def _axis_error(turned: Floats, residuals: Floats, every: float) -> float:
     """Return the standard error [rad] of the rotation about the axis that the motion (n, 3) determines least."""
     turned = _centred(turned)
     U, shared, Vt = np.linalg.svd((turned - _centred(residuals)).T @ turned / len(turned))
@@ -446,5 +443,5 @@ def _axis_error(turned: NDArray[np.float64], residuals: NDArray[np.float64], eve
     return float(np.sqrt(np.mean(residuals**2) / (independent * max(across, 1e-300))))
 
 
-def _centred(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _centred(values: Floats) -> Floats:
     return values - np.median(values, axis=0)

@@ -21,7 +21,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
@@ -36,7 +35,7 @@ from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import Floats, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -87,7 +86,7 @@ class _BallLog:
         return range(NEIGHBOURS, len(self.omega) - samples - NEIGHBOURS, samples)
 
 
-def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
+def encoder_speeds(log: Log, count: int) -> list[Floats]:
     """Return the logged wheel speeds, or the slopes of wheel angles over 50 ms; an empty list without both."""
     names, angles = wheel_speed_names(count), wheel_angle_names(count)
     if all(name in log for name in names):
@@ -101,7 +100,7 @@ def encoder_speeds(log: Log, count: int) -> list[NDArray[np.float64]]:
     return [np.concatenate([missing, slope, missing]) for slope in slopes]
 
 
-def predicted_velocity(windows: Windows, robot: Robot, friction: Friction) -> NDArray[np.float64]:
+def predicted_velocity(windows: Windows, robot: Robot, friction: Friction) -> Floats:
     """Return the ball's predicted Omega (w, m, 3) [rad/s] with a friction."""
     return simulate_balls(
         ClampedBall.of_robot(robot),
@@ -141,7 +140,7 @@ def cut_ball_windows(robot: Robot, logs: Sequence[Log], *, duration: float) -> W
     )
 
 
-def _averaged(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _averaged(values: Floats) -> Floats:
     """Return each row (N, k) as the mean over `SMOOTHED` neighbours on either side; NaN near the ends."""
     ends = np.full((SMOOTHED, values.shape[1]), np.nan)
     means = np.lib.stride_tricks.sliding_window_view(values, 2 * SMOOTHED + 1, axis=0).mean(axis=-1)
@@ -184,14 +183,14 @@ def momentum_balance(
     projector, change, speeds, window = (np.array(column) for column in columns)
     speeds, window = speeds.reshape(-1, length, n), window.astype(np.int64)
 
-    def impulses(v_s: float) -> NDArray[np.float64]:
+    def impulses(v_s: float) -> Floats:
         """Return the impulse (3 m, 4 n) of b, c and s of each wheel, each 1, and the derivative of that of s by v_s."""
         signs, fading = np.sign(speeds), np.exp(-np.abs(speeds) / v_s)
         parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
         sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
         return (projector @ np.concatenate(sums, axis=2)).reshape(change.size, -1)
 
-    def derivatives(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def derivatives(values: Floats) -> Floats:
         X = impulses(values[-1])
         return np.column_stack([X[:, : 3 * n], X[:, 3 * n :] @ values[2 * n : 3 * n]])
 
@@ -221,7 +220,7 @@ class UpsideDown(Plotted):
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
     verdict: Verdict  #: whether the friction is usable
     estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
-    held_out: Mapping[str, NDArray[np.float64]]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
+    held_out: Mapping[str, Floats]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
     fit_windows: tuple[Span, ...]
     held_out_windows: tuple[Span, ...]
     window: float  #: length of a window [s]
@@ -281,7 +280,7 @@ class UpsideDown(Plotted):
         return to_results(results)
 
 
-def _by_symbol(numbers: NDArray[np.float64]) -> dict[str, list[float] | float]:
+def _by_symbol(numbers: Floats) -> dict[str, list[float] | float]:
     b, c, s = numbers[:-1].reshape(3, -1).tolist()
     return {"b": b, "c": c, "s": s, "v_s": float(numbers[-1])}
 

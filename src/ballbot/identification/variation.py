@@ -30,7 +30,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.files import read_toml
@@ -39,6 +38,7 @@ from ballbot.fitting.between_logs import LogEstimates, spread
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import Discrepancy, WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import BY_NAME, Coordinates
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key
 
@@ -81,7 +81,7 @@ class Variation:
     predictions: Mapping[str, Interval] = field(metadata=key("next_log_intervals_95"))  #: by label
 
 
-def scaled_units(coordinates: Coordinates, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def scaled_units(coordinates: Coordinates, values: Floats) -> Floats:
     """Return the scaled units (p,) of the priors' sizes at estimates (p,), SI units; NaN without a prior or held."""
     names = np.array(coordinates.names)
     kinds = ("viscous", "coulomb", "stribeck", "rolling")
@@ -127,7 +127,7 @@ def widened(
 
 
 def with_torque_scale(
-    coordinates: Coordinates, uncertainty: Uncertainty, scale_errors: NDArray[np.float64]
+    coordinates: Coordinates, uncertainty: Uncertainty, scale_errors: Floats
 ) -> Uncertainty:
     """Return the uncertainty including that of the torque scale, by relative standard errors (n,) of the motors."""
     layout, values = coordinates.layout, coordinates.physical(uncertainty.point)
@@ -180,10 +180,10 @@ _DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
 def inseparable(
     coordinates: Coordinates,
     equations: WindowEquations,
-    values: NDArray[np.float64],
+    values: Floats,
     *,
-    unknown: NDArray[np.bool_],
-    speeds: NDArray[np.float64],
+    unknown: Bools,
+    speeds: Floats,
 ) -> tuple[str, ...]:
     """Return the quantities whose values on single wheels the logs cannot separate.
 
@@ -221,9 +221,7 @@ def inseparable(
     return tuple(names)
 
 
-def wheels_mean(
-    coordinates: Coordinates, values: NDArray[np.float64], names: Collection[str]
-) -> NDArray[np.float64]:
+def wheels_mean(coordinates: Coordinates, values: Floats, names: Collection[str]) -> Floats:
     """Return values (p,) with the numbers of these quantities replaced by their mean over the wheels."""
     result = values.copy()
     for name in names:

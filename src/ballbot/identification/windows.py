@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Floats, torque_names
 from ballbot.log.mapping import DutyTable, read_mapping
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.robot import Robot
@@ -78,11 +78,11 @@ class Span:
 class Windows:
     """w windows of m samples each."""
 
-    initial: NDArray[np.float64]  #: (w, 10), initial states
-    torques: NDArray[np.float64]  #: (w, m, n) [N m]
-    measured: NDArray[np.float64]  #: (w, m, 10), states after each sample
-    earlier: NDArray[np.float64]  #: (w, h, n), torques of the h rows before the start
-    spin: NDArray[np.float64]  #: (w,), of the ball about the vertical at the start [rad/s], or NaN
+    initial: Floats  #: (w, 10), initial states
+    torques: Floats  #: (w, m, n) [N m]
+    measured: Floats  #: (w, m, 10), states after each sample
+    earlier: Floats  #: (w, h, n), torques of the h rows before the start
+    spin: Floats  #: (w,), of the ball about the vertical at the start [rad/s], or NaN
     spans: tuple[Span, ...]  #: (w,)
     sample_time: float  #: [s]
 
@@ -115,7 +115,7 @@ def cut_windows(
     wheel_count: int,
     duration: float,
     history: int = 0,
-    spins: Sequence[NDArray[np.float64]] | None = None,
+    spins: Sequence[Floats] | None = None,
 ) -> Windows:
     """Cut logs into windows that lie end to end; InputError if a log lacks a column, or the sample times differ.
 
@@ -127,7 +127,7 @@ def cut_windows(
     names = (*STATE_NAMES, *torque_names(wheel_count))
     samples = round(duration / sample_time)
     samples = COMPARISONS * round(samples / COMPARISONS) if samples >= COMPARISONS else samples
-    columns: dict[str, list[NDArray[np.float64]]] = {name: [] for name in _ARRAYS}
+    columns: dict[str, list[Floats]] = {name: [] for name in _ARRAYS}
     spans = list[Span]()
     for number, log in enumerate(logs):
         values = np.column_stack([log[name] for name in names])

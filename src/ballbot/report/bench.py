@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
@@ -15,6 +14,7 @@ from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
@@ -221,9 +221,7 @@ def comparison_series(sweep: Sweep, fit: DrivelineFit) -> TimeSeries:
     )
 
 
-def curve_figure(
-    curves: Sequence[Callable[[NDArray[np.float64]], NDArray[np.float64]]], fastest: float
-) -> Figure:
+def curve_figure(curves: Sequence[Callable[[Floats], Floats]], fastest: float) -> Figure:
     """Return each wheel's friction [N m] over speeds (k,) above zero [rad/s]; the right panel looks at low speeds."""
     figure = Figure(figsize=(7.4, 3.2), layout="constrained")
     panels = figure.subplots(1, 2)
@@ -309,7 +307,7 @@ def _results(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[
     }
 
 
-def _by_symbol(numbers: Sequence[NDArray[np.float64]]) -> dict[str, list[float]]:
+def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
     return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
 
 

@@ -35,7 +35,6 @@ from typing import IO, TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
 from rich.segment import Segment
@@ -45,6 +44,7 @@ from rich.text import Text
 from ballbot.errors import InputError
 from ballbot.files import check_regular, sha256_of
 from ballbot.findings import Finding
+from ballbot.log.columns import Floats
 from ballbot.printable import printable, printable_line
 from ballbot.report.series import TimeSeries
 from ballbot.rounding import digits
@@ -311,7 +311,7 @@ class PlainConsole(Console):
             yield segment if segment.control else segment._replace(text=printable(segment.text))
 
 
-def matrix_text(name: str, matrix: NDArray[np.float64]) -> str:
+def matrix_text(name: str, matrix: Floats) -> str:
     """Return a matrix to four decimals below its name."""
     # rounding first and adding zero avoids -0
     rows = np.array2string(np.round(matrix, 4) + 0.0, precision=4, floatmode="fixed", max_line_width=200)

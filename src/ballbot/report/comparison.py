@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ballbot.errors import every
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
@@ -74,7 +74,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
     return figure
 
 
-def _distances(runs: Sequence[tuple[str, Look, Log]]) -> tuple[NDArray[np.float64], Panel]:
+def _distances(runs: Sequence[tuple[str, Look, Log]]) -> tuple[Floats, Panel]:
     """Return the time from the start of runs (name, look, log), and their distances from the reference over it."""
     t, lines = together(
         [(name, look, log.t - log.t[0], 1e3 * position_error(log)) for name, look, log in runs]
@@ -225,7 +225,7 @@ def line_of(index: int) -> LineStyle:
     return {**look, "linewidth": look["linewidth"] + 0.7 * rounds}
 
 
-def _reference_path(course: Course, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _reference_path(course: Course, t: Floats) -> Floats:
     """Return the reference position (N, 2) [m] at times (N,) [s]."""
     reference = course.reference_spec.reference()
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)

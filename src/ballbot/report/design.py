@@ -17,6 +17,7 @@ from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import Floats
 from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import (
     Block,
@@ -139,7 +140,7 @@ def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:
 
 
 def gain_sheet(
-    gain: NDArray[np.float64], caption: str = "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
+    gain: Floats, caption: str = "Gain K of u = K S(ψ) (r − x), in N m per unit of each state."
 ) -> Sheet:
     """Return a gain (n, k) with a row for each state, so that it fits a narrow page."""
     # integral action adds states

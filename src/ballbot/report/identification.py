@@ -15,7 +15,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ballbot.findings import Finding, texts
 from ballbot.fitting.intervals import Interval
@@ -26,6 +25,7 @@ from ballbot.identification.holdout import FrictionAtHorizon
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import LawCandidate, LawSelection, represents_sentence
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of
@@ -188,14 +188,12 @@ def _selection_sheet(selection: LawSelection) -> Sheet:
     return sheet_of(selection.candidates, columns, caption=caption)
 
 
-def friction_curve(
-    fit: Identification, wheel: int, speed: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def friction_curve(fit: Identification, wheel: int, speed: Floats) -> tuple[Floats, Floats]:
     """Return the friction of a wheel (from 0) at speeds (k,) [rad/s] other than zero, and its standard error [N m]."""
     at = np.repeat(speed[:, None], fit.robot.wheel_count, axis=1)
     directed = bool(fit.robot.friction.coulomb_asymmetry)
 
-    def torque(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def torque(values: Floats) -> Floats:
         robot = fit.layout.robot_of(fit.robot, values, asymmetric=directed)
         return wheel_friction(at, robot.friction)[:, wheel]
 

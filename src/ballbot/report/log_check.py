@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
-from ballbot.log.columns import unit_of
+from ballbot.log.columns import Floats, unit_of
 from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.pose import with_position, with_rates
 from ballbot.log.proposal import Proposal, answer_lines
@@ -26,7 +25,7 @@ from ballbot.robot import Robot
 from ballbot.summary import counted
 
 #: a column's name, its finite values, its number of rows, and the log's duration [s]
-_Summed = tuple[str, NDArray[np.float64], int, float]
+_Summed = tuple[str, Floats, int, float]
 
 
 def summed_columns(log: Log) -> list[_Summed]:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
@@ -16,6 +15,7 @@ from ballbot.control.margins import loop_margins
 from ballbot.errors import InputError
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
 from ballbot.report.bench import curve_figure
@@ -61,7 +61,7 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     """Return each wheel's friction over its speed."""
     friction, n = fit.robot.friction, fit.robot.wheel_count
 
-    def of_wheel(wheel: int, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    def of_wheel(wheel: int, speed: Floats) -> Floats:
         return wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
 
     curves = [partial(of_wheel, wheel) for wheel in range(n)]

@@ -9,12 +9,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, Floats, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import (
     Animation,
@@ -187,7 +186,7 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
     )
 
 
-def _in_degrees(angles: NDArray[np.float64]) -> str:
+def _in_degrees(angles: Floats) -> str:
     # zero is added to a rounded number so that it is never written as -0
     return "  ".join(f"{angle:.0f}" for angle in np.round(np.degrees(angles)) + 0.0)
 
@@ -319,11 +318,11 @@ def pose_panels(log: Log) -> list[Panel]:
     return panels
 
 
-def _columns(log: Log, names: Sequence[str]) -> list[NDArray[np.float64]]:
+def _columns(log: Log, names: Sequence[str]) -> list[Floats]:
     return [log[name] for name in names if name in log]
 
 
-def _largest(columns: Sequence[NDArray[np.float64]]) -> float:
+def _largest(columns: Sequence[Floats]) -> float:
     return max(
         (float(np.nanmax(np.abs(column))) for column in columns if np.isfinite(column).any()), default=0.0
     )

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from ballbot.log.columns import Bools, Floats
 from ballbot.printable import printable_line
 from ballbot.viewer.packing import packed
 
@@ -33,7 +34,7 @@ class Line:
     """One line of a panel: `Line("measured", log["x"], "measured")`."""
 
     name: str  #: for the legend; lines of one name and look share an entry
-    values: NDArray[np.float64]  #: (n,), NaN if missing
+    values: Floats  #: (n,), NaN if missing
     look: Look
 
 
@@ -53,7 +54,7 @@ class Panel:
 class TimeSeries:
     """Panels over one time."""
 
-    t: NDArray[np.float64]  #: (n,) [s], increasing
+    t: Floats  #: (n,) [s], increasing
     panels: Sequence[Panel]
     caption: str
     _: KW_ONLY
@@ -94,9 +95,7 @@ class TimeSeries:
         return Markup(text.replace("<", "\\u003c"))
 
 
-def _rows(
-    t: NDArray[np.float64], columns: Sequence[NDArray[np.float64]]
-) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
+def _rows(t: Floats, columns: Sequence[Floats]) -> tuple[NDArray[np.intp], list[NDArray[np.intp]]]:
     """Return which rows of the time and of each column are kept: all, or two of each piece.
 
     The two are the smallest and the largest value, in their order in time; their times are those of the piece's first
@@ -112,7 +111,7 @@ def _rows(
     return times, [_extremes(values, starts, size) for values in columns]
 
 
-def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) -> NDArray[np.intp]:
+def _extremes(values: Floats, starts: NDArray[np.intp], size: int) -> NDArray[np.intp]:
     filled = np.full(len(starts) * size, np.nan)
     filled[: len(values)] = values
     pieces = filled.reshape(len(starts), size)
@@ -122,14 +121,12 @@ def _extremes(values: NDArray[np.float64], starts: NDArray[np.intp], size: int) 
     return np.minimum(both, len(values) - 1).ravel()
 
 
-def wheel_lines(columns: Sequence[NDArray[np.float64]]) -> list[Line]:
+def wheel_lines(columns: Sequence[Floats]) -> list[Line]:
     """Return a line for each wheel."""
     return [Line(f"wheel {k + 1}", column, IN_TURN[k % len(IN_TURN)]) for k, column in enumerate(columns)]
 
 
-def together(
-    runs: Sequence[tuple[str, Look, NDArray[np.float64], NDArray[np.float64]]],
-) -> tuple[NDArray[np.float64], list[Line]]:
+def together(runs: Sequence[tuple[str, Look, Floats, Floats]]) -> tuple[Floats, list[Line]]:
     """Return one time and a line for each run (name, look, t, values) at it, NaN where a run has none.
 
     The longest run's times are kept, and others are interpolated between their rows.
@@ -141,7 +138,7 @@ def together(
     ]
 
 
-def true_spans(t: NDArray[np.float64], flags: NDArray[np.bool_]) -> list[tuple[float, float]]:
+def true_spans(t: Floats, flags: Bools) -> list[tuple[float, float]]:
     """Return the times of the first and the last row of each run of true flags (n,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     return [(float(t[first]), float(t[end - 1])) for first, end in edges.reshape(-1, 2)]

@@ -22,10 +22,9 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-from numpy.typing import NDArray
 
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import unit_of
+from ballbot.log.columns import Floats, unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW
@@ -137,7 +136,7 @@ def _data_rows(figure: Figure) -> list[str]:
     """Return a row of panel, line, x and y for each point that a figure draws in the coordinates of its axes."""
     rows: list[str] = []
     for number, axes in enumerate(figure.axes, start=1):
-        lines: list[tuple[Artist, NDArray[np.float64]]] = [
+        lines: list[tuple[Artist, Floats]] = [
             (line, np.column_stack([line.get_xdata(), line.get_ydata()]).astype(np.float64))
             for line in axes.lines
         ]
@@ -233,7 +232,7 @@ def plain_log_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def thinned(*columns: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+def thinned(*columns: Floats) -> tuple[Floats, ...]:
     """Return every k-th row of the columns, so that a line has at most `_MOST_POINTS` points."""
     step = max(1, -(-len(columns[0]) // _MOST_POINTS))
     return tuple(column[::step] for column in columns)

@@ -10,11 +10,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
-from numpy.typing import NDArray
 
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats
+from ballbot.log.columns import Bools, Floats
 from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import IN_TURN, Line, TimeSeries
@@ -203,9 +202,7 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     return figure
 
 
-def correlation_figure(
-    labels: Sequence[str], correlation: NDArray[np.float64], marked: NDArray[np.bool_] | None = None
-) -> Figure:
+def correlation_figure(labels: Sequence[str], correlation: Floats, marked: Bools | None = None) -> Figure:
     """Return a correlation matrix as a map with its numbers, without rows that are NaN throughout.
 
     Cells that are `marked` as significant have a frame.

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
+from ballbot.log.columns import Floats
 from ballbot.results import reported
 from ballbot.summary import counted
 from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
@@ -81,7 +81,7 @@ def alternate(performances: Sequence[Performance], verdicts: Sequence[Controller
     return Alternation(performances=tuple(performances), gains=gains, verdicts=tuple(verdicts))
 
 
-def paired_gain(values: NDArray[np.float64]) -> PairedGain:
+def paired_gain(values: Floats) -> PairedGain:
     """Return the factor between two controllers whose positive values (n,) alternate: A B A B, four or more."""
     number = np.arange(len(values), dtype=np.float64)
     X = np.column_stack([np.ones(len(values)), number, number % 2])

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import TypeVar, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import checked_sample_time
 from ballbot.control.controller import Compensation, Controller
@@ -26,6 +25,7 @@ from ballbot.control.source import named_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
+from ballbot.log.columns import Floats
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.user_files import error_text, user_module
@@ -74,9 +74,7 @@ class UserController:
         """Forget everything that happened so far."""
         self._guarded("in reset()", self._made.reset)
 
-    def update(
-        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
         """Return the wheel torques (n,) [N m]."""
         torques = self._guarded(f"at t = {t:g} s", lambda: self._made.update(t, state, reference))
         try:

@@ -19,11 +19,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 from scipy.ndimage import gaussian_filter1d
 
 from ballbot.errors import InputError, missing_package
+from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.smooth import acceleration
@@ -102,10 +102,10 @@ class PlannedPath(NamedTuple):
 class Leg:
     """A motion to find, from a state to a state; what is NaN of the end is free."""
 
-    start: NDArray[np.float64]  #: (10,)
-    end: NDArray[np.float64]  #: (10,)
-    torques: NDArray[np.float64]  #: (2, n) net, at start and end [N m]
-    line: NDArray[np.float64] | None = None  #: (2,) direction on the floor in which the end is
+    start: Floats  #: (10,)
+    end: Floats  #: (10,)
+    torques: Floats  #: (2, n) net, at start and end [N m]
+    line: Floats | None = None  #: (2,) direction on the floor in which the end is
     course: PlannedPath | None = None
     time: float  #: a guess [s]
 
@@ -114,14 +114,14 @@ class Leg:
 class PlannedMotion:
     """A fastest motion, at its nodes."""
 
-    t: NDArray[np.float64]  #: (N + 1,) [s]
-    states: NDArray[np.float64]  #: (N + 1, 10)
-    accelerations: NDArray[np.float64]  #: (N + 1, 5)
-    torques: NDArray[np.float64]  #: (N + 1, n) net [N m]
+    t: Floats  #: (N + 1,) [s]
+    states: Floats  #: (N + 1, 10)
+    accelerations: Floats  #: (N + 1, 5)
+    torques: Floats  #: (N + 1, n) net [N m]
     savings: dict[str, float]  #: by which a per cent more of each limit would shorten it [s]
     factor: float  #: of the limits that were made as large as they must be; 1 if none was
 
-    def at(self, t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def at(self, t: Floats) -> tuple[Floats, Floats]:
         """Return states (k, 10), with continuous accelerations, and net torques (k, n) at times (k,)."""
         nodes = np.stack([self.states[:, :5], self.states[:, 5:], self.accelerations], axis=1)
         q = BPoly.from_derivatives(self.t, nodes)
@@ -172,7 +172,7 @@ class Planner:
         return (1.0 - self.limits.margin) * self.limits.torque
 
     @property
-    def left(self) -> NDArray[np.float64]:
+    def left(self) -> Floats:
         """What the margin leaves of each limit (7,); the speed's is not for the controller."""
         return np.array([1.0 if name == "speed" else 1.0 - self.limits.margin for name in FAMILIES])
 
@@ -250,14 +250,12 @@ class Planner:
         terms = [speed, *stairs, *(stair**2 for stair in stairs)]
         return sum(weight * term for weight, term in zip(weights, terms, strict=True))
 
-    def used(
-        self, states: NDArray[np.float64], torques: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def used(self, states: Floats, torques: Floats) -> tuple[Floats, Floats]:
         """Return what is used of each of `FAMILIES` (k, 7), and the motors' torques (k, n) [N m], at states (k, 10)."""
         shares, given = self._equations.used(states.T, torques.T)
         return np.asarray(shares).T, np.asarray(given).T
 
-    def steady(self, velocity: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def steady(self, velocity: Floats) -> tuple[Floats, Floats]:
         """Return the state (10,) at the origin and the net torques (n,) of a steady motion (2,) [m/s]."""
         state, torques = np.zeros(10), np.zeros(self.robot.wheel_count)
         state[5:7] = velocity
@@ -268,12 +266,12 @@ class Planner:
             torques += step[2:]
         return state, torques
 
-    def steady_use(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+    def steady_use(self, velocity: Floats) -> Floats:
         """Return what a steady motion (2,) [m/s] uses of each limit less the margin (7,)."""
         state, torques = self.steady(velocity)
         return self.used(state[None], torques[None])[0][0] / self.left
 
-    def top_speed(self, direction: NDArray[np.float64]) -> tuple[float, str]:
+    def top_speed(self, direction: Floats) -> tuple[float, str]:
         """Return the largest steady speed in a direction (2,) [m/s], and the family that bounds it."""
         low, high = 0.0, 1.5 * self.robot.drive.top_speed * self.robot.wheels.radius
         for _ in range(30):
@@ -340,7 +338,7 @@ class Planner:
 _IPOPT = {"print_level": 0, "sb": "yes", "max_iter": 500, "tol": 1e-6, "acceptable_iter": 0}
 
 
-def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
+def _stay_between(opti: Any, leg: Leg, X: Any) -> Floats:
     """Keep the heading between those of the ends, and return a guess of x, y and psi (N + 1, 3)."""
     middle, half = 0.5 * (leg.end[4] + leg.start[4]), 0.5 * abs(leg.end[4] - leg.start[4]) + _HEADING_BAND
     opti.subject_to(opti.bounded(middle - half, X[4, :], middle + half))
@@ -349,7 +347,7 @@ def _stay_between(opti: Any, leg: Leg, X: Any) -> NDArray[np.float64]:
     return np.linspace(leg.start, end, X.shape[1])[:, [0, 1, 4]]
 
 
-def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> NDArray[np.float64]:
+def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> Floats:
     """Keep the ball in the corridor of a course; return a guess of x, y and psi."""
     path, length, corridor = course
     N = X.shape[1] - 1
@@ -364,7 +362,7 @@ def _stay_on(opti: Any, ca: Any, course: PlannedPath, X: Any) -> NDArray[np.floa
     return np.asarray(path(first[None])).T
 
 
-def course_through(places: NDArray[np.float64], corridor: float) -> PlannedPath:
+def course_through(places: Floats, corridor: float) -> PlannedPath:
     """Return the course through places (k, 3), rounded within a corridor [m]; InputError if it has no length."""
     import casadi as ca
 

@@ -20,9 +20,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
@@ -30,6 +27,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots
@@ -126,7 +124,7 @@ class Trial:
         return falls_of(self.scores)
 
     @property
-    def peaks(self) -> NDArray[np.float64]:
+    def peaks(self) -> Floats:
         """Peak position errors (draws,) [m]; NaN of a run that ended early."""
         return values_of(self.scores, "peak_position_error")
 

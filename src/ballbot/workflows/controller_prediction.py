@@ -34,7 +34,7 @@ from ballbot.errors import InputError, every
 from ballbot.file_formats import read_results, without_format
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import torque_names
+from ballbot.log.columns import Floats, torque_names
 from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of
@@ -169,7 +169,7 @@ def performance_intervals(
 
 
 def lognormal_interval(
-    values: NDArray[np.float64], *, discrepancy: tuple[float, float] = (1.0, 1.0)
+    values: Floats, *, discrepancy: tuple[float, float] = (1.0, 1.0)
 ) -> PredictionInterval:
     """Return the 95 % prediction interval of one new lognormal value, which may differ by the discrepancy besides."""
     logs = np.log(np.maximum(values, np.finfo(np.float64).tiny))
@@ -357,7 +357,7 @@ def course_of(log: Log, prediction: ControllerPrediction, *, sample_time: float)
     )
 
 
-def _jumps(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+def _jumps(poses: Floats) -> NDArray[np.intp]:
     """Return the rows of poses (N, 3) at which they have jumped."""
     return np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0) > _SAME_POSE) + 1
 

@@ -27,7 +27,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, sampled_reference, square
@@ -40,6 +39,7 @@ from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.windows import cut_windows
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -78,7 +78,7 @@ class Extent:
     torque: float  #: of any wheel [N m]
 
     @staticmethod
-    def of(states: NDArray[np.float64], torques: NDArray[np.float64]) -> Extent:
+    def of(states: Floats, torques: Floats) -> Extent:
         """Return that of states (N, 10) and torques (N, n), of a run that begins at the origin."""
         return Extent(
             lean=float(lean_angle(states[:, 2], states[:, 3]).max()),
@@ -104,8 +104,8 @@ class ExcitationTask:
     limits: Extent
     duration: float  #: [s]
     coordinates: Coordinates
-    point: NDArray[np.float64]  #: (p,), scaled, the assumed parameters
-    deviations: NDArray[np.float64]  #: (10,), of each state's prediction on the robot
+    point: Floats  #: (p,), scaled, the assumed parameters
+    deviations: Floats  #: (10,), of each state's prediction on the robot
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -113,11 +113,11 @@ class ExcitationTask:
         return tuple(np.array(self.coordinates.labels)[self.coordinates.free].tolist())
 
     @property
-    def assumed(self) -> NDArray[np.float64]:
+    def assumed(self) -> Floats:
         """The assumed values of the parameters to estimate (f,), in SI units."""
         return self.coordinates.physical(self.point)[self.coordinates.free]
 
-    def in_units(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    def in_units(self, scaled: Floats) -> Floats:
         """Return standard errors (f,) in SI units, from scaled ones."""
         return scaled * self.coordinates.slopes(self.point)[self.coordinates.free]
 
@@ -128,7 +128,7 @@ def task(
     *,
     limits: Extent,
     duration: float,
-    deviations: NDArray[np.float64],
+    deviations: Floats,
     law: Law = "stribeck",
     bounds: Bounds | None = None,
 ) -> ExcitationTask:
@@ -170,7 +170,7 @@ def _follow(
     *,
     duration: float,
     seeds: Sequence[int] = (0,),
-    start: NDArray[np.float64] | None = None,
+    start: Floats | None = None,
     run: Run = DEFAULT_RUN,
 ) -> ReferenceRuns:
     conditions = [
@@ -204,7 +204,7 @@ _MIN_INFORMATION = 1.0
 _RIDGE = 1e-13
 
 
-def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> NDArray[np.float64]:
+def expected_errors(task: ExcitationTask, logs: Sequence[Log]) -> Floats:
     """Return the least standard errors (f,) to expect from logs without noise, in shares of the bounds' width."""
     coordinates = task.coordinates
     predictor = Predictor(robot=task.robot, step=INNER_STEP, layout=coordinates.layout, threads=1)
@@ -252,12 +252,12 @@ _AXES = (0, 1, 4)
 class Multisine:
     """The sines of a reference."""
 
-    times: NDArray[np.float64]  #: (N,), the controller's samples [s]
-    frequencies: NDArray[np.float64]  #: (3, k), of x, y and psi [Hz]
-    amplitudes: NDArray[np.float64]  #: (3, k) [m, m, rad]
-    phases: NDArray[np.float64]  #: (3, k) [rad]
+    times: Floats  #: (N,), the controller's samples [s]
+    frequencies: Floats  #: (3, k), of x, y and psi [Hz]
+    amplitudes: Floats  #: (3, k) [m, m, rad]
+    phases: Floats  #: (3, k) [rad]
 
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """Return x, y and psi at every sample (N, 3)."""
         phases, end = self.phases[..., None], float(self.times[-1])
         waves = np.sin(2.0 * np.pi * self.frequencies[..., None] * self.times + phases) - np.sin(phases)
@@ -306,7 +306,7 @@ _LEVELS, _AIM, _CLOSE, _MAX_LEVEL = 4, 0.97, 0.92, 4.0
 _MAX_ERROR = 1e9
 
 
-def design(task: ExcitationTask) -> tuple[Multisine, ReferenceRuns, NDArray[np.float64]]:
+def design(task: ExcitationTask) -> tuple[Multisine, ReferenceRuns, Floats]:
     """Return the most informative multisine that stays within the limits on the model, its runs and expected errors.
 
     InputError if none keeps within the limits, or none within them identifies every parameter.
@@ -339,7 +339,7 @@ def design(task: ExcitationTask) -> tuple[Multisine, ReferenceRuns, NDArray[np.f
     return sines, runs, errors
 
 
-def criterion(errors: NDArray[np.float64]) -> float:
+def criterion(errors: Floats) -> float:
     """Return the design's objective for scaled errors (f,): the geometric mean of the worst and of their mean."""
     logs = np.log(np.clip(errors, 0.0, _MAX_ERROR))
     return float(np.exp(0.5 * (logs.max() + logs.mean())))
@@ -364,7 +364,7 @@ def _fitted(task: ExcitationTask, limits: Extent, fastest: float) -> tuple[Multi
     return sines, runs
 
 
-def deviations_in(log: Log, robot: Robot) -> NDArray[np.float64]:
+def deviations_in(log: Log, robot: Robot) -> Floats:
     """Return each state's deviation (10,) from its prediction over a log's windows; InputError if it has none."""
     coordinates = scale_between(robot)
     windows = cut_windows([log], wheel_count=robot.wheel_count, duration=WINDOW)
@@ -382,14 +382,14 @@ class Excitation:
     task: ExcitationTask
     sines: Multisine
     peaks: Mapping[str, Extent]  #: of "square" and "designed" on the model
-    errors: Mapping[str, NDArray[np.float64]]  #: (f,) of each, expected, scaled; infinite without information
+    errors: Mapping[str, Floats]  #: (f,) of each, expected, scaled; infinite without information
     on_loop: Mapping[str, ReferenceRuns]  #: of each, with sensors
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
         task, sines, designed = self.task, self.sines, self.on_loop["designed"]
 
-        def by_label(values: NDArray[np.float64]) -> dict[str, float]:
+        def by_label(values: Floats) -> dict[str, float]:
             return dict(zip(task.labels, values.tolist(), strict=True))
 
         return {

@@ -17,9 +17,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
@@ -28,6 +25,7 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run, Threads
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
@@ -90,7 +88,7 @@ class Condition:
     course: str = ""  #: its name, if there is more than one
     rules: Rules = DEFAULT_RULES  #: what counts
     #: true state (10,) at the start; by default at rest at the origin, leaning by up to 0.02 rad
-    start: NDArray[np.float64] | None = None
+    start: Floats | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

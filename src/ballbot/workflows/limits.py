@@ -26,13 +26,14 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.references import hold
 from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
+from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
@@ -106,7 +107,7 @@ class Loop:
             settled=np.full((1, 10), np.inf) if late else settled, lost=lost_lean(self.model), grip=self.grip
         )
 
-    def recovers(self, starts: NDArray[np.float64], *, cut_short: bool = True) -> NDArray[np.bool_]:
+    def recovers(self, starts: Floats, *, cut_short: bool = True) -> Bools:
         """Return from which starts (runs, 10) the robot recovers; `cut_short` ends runs whose outcome is known."""
         whole = replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN)
         kept = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
@@ -125,12 +126,12 @@ class Loop:
 
 
 #: from starts (runs, 10) to whether the robot recovers (runs,)
-Recovers = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Recovers = Callable[[Floats], Bools]
 #: from sizes (k, *shape) along each of some rays to starts (k, *shape, 10)
-StartOf = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+StartOf = Callable[[Floats], Floats]
 
 
-def settled_rows(model: Model, controller: Controller, *, grip: float) -> NDArray[np.float64]:
+def settled_rows(model: Model, controller: Controller, *, grip: float) -> Floats:
     """Return the rows c (m, 10) of what counts as settled, |c e| <= 1; infinite if nothing does."""
     linear, K = model.linearize(), controller.gain
     F, G = held(linear.A, linear.B, controller.sample_time)
@@ -165,12 +166,10 @@ _HALVINGS = 9
 POINTS = 81
 
 
-def reach(
-    recovers: Recovers, start_of: StartOf, *, shape: tuple[int, ...], end: float
-) -> NDArray[np.float64]:
+def reach(recovers: Recovers, start_of: StartOf, *, shape: tuple[int, ...], end: float) -> Floats:
     """Return the sizes (*shape) up to which a robot recovered from every start tried along some rays, up to an end."""
 
-    def looked(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def looked(sizes: Floats) -> Bools:
         return recovers(start_of(sizes).reshape(-1, 10)).reshape(sizes.shape)
 
     looks = end * np.arange(1, LOOKS + 1) / LOOKS
@@ -185,7 +184,7 @@ def reach(
     return kept
 
 
-def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> NDArray[np.float64]:
+def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) -> Floats:
     """Return states (..., 10) that lean, phi cos(direction) - theta sin(direction) [rad], at a rate, ball at rest."""
     direction, lean, rate = np.broadcast_arrays(direction, lean, rate)
     states = np.zeros((*lean.shape, 10))
@@ -195,9 +194,7 @@ def leaning_state(direction: ArrayLike, lean: ArrayLike, rate: ArrayLike = 0.0) 
     return states
 
 
-def pushed_state(
-    model: Model, direction: ArrayLike, impulse: ArrayLike, height: ArrayLike
-) -> NDArray[np.float64]:
+def pushed_state(model: Model, direction: ArrayLike, impulse: ArrayLike, height: ArrayLike) -> Floats:
     """Return states (..., 10) just after an impulse on a body that is upright and at rest.
 
     The impulse J [N s] at the height h above the ball's centre is the generalised impulse p = (J, h e_z x J) on the
@@ -224,8 +221,8 @@ _FASTEST = 5.0
 class LimitBounds:
     """The largest size from which a robot recovers, by direction."""
 
-    lower: NDArray[np.float64]  #: no wheel slips
-    upper: NDArray[np.float64]  #: if wheels never slip
+    lower: Floats  #: no wheel slips
+    upper: Floats  #: if wheels never slip
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -235,10 +232,10 @@ class Plane:
     direction: float  #: on the floor [rad]
     lean: float  #: largest of the plane, to both sides [rad]
     rate: float  #: the same of the lean's rate [rad/s]
-    leans: NDArray[np.float64] = field(metadata=left_out)  #: (`POINTS`,) [rad]
-    rates: NDArray[np.float64] = field(metadata=left_out)  #: (`POINTS`,) [rad/s]
-    lower: NDArray[np.bool_] = field(metadata=left_out)  #: (leans, rates): no wheel slips
-    upper: NDArray[np.bool_] = field(metadata=left_out)  #: if wheels never slip
+    leans: Floats = field(metadata=left_out)  #: (`POINTS`,) [rad]
+    rates: Floats = field(metadata=left_out)  #: (`POINTS`,) [rad/s]
+    lower: Bools = field(metadata=left_out)  #: (leans, rates): no wheel slips
+    upper: Bools = field(metadata=left_out)  #: if wheels never slip
     lower_area: float  #: of recovery in which no wheel slips [rad^2/s]
     upper_area: float  #: if wheels never slip
 
@@ -247,8 +244,8 @@ class Plane:
 class RobotLimits(Reported):
     """The limits of one closed loop."""
 
-    directions: NDArray[np.float64]  #: (d,) on the floor, from x towards y [rad]
-    heights: NDArray[np.float64]  #: (h,) of impulses above the ball's centre [m]
+    directions: Floats  #: (d,) on the floor, from x towards y [rad]
+    heights: Floats  #: (h,) of impulses above the ball's centre [m]
     lean: LimitBounds  #: (d,): the lean at rest [rad]
     impulse: LimitBounds  #: (h, d) [N s]
     plane: Plane  #: in the direction of the least lower bound of the lean

@@ -14,11 +14,11 @@ from dataclasses import asdict, dataclass, fields
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dst
 
 from ballbot.errors import InputError
 from ballbot.log import Log
+from ballbot.log.columns import Bools, Floats
 from ballbot.results import to_results
 
 #: time [s] after the start, or after a jump of the reference, from which errors count. The nominal closed loop
@@ -40,31 +40,31 @@ _FILTER_ORDER = 2
 _ROUNDING = 1e-6
 
 
-def settled(log: Log, settle: float) -> NDArray[np.bool_]:
+def settled(log: Log, settle: float) -> Bools:
     """Return which rows (N,) are `settle` s or more after the start and each jump of the reference (2 cm, 0.02 rad)."""
     t, since = log.t, np.concatenate([_jump_times(log), [np.inf]])
     return t - since[np.searchsorted(since, t, side="right") - 1] >= settle - _ROUNDING
 
 
-def position_error(log: Log) -> NDArray[np.float64]:
+def position_error(log: Log) -> Floats:
     """Return the horizontal distance from the reference (N,) [m]."""
     truth = true_place(log)
     return np.hypot(truth["x"] - log["ref_x"], truth["y"] - log["ref_y"])
 
 
-def heading_error(log: Log) -> NDArray[np.float64]:
+def heading_error(log: Log) -> Floats:
     """Return how far the heading is from the reference's (N,) [rad], 0 to pi: whole turns do not count."""
     away = true_place(log)["psi"] - log["ref_psi"]
     return np.abs((away + np.pi) % (2.0 * np.pi) - np.pi)
 
 
-def leans(log: Log) -> NDArray[np.float64]:
+def leans(log: Log) -> Floats:
     """Return the angle between the robot's axis and the vertical (N,) [rad]."""
     truth = true_place(log)
     return lean_angle(truth["theta"], truth["phi"])
 
 
-def lean_angle(theta: NDArray[np.float64], phi: NDArray[np.float64]) -> NDArray[np.float64]:
+def lean_angle(theta: Floats, phi: Floats) -> Floats:
     """Return the angle between an axis of these leans and the vertical [rad]."""
     return np.arccos(np.clip(np.cos(theta) * np.cos(phi), -1.0, 1.0))
 
@@ -132,12 +132,12 @@ def energy(log: Log) -> float:
     return float(np.abs(log.torques[:-1] * np.diff(log.wheel_angles, axis=0)).sum())
 
 
-def rms(values: NDArray[np.float64]) -> float:
+def rms(values: Floats) -> float:
     """Return the root mean square of all values."""
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _jump_times(log: Log) -> NDArray[np.float64]:
+def _jump_times(log: Log) -> Floats:
     """Return when the run starts and the reference jumps [s]."""
     names = ("ref_x", "ref_y", "ref_psi")
     log.require(*names)
@@ -237,7 +237,7 @@ class Score:
 OF_SOME_COURSES = ("rms_speed_error", "stopping_time", "stopping_distance", "overshoot", "largest_impulse")
 
 
-def values_of(scores: Sequence[Score], name: str) -> NDArray[np.float64]:
+def values_of(scores: Sequence[Score], name: str) -> Floats:
     """Return a number of runs by its name (runs,); NaN of a run that ended early, but for what counts up to there."""
     up_to_a_fall = name in ("top_speed", "largest_impulse")
     return np.array(

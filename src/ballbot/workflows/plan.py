@@ -13,7 +13,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import positive_number, real_array
 from ballbot.control.controller import Controller, grip_torque_limit
@@ -21,6 +20,7 @@ from ballbot.control.references import Reference, read_poses, sampled_reference,
 from ballbot.errors import InputError, every
 from ballbot.fitting.run import ALL_CORES, Executor
 from ballbot.log import Log
+from ballbot.log.columns import Floats
 from ballbot.results import left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import percent
@@ -57,10 +57,10 @@ class Plan:
     robot: Robot = field(metadata=left_out)
     limits: MoveLimits
     what: str  #: "the move to [2 0 0]"
-    t: NDArray[np.float64] = field(metadata=left_out)  #: (k,) [s]
-    states: NDArray[np.float64] = field(metadata=left_out)  #: (k, 10)
-    torques: NDArray[np.float64] = field(metadata=left_out)  #: (k, n) of the motors [N m]
-    used: NDArray[np.float64] = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
+    t: Floats = field(metadata=left_out)  #: (k,) [s]
+    states: Floats = field(metadata=left_out)  #: (k, 10)
+    torques: Floats = field(metadata=left_out)  #: (k, n) of the motors [N m]
+    used: Floats = field(metadata=left_out)  #: (k, 7) shares of the limits of `FAMILIES`
     duration: float  #: of what is to be fast: the move, or the stop [s]
     distance: float  #: over the floor in this time [m]
     begins: float  #: when the stop begins; 0 of a move [s]
@@ -115,7 +115,7 @@ def plan(
     robot: RobotLike,
     *,
     to: Sequence[float] | None = None,
-    along: str | Path | NDArray[np.float64] | None = None,
+    along: str | Path | Floats | None = None,
     stop_from: float | None = None,
     direction: float = 0.0,
     within: float | None = None,
@@ -178,9 +178,7 @@ def default_limits(robot: RobotLike) -> MoveLimits:
     return MoveLimits(torque=grip_torque_limit(as_robot(robot)))
 
 
-def _leg_to(
-    planner: Planner, pose: NDArray[np.float64], time: float, course: PlannedPath | None = None
-) -> Leg:
+def _leg_to(planner: Planner, pose: Floats, time: float, course: PlannedPath | None = None) -> Leg:
     """Return a leg from rest at the origin to rest at a pose (3,), with a guess of its time [s]."""
     end = np.zeros(10)
     end[[0, 1, 4]] = pose
@@ -188,14 +186,14 @@ def _leg_to(
     return Leg(start=np.zeros(10), end=end, torques=torques, course=course, time=time)
 
 
-def _move_leg(planner: Planner, pose: NDArray[np.float64]) -> Leg:
+def _move_leg(planner: Planner, pose: Floats) -> Leg:
     if pose.shape != (3,) or not np.isfinite(pose).all() or not np.abs(pose).max() > 0.0:
         raise InputError("The pose to move to is three numbers, x and y in m and psi in rad, not all zero.")
     time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
     return _leg_to(planner, pose, float(time))
 
 
-def _path_leg(planner: Planner, along: str | Path | NDArray[np.float64], corridor: float) -> Leg:
+def _path_leg(planner: Planner, along: str | Path | Floats, corridor: float) -> Leg:
     """Return the leg along places, moved so that the first is the origin."""
     given = along if isinstance(along, np.ndarray) else read_poses(along)[1]
     places = real_array(given, ("k", 3), "The path")
@@ -205,7 +203,7 @@ def _path_leg(planner: Planner, along: str | Path | NDArray[np.float64], corrido
     return _leg_to(planner, places[-1] - places[0], 1.0 + course.length / _USUAL_SPEED, course)
 
 
-def _stop_legs(planner: Planner, speed: float, ahead: NDArray[np.float64]) -> list[Leg]:
+def _stop_legs(planner: Planner, speed: float, ahead: Floats) -> list[Leg]:
     """Return the run-up to a speed and the stop; InputError if the speed is above the largest."""
     speed = positive_number(speed, "The speed to stop from")
     top, bound = planner.top_speed(ahead)
@@ -239,9 +237,7 @@ def _too_slow(planner: Planner, leg: Leg, fastest: PlannedMotion, within: float,
     return f"{text}: {forbid}, which would have to be {factor:.2f} times as large."
 
 
-def _sampled(
-    planner: Planner, motions: Sequence[PlannedMotion], what: str, ahead: NDArray[np.float64]
-) -> Plan:
+def _sampled(planner: Planner, motions: Sequence[PlannedMotion], what: str, ahead: Floats) -> Plan:
     """Return the plan of one motion, or of a run-up and a stop with a moment between them."""
     run_up, last = motions[0] if len(motions) == 2 else None, motions[-1]
     begins = run_up.t[-1] + _CRUISE if run_up else 0.0

@@ -17,13 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
+from ballbot.log.columns import Floats
 from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model
@@ -51,21 +51,19 @@ _SLOW = 0.01  # [m/s, rad/s] below which friction's sign becomes a ramp
 class Demand:
     """The states and torques of the path, at each time."""
 
-    t: NDArray[np.float64]  #: (N,) [s]
-    states: NDArray[np.float64]  #: (N, 10)
-    torques: NDArray[np.float64]  #: (N, n) [N m]
-    wheel_speeds: NDArray[np.float64]  #: (N, n) [rad/s]
+    t: Floats  #: (N,) [s]
+    states: Floats  #: (N, 10)
+    torques: Floats  #: (N, n) [N m]
+    wheel_speeds: Floats  #: (N, n) [rad/s]
 
     @staticmethod
-    def of(
-        model: Model, t: NDArray[np.float64], states: NDArray[np.float64], torques: NDArray[np.float64]
-    ) -> Demand:
+    def of(model: Model, t: Floats, states: Floats, torques: Floats) -> Demand:
         """Return states and torques with the wheels' speeds."""
         speeds = model.wheel_speed(states[:, :5], states[:, 5:])
         return Demand(t=t, states=states, torques=torques, wheel_speeds=speeds)
 
 
-def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) -> Demand:
+def path_demand(model: Model, poses: Floats, sample_time: float) -> Demand:
     """Return the torques for following poses x, y [m] and psi [rad], (N, 3), exactly; InputError if no lean can."""
     rest = int(np.ceil(_REST / sample_time))
     path = np.pad(poses, ((rest, rest), (0, 0)), mode="edge")
@@ -93,9 +91,7 @@ def path_demand(model: Model, poses: NDArray[np.float64], sample_time: float) ->
     raise InputError("No lean below 1 rad lets the robot follow this path; make it slower or rounder.")
 
 
-def _rates_and_forces(
-    model: Model, q: NDArray[np.float64], sample_time: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _rates_and_forces(model: Model, q: Floats, sample_time: float) -> tuple[Floats, Floats]:
     """Return q_dot (N, 5), and the generalised forces (N, 5) left for the wheels: M q_ddot + bias - rolling."""
     q_dot, q_ddot = np.zeros_like(q), np.zeros_like(q)  # zero at the ends, where all rests
     q_dot[1:-1] = (q[2:] - q[:-2]) / (2.0 * sample_time)
@@ -106,7 +102,7 @@ def _rates_and_forces(
     return q_dot, forces
 
 
-def _without_turning(W: NDArray[np.float64]) -> NDArray[np.float64]:
+def _without_turning(W: Floats) -> Floats:
     """Return Z (N, 5, 2): W Z = 0, with unit rates of theta and phi."""
     others = np.linalg.pinv(W[:, :, [0, 1, 4]])
     solved = -others @ W[:, :, 2:4]
@@ -116,7 +112,7 @@ def _without_turning(W: NDArray[np.float64]) -> NDArray[np.float64]:
     return Z
 
 
-def _lean_equation(model: Model, rows: int, sample_time: float) -> NDArray[np.float64]:
+def _lean_equation(model: Model, rows: int, sample_time: float) -> Floats:
     """Return j lean_ddot - m_r g l lean as bands (3, rows), the mean of both leans; the lean is zero at both ends."""
     origin, body = np.zeros((1, 5)), model.robot.body
     Z = _without_turning(model.wheel_jacobian(origin))[0]

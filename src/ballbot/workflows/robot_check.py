@@ -25,7 +25,7 @@ from ballbot.findings import Finding, finding_results, stop_on_errors
 from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
-from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
+from ballbot.log.columns import STATE_NAMES, Floats, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -52,10 +52,10 @@ class PoleSpread:
 def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
     """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model."""
 
-    def growths(of: Robot) -> NDArray[np.float64]:
+    def growths(of: Robot) -> Floats:
         return np.asarray(Model(of).linearize().poles().real, dtype=np.float64)
 
-    def mean_growth(of: Robot) -> NDArray[np.float64]:
+    def mean_growth(of: Robot) -> Floats:
         return np.array([growths(of)[growths(of) > 0.0].mean()])
 
     fastest = [float(growths(drawn).max()) for drawn in draw_robots(robot, draws, seed=0)]
@@ -130,7 +130,7 @@ class CheckedRobot:
     following: ReferenceMargins | None = None
 
     @cached_property
-    def matrices(self) -> dict[str, NDArray[np.float64]]:
+    def matrices(self) -> dict[str, Floats]:
         """The matrices of `MATRICES`."""
         return {name: getattr(transforms(self.robot), name) for name in MATRICES}
 

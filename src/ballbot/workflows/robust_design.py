@@ -22,7 +22,6 @@ from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from ballbot.arrays import MOST_TRIALS
@@ -35,6 +34,7 @@ from ballbot.errors import InputError
 from ballbot.files import parse_toml
 from ballbot.fitting.fit import evolve
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.log.columns import Bools, Floats
 from ballbot.progress import Progress
 from ballbot.results import key, left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -92,7 +92,7 @@ class PerturbationRanges:
 
 def draw_perturbed(
     robot: Robot, count: int, *, spread: PerturbationRanges, scenario: Scenario, seed: int
-) -> tuple[list[LoopRobot], NDArray[np.float64]]:
+) -> tuple[list[LoopRobot], Floats]:
     """Draw robots from the ranges, under a scenario, and starts (robots, 10), `INITIAL_OFFSET` from the origin."""
     random = np.random.default_rng([seed, 71])
     robots, starts = [], np.zeros((count, 10))
@@ -124,18 +124,18 @@ def draw_perturbed(
 class RunMeasures:
     """How controllers did on each of the robots: arrays (controllers, robots)."""
 
-    error: NDArray[np.float64]  #: root mean square once settled [m]; NaN of one that fell
-    roughness: NDArray[np.float64]  #: torque's change from sample to sample [N m]
-    ended: NDArray[np.float64]  #: when it fell [s]; infinity where it stood
+    error: Floats  #: root mean square once settled [m]; NaN of one that fell
+    roughness: Floats  #: torque's change from sample to sample [N m]
+    ended: Floats  #: when it fell [s]; infinity where it stood
 
     @property
-    def fell(self) -> NDArray[np.bool_]:
+    def fell(self) -> Bools:
         """Whether each run fell."""
         return np.isfinite(self.ended)
 
 
 def measure_runs(
-    controllers: Sequence[Controller], robots: Sequence[LoopRobot], starts: NDArray[np.float64]
+    controllers: Sequence[Controller], robots: Sequence[LoopRobot], starts: Floats
 ) -> RunMeasures:
     """Run every controller on every perturbed robot, all in one batch; each robot has the same noise for all."""
     shape = (len(controllers), len(robots))
@@ -176,13 +176,13 @@ class CostUnits:
         roughness = float(np.median(nominal.roughness[~nominal.fell]))
         return CostUnits(error=float(np.nanmedian(nominal.error)), roughness=roughness)
 
-    def costs(self, seen: RunMeasures) -> NDArray[np.float64]:
+    def costs(self, seen: RunMeasures) -> Floats:
         """Return J (controllers, robots)."""
         standing = seen.error / self.error + seen.roughness / self.roughness
         return np.where(seen.fell, _FALL * (2.0 - np.minimum(seen.ended / RUN, 1.0)), standing)
 
 
-def worst_tenth(costs: NDArray[np.float64]) -> NDArray[np.float64]:
+def worst_tenth(costs: Floats) -> Floats:
     """Return the mean of the largest tenth of costs (..., robots), of one robot at least; NaN of no robot."""
     count = max(1, round(TAIL * costs.shape[-1]))
     return np.sort(costs, axis=-1)[..., -count:].mean(axis=-1) if costs.size else np.array(np.nan)
@@ -209,13 +209,13 @@ class Effort:
 class ComparedDesign:
     """The results of one design on the fresh robots."""
 
-    gain: NDArray[np.float64]
+    gain: Floats
     worst_tenth: float  #: of J
     mean: float  #: of J
     worst_error: float  #: mean of the largest tenth of the settled errors of those that stood [m]
     worst_roughness: float  #: the same of the torque's change [N m]
     falls: int
-    costs: NDArray[np.float64] = field(metadata=left_out)  #: (fresh robots,) J of each
+    costs: Floats = field(metadata=left_out)  #: (fresh robots,) J of each
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -276,7 +276,7 @@ def robust_design(
     nominal = controller_of(NOMINAL_STATE_WEIGHTS)
     units = CostUnits.of(measure_runs([nominal], *drawn))
 
-    def cost_of(candidates: NDArray[np.float64]) -> NDArray[np.float64]:
+    def cost_of(candidates: Floats) -> Floats:
         costs = np.full(len(candidates), _NO_GAIN)
         by_row: dict[int, Controller] = {}
         for row, candidate in enumerate(candidates):
@@ -322,7 +322,7 @@ def robust_design(
     )
 
 
-def weights_of(candidate: NDArray[np.float64]) -> tuple[float, ...]:
+def weights_of(candidate: Floats) -> tuple[float, ...]:
     """Return the ten state weights of a point (6,) of the unit cube."""
     weights = np.array(NOMINAL_STATE_WEIGHTS)
     for group, coordinate in zip(GROUPS, candidate, strict=True):

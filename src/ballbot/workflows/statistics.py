@@ -10,8 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, betaincinv, stdtrit
+
+from ballbot.log.columns import Floats
 
 CONFIDENCE = 0.95
 
@@ -45,7 +46,7 @@ class MedianEstimate:
         return self.low <= other.high and other.low <= self.high
 
 
-def mean_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Estimate:
+def mean_with_interval(values: Sequence[float] | Floats) -> Estimate:
     """Return the mean of the values that are numbers, with Student's interval m +- t s / sqrt(n)."""
     known = np.asarray(values, dtype=np.float64)
     known = known[~np.isnan(known)]
@@ -62,7 +63,7 @@ def student_quantile(count: int) -> float:
     return float(stdtrit(count - 1, 0.5 + 0.5 * CONFIDENCE))
 
 
-def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> MedianEstimate:
+def median_with_interval(values: Sequence[float] | Floats) -> MedianEstimate:
     """Return the median of the values that are numbers, with the interval between two of them by rank.
 
     The number of n independent values below their distribution's median is binomial. Below six values the smallest and
@@ -82,7 +83,7 @@ def median_with_interval(values: Sequence[float] | NDArray[np.float64]) -> Media
     )
 
 
-def mean_ratio(values: NDArray[np.float64], others: NDArray[np.float64]) -> Estimate:
+def mean_ratio(values: Floats, others: Floats) -> Estimate:
     """Return the geometric mean of values / others, (runs,) or (courses, runs), over the runs that have both."""
     logs = np.ma.masked_invalid(np.atleast_2d(np.log(values / others)))
     log_mean = mean_with_interval(logs.mean(axis=0).filled(np.nan))

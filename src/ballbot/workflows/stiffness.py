@@ -30,6 +30,7 @@ from ballbot.control.presets import (
 )
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.log.columns import Floats
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, run_trials
 
@@ -151,7 +152,7 @@ def _controller(base: Controller, s: float, variant: Variant) -> Controller:
     return controller.with_parts(replace(controller.parts, integral=None, disturbance_observer=None))
 
 
-def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> NDArray[np.float64]:
+def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> Floats:
     return np.asarray(np.array(soft) ** (1.0 - s) * np.array(stiff) ** s)
 
 
@@ -175,7 +176,7 @@ def _sensitivity(controller: Controller, scenario: Scenario) -> float:
     faults, twist = scenario.sensor_faults, scenario.compliance
     late = (timing.delay * controller.sample_time if timing else 0.0) + (faults.latency if faults else 0.0)
 
-    def passed(omega: NDArray[np.float64]) -> NDArray[np.complex128]:
+    def passed(omega: Floats) -> NDArray[np.complex128]:
         response = np.exp(-1j * omega * late)
         if motors:
             response = response / (1.0 + 1j * omega / (2.0 * np.pi * motors.bandwidth))

@@ -40,6 +40,7 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import AxisRecord
+from ballbot.log.columns import Floats
 from ballbot.progress import Progress
 from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
 
@@ -87,9 +88,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         measured.append(record.position[a + compared[-1]])
     start, size = np.array(starts), np.array(sizes)
 
-    def errors(
-        values: NDArray[np.float64], states: NDArray[np.float64], blocks: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
+    def errors(values: Floats, states: Floats, blocks: NDArray[np.int64]) -> Floats:
         """Return simulated less recorded positions, from starts that differ by so many standard deviations."""
         named = dict(zip(model.names, values.tolist(), strict=True))
         axis, begin, positions = model.axis(named), start[blocks] + states * size[blocks], []
@@ -158,7 +157,7 @@ class AxisEstimate:
         return float(np.sqrt(np.mean(self.fit.finished.end.errors**2)))
 
     @cached_property
-    def held_out(self) -> NDArray[np.float64]:
+    def held_out(self) -> Floats:
         """Mean square error [m^2] of each window (w,), by a fit that did not see its block."""
         end = self.fit.finished.end
         return held_out_squares(self.experiment, end, blocks_of(len(end.states)), folds=_FOLDS)
@@ -202,7 +201,7 @@ class AxisEstimate:
         }
 
 
-def open_loop_error(axis: Axis, record: AxisRecord) -> NDArray[np.float64]:
+def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
     rows = np.array([0]), np.array([len(record) - 1])
@@ -510,7 +509,7 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
     return replace(fit, standard_errors=errors), [note("discrepancy", text)] if words else []
 
 
-def _expected(squares: NDArray[np.float64]) -> tuple[float, float, float]:
+def _expected(squares: Floats) -> tuple[float, float, float]:
     """Return the error [m] of held-out windows with mean squares (w,), and its 95 % interval on a similar record."""
     means = np.array([squares[block].mean() for block in blocks_of(len(squares))])
     drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))

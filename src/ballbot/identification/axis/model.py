@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.fitting.parameter import FitParameter, Scale
+from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
@@ -179,12 +180,12 @@ class Axis:
 
     def windows(
         self,
-        force: NDArray[np.float64],
+        force: Floats,
         h: float,
         firsts: NDArray[np.int64],
         counts: NDArray[np.int64],
-        starts: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        starts: Floats,
+    ) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
 
         The force (N,) [N] is of rows that last h [s]. Each window has its first row (w,), its number of rows (w,), and
@@ -205,17 +206,11 @@ class Axis:
         follow_windows(numbers, firsts, counts, starts, acting, rises, h, self._steps(h), states)
         return states
 
-    def friction(self, speed: NDArray[np.float64]) -> NDArray[np.float64]:
+    def friction(self, speed: Floats) -> Floats:
         """Return the friction without load [N] at speeds (N,)."""
         return self._law.steady_friction(speed) + self._all["asymmetry"] * np.abs(speed)
 
-    def other_forces(
-        self,
-        force: NDArray[np.float64],
-        position: NDArray[np.float64],
-        speed: NDArray[np.float64],
-        acceleration: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def other_forces(self, force: Floats, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
         """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""
         values = self._all
         G = values["gravity_sine"] * np.sin(position) + values["gravity_cosine"] * np.cos(position)

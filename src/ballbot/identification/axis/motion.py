@@ -21,6 +21,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.least_squares import LinearFit, fit_linear
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.record import LEAST_PART, AxisRecord
+from ballbot.log.columns import Bools, Floats
 
 _ORDER = 4
 #: cut-off frequencies of the position and of the regression's columns, over the bandwidth of the motion
@@ -48,9 +49,9 @@ class AxisMotion:
 
     record: AxisRecord
     bandwidth: float  #: [Hz]
-    position: NDArray[np.float64]  #: (N,) [m]
-    speed: NDArray[np.float64]  #: (N,) [m/s]
-    acceleration: NDArray[np.float64]  #: (N,) [m/s^2]
+    position: Floats  #: (N,) [m]
+    speed: Floats  #: (N,) [m/s]
+    acceleration: Floats  #: (N,) [m/s^2]
 
     @cached_property
     def noise(self) -> float:
@@ -65,7 +66,7 @@ class AxisMotion:
         return float(np.sqrt(np.mean(self.speed**2)))
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> Bools:
         """Which rows (N,) are not near an end of a part nor at rest; those at rest count if 90 % are."""
         inside = np.zeros(len(self.speed), dtype=bool)
         for first, end in self.record.long_parts:
@@ -74,12 +75,12 @@ class AxisMotion:
         moving = inside & (np.abs(self.speed) >= REST * self.usual_speed)
         return moving if moving.mean() > 0.1 else inside
 
-    def force(self, *, interpolated: bool) -> NDArray[np.float64]:
+    def force(self, *, interpolated: bool) -> Floats:
         """Return the force (N,) at the time of each row, the mean of those held before and after it."""
         force = self.record.force
         return force if interpolated else 0.5 * (force + np.append(force[0], force[:-1]))
 
-    def lowpassed(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def lowpassed(self, values: Floats) -> Floats:
         """Return values (N,) with the filter of the regression's columns."""
         return _filtered(self.record, values, _COLUMN_FILTER * self.bandwidth)
 
@@ -119,7 +120,7 @@ def _motion(record: AxisRecord, band: float) -> AxisMotion:
     )
 
 
-def _filtered(record: AxisRecord, values: NDArray[np.float64], cutoff: float) -> NDArray[np.float64]:
+def _filtered(record: AxisRecord, values: Floats, cutoff: float) -> Floats:
     """Return values (N,), low-pass filtered at `cutoff` [Hz] in each part that is long enough."""
     b, a = np.asarray(scipy.signal.butter(_ORDER, 2.0 * cutoff * record.sample_time), dtype=float)
     smooth = values.copy()
@@ -183,7 +184,7 @@ def with_gravity(motions: Sequence[AxisMotion], model: AxisModel) -> AxisModel:
         return model
 
 
-def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, NDArray[np.float64]]:
+def _columns(motion: AxisMotion, model: AxisModel) -> dict[str, Floats]:
     """Return the force, and its part by a unit of each parameter, in the moving rows (n,)."""
     position, speed = motion.position, motion.speed
     columns = {

@@ -18,12 +18,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.arrays import real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Bools, Columns, Floats, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 
@@ -53,10 +52,10 @@ class AxisRecord:
 
     name: str
     sample_time: float  #: h [s]
-    force: NDArray[np.float64]  #: (N,) F [N], held from each row to the next
-    position: NDArray[np.float64]  #: (N,) [m]
+    force: Floats  #: (N,) F [N], held from each row to the next
+    position: Floats  #: (N,) [m]
     unit: Literal["m", "rad"] = "m"
-    times: NDArray[np.float64] | None = None  #: (N,) [s] if there are gaps
+    times: Floats | None = None  #: (N,) [s] if there are gaps
     even: bool = True  #: whether the original rows were evenly spaced
     findings: tuple[Finding, ...] = ()  #: on how the file was read
 
@@ -80,7 +79,7 @@ class AxisRecord:
         return len(self.force)
 
     @cached_property
-    def t(self) -> NDArray[np.float64]:
+    def t(self) -> Floats:
         """Time from the record's start (N,) [s]."""
         if self.times is not None:
             return self.times - self.times[0]
@@ -110,9 +109,9 @@ class AxisRecord:
 
 def record_of_rows(
     name: str,
-    t: NDArray[np.float64],
-    force: NDArray[np.float64],
-    position: NDArray[np.float64],
+    t: Floats,
+    force: Floats,
+    position: Floats,
     *,
     unit: Literal["m", "rad"] = "m",
     findings: tuple[Finding, ...] = (),
@@ -211,7 +210,7 @@ class _File:
     units: Mapping[str, str]
     unit: str
 
-    def column(self, name: str, option: str) -> NDArray[np.float64]:
+    def column(self, name: str, option: str) -> Floats:
         """Return the variable (N,) that an option names."""
         if name not in self.variables:
             hint = suggest(name, self.variables, otherwise="it has")
@@ -263,7 +262,7 @@ class _File:
         rest, unit = unit_at_the_end(parts)
         return unit if unit and len("".join(parts[len(rest) :])) > 1 else ""
 
-    def times(self, name: str, rows: int) -> NDArray[np.float64]:
+    def times(self, name: str, rows: int) -> Floats:
         """Return the time of each row (N,), from a variable or from the interval between rows."""
         times = self.variables.get(name)
         if times is not None and times.size != 1:
@@ -321,7 +320,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     return record_of_rows(file.name, t, force, position, unit=columns.unit, findings=tuple(findings))
 
 
-def _complete_rows(name: str, columns: Columns) -> NDArray[np.bool_]:
+def _complete_rows(name: str, columns: Columns) -> Bools:
     """Return which rows have all values (N,)."""
     count = len(columns["time"])
     for key, values in columns.items():
@@ -349,9 +348,7 @@ _LARGEST_STEP = 0.25
 _BEYOND = 0.01
 
 
-def _without_wraps(
-    position: NDArray[np.float64], scale: float, unit: str
-) -> tuple[NDArray[np.float64], list[Finding]]:
+def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, list[Finding]]:
     """Return the position (N,), recorded in `scale` of its unit, unwrapped if it wraps, and findings on that."""
     travel, steps = float(np.ptp(position)), np.abs(np.diff(position))
     # only with the right period does a jump differ from it by an ordinary step
