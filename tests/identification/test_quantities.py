@@ -66,8 +66,8 @@ def with_torques(log: Log, torques: np.ndarray) -> Log:
     return log.with_columns({f"u{i + 1}": torques[:, i] for i in range(3)})
 
 
-def short_log() -> Log:
-    return balancing_log(duration=5.0)
+def with_speeds(log: Log, speeds: np.ndarray) -> Log:
+    return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
 
 
 def moving_log() -> Log:
@@ -146,14 +146,14 @@ def test_the_rigid_body_found_is_the_one_that_predicts():
 
 
 def test_gain_and_offset_undo_what_the_motors_did():
-    log = short_log()
+    log = balancing_log(duration=5.0)
     gain, offset = np.array([0.9, 1.1, 1.3]), np.array([0.02, -0.03, 0.01])
     commanded = with_torques(log, (log.torques - offset) / gain)
     assert np.abs(residuals(commanded, {"torque_gain": [*gain], "torque_offset": [*offset]})).max() < ROUNDING
 
 
 def test_a_delay_of_whole_samples_takes_earlier_rows():
-    log = short_log()
+    log = balancing_log(duration=5.0)
     early = with_torques(log, np.roll(log.torques, -3, axis=0))  # logged three rows before it acts
     found = residuals(early, {"delay": [0.015]})
     # the last windows reach the rows that were rolled around
@@ -165,9 +165,7 @@ def test_back_emf_brakes_the_predicted_wheels():
     braked = alten(replace(FRICTION, viscous=tuple(b + brake for b in FRICTION.viscous)))
     log = balancing_log(friction=braked.friction, duration=5.0)
     speeds = Model(alten()).wheel_speed(log.states[:, :5], log.states[:, 5:])
-    as_mapped = with_torques(log, log.torques - brake * speeds)  # what a mapping makes of duties
-    if "wheel1_dot" in as_mapped:
-        as_mapped = as_mapped.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
+    as_mapped = with_speeds(with_torques(log, log.torques - brake * speeds), speeds)  # as of duties
     undone = standstill_torques(as_mapped, alten(), brake)
     np.testing.assert_allclose(undone.torques, log.torques, atol=1e-12)
     assert np.abs(residuals(undone, {"delay": [0.0]}, back_emf=brake)).max() < ROUNDING
@@ -178,7 +176,7 @@ def test_back_emf_brakes_the_predicted_wheels():
 
 def test_tilted_imu_is_corrected():
     # the robot stands turned by 0.8 rad: the tilt's axes turn with the body (to x, y and lean the model is indifferent)
-    log, (a, b) = short_log(), (0.004, -0.006)
+    log, (a, b) = balancing_log(duration=5.0), (0.004, -0.006)
     tilt = rotation(a, b, 0.0)
     R = rotation(log["theta"], log["phi"], log["psi"]) @ tilt
     seen = {"theta": np.arctan2(-R[:, 1, 2], R[:, 2, 2]), "phi": np.arcsin(R[:, 0, 2])}
@@ -189,7 +187,7 @@ def test_tilted_imu_is_corrected():
 
 
 def test_gyro_bias_is_corrected():
-    log, (x, y, z) = short_log(), (0.02, -0.01, 0.03)
+    log, (x, y, z) = balancing_log(duration=5.0), (0.02, -0.01, 0.03)
     c, s = np.cos(log["psi"]), np.sin(log["psi"])
     seen = {
         "theta_dot": log["theta_dot"] + c * x - s * y,
@@ -235,27 +233,14 @@ def test_friction_that_grows_with_the_load_is_that_of_each_sample():
     assert np.abs(residuals(log, {"delay": [0.0]})).max() > 1e-4
 
 
-def pivoting_log() -> tuple[Log, np.ndarray]:
-    """Return a log of a ball that pivots, with its wheel speeds, and the ball's spin in each row."""
-    plant = Model(alten(FRICTION), pivoting=0.05)
-    torques = 0.4 + 0.3 * TO_AND_FRO
+@pytest.mark.slow
+def test_a_ball_that_pivots_is_predicted_from_its_spin():
+    plant, torques = Model(alten(FRICTION), pivoting=0.05), 0.4 + 0.3 * TO_AND_FRO
     states = [np.array([0, 0, 0.02, -0.01, 0.3, 0.1, 0, 0, 0, 0.2, 0.4])]
     for u in torques[:-1]:
         states.append(plant.advance(states[-1], u, 0.005))
     x = np.array(states)
-    speeds = plant.wheel_speed(x[:, :5], x[:, 5:])
-    log = Log(
-        {"t": 0.005 * np.arange(60)}
-        | dict(zip(STATE_NAMES, x[:, :10].T, strict=True))
-        | {f"u{i + 1}": torques[:, i] for i in range(3)}
-        | {f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)}
-    )
-    return log, x[:, 10]
-
-
-@pytest.mark.slow
-def test_a_ball_that_pivots_is_predicted_from_its_spin():
-    log, _ = pivoting_log()
+    log = with_speeds(log_of([*x[:, :10]], torques), plant.wheel_speed(x[:, :5], x[:, 5:]))
     assert np.abs(residuals(log, {"pivoting": [0.05]})).max() < ROUNDING
     assert np.abs(residuals(log, {"delay": [0.0]})[:, :, PSI]).max() > 1e-3
 
@@ -263,8 +248,7 @@ def test_a_ball_that_pivots_is_predicted_from_its_spin():
 def showing(log: Log, share: float) -> Log:
     """Return the log with the wheel speeds of a ball that turns along by the rest of the heading's rate."""
     q_dot = log.states[:, 5:] * [1.0, 1.0, 1.0, 1.0, share]
-    speeds = Model(alten()).wheel_speed(log.states[:, :5], q_dot)
-    return log.with_columns({f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)})
+    return with_speeds(log, Model(alten()).wheel_speed(log.states[:, :5], q_dot))
 
 
 @pytest.mark.slow

@@ -1,8 +1,6 @@
 """The body's inertia from a swing (Appendix III): truth by SciPy's integrator, in logs and in a film."""
 
-import json
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +9,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import binom
 
-from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.swing import fit_swing, inertia_of_swing, pendulum_motion, swing_in_log, swing_of
+from ballbot.identification.swing import (
+    SwingFit,
+    fit_swing,
+    inertia_of_swing,
+    pendulum_motion,
+    swing_in_log,
+    swing_of,
+)
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.workflows.robot_check import check_swing
@@ -23,22 +27,18 @@ from tests.support.vision_examples import pendulum, sensor_noise
 STIFFNESS = 17.076 * 9.81 * 0.393 / 4.37
 
 
-@dataclass(frozen=True, kw_only=True)
-class Truth:
-    """A pendulum's motion."""
-
-    t: NDArray[np.float64]
-    angle: NDArray[np.float64]
-    rate: NDArray[np.float64]
-
-
 def swung(
     *, duration: float, h: float, amplitude: float = 0.25, viscous: float = 0.01, dry: float = 0.01
-) -> Truth:
+) -> Log:
     """Return the motion of Appendix III's body, let go at `amplitude`."""
     t = np.arange(0.0, duration, h)
     angle, rate = pendulum(t, stiffness=STIFFNESS, viscous=viscous, dry=dry, amplitude=amplitude)
-    return Truth(t=t, angle=angle, rate=rate)
+    return Log({"t": t, "theta": angle, "theta_dot": rate})
+
+
+def fitted(log: Log, noise: NDArray[np.float64] | float = 0.0) -> SwingFit:
+    """Return the pendulum fitted to a log's angle with noise of its sensor."""
+    return fit_swing(swing_of(log.t, log["theta"] + noise, kind="angle", source="theta"))
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +65,7 @@ def test_pendulum_motion_equals_scipys_integration(amplitude, viscous, dry, h):
 
 @pytest.mark.parametrize("amplitude", [0.5, 1.5])
 def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
-    truth = swung(duration=25.0, h=0.02, amplitude=amplitude)
-    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
+    fit = fitted(swung(duration=25.0, h=0.02, amplitude=amplitude))
     # of Appendix III: 4.37 kg m^2, which is not an input
     assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), rel=2e-6)
 
@@ -76,8 +75,7 @@ def test_large_swings_give_the_small_ones_frequency(amplitude: float) -> None:
 )
 def test_viscous_and_dry_pivot_friction_are_separated(viscous: float, dry: float) -> None:
     truth = swung(duration=40.0, h=0.01, viscous=viscous, dry=dry)
-    noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=3)
-    fit = fit_swing(swing_of(truth.t, noisy, kind="angle", source="angle"))
+    fit = fitted(truth, sensor_noise(len(truth), deviation=0.002, seed=3))
     half = fit.half_widths
     # an interval of 95 % may miss; one and a half of it miss in 0.3 %
     assert abs(fit.values[1] - viscous) < 1.5 * half[1]
@@ -92,8 +90,7 @@ def test_intervals_hold_the_truth(robot: Robot) -> None:
     deviations = {"body.mass": 0.02, "body.center_of_mass": 0.002}
     random, held, runs = np.random.default_rng(5), 0, 25
     for seed in range(runs):
-        noise = sensor_noise(len(truth.t), deviation=0.003, seed=seed, memory=0.8)
-        fit = fit_swing(swing_of(truth.t, truth.angle + noise + 0.1, kind="angle", source="angle"))
+        fit = fitted(truth, sensor_noise(len(truth), deviation=0.003, seed=seed, memory=0.8) + 0.1)
         # errors of scale and tube: N(0, their standard deviations)
         mass, height = (17.076, 0.393) + np.array([0.02, 0.002]) * random.standard_normal(2)
         body = replace(robot.body, mass=float(mass), center_of_mass=float(height))
@@ -110,7 +107,7 @@ def test_pivot_elsewhere(robot: Robot) -> None:
     stiffness = 17.076 * 9.81 * 0.3 / (own + 17.076 * 0.3**2)
     t = np.linspace(0.0, 24.98, 1250)
     angle, _ = pendulum(t, stiffness=stiffness, viscous=0.02, amplitude=0.2)
-    fit = fit_swing(swing_of(t, angle, kind="angle", source="angle"))
+    fit = fitted(Log({"t": t, "theta": angle}))
     found = inertia_of_swing(fit, robot, distance=0.3, deviation=0.003)
     assert found.about_center_of_mass.value == pytest.approx(own, rel=1e-4)
     assert found.about_ball_center.value == pytest.approx(4.37, rel=1e-4)
@@ -124,10 +121,9 @@ def test_pivot_elsewhere(robot: Robot) -> None:
 def test_recording_before_and_after_the_swing_is_left_out() -> None:
     """Held for three seconds at its largest angle, let go, and at rest for the last ten."""
     truth = swung(duration=40.0, h=0.01, dry=0.2, viscous=0.0)
-    held = np.concatenate([np.full(300, truth.angle[0]), truth.angle])
+    held = np.concatenate([np.full(300, truth["theta"][0]), truth["theta"]])
     t = np.linspace(0.0, 0.01 * (len(held) - 1), len(held))
-    noisy = held + sensor_noise(len(t), deviation=0.001, seed=1)
-    fit = fit_swing(swing_of(t, noisy, kind="angle", source="angle"))
+    fit = fitted(Log({"t": t, "theta": held}), sensor_noise(len(t), deviation=0.001, seed=1))
     assert fit.frequency == pytest.approx(np.sqrt(STIFFNESS), abs=1.5 * fit.frequency_half_width)
     assert 3.0 < fit.swing.t[0] < 3.0 + 2.0 * np.pi / np.sqrt(STIFFNESS)
     assert fit.swing.t[-1] < t[-1] - 10.0
@@ -138,26 +134,12 @@ def test_gyro_about_any_axis_is_read(robot: Robot) -> None:
     log = Log(
         {"t": truth.t}
         | {
-            name: share * truth.rate + sensor_noise(len(truth.t), deviation=0.002, seed=seed)
+            name: share * truth["theta_dot"] + sensor_noise(len(truth), deviation=0.002, seed=seed)
             for seed, (name, share) in enumerate({"gyro_x": 0.6, "gyro_y": -0.8, "gyro_z": 0.0}.items())
         }
     )
     fit = fit_swing(swing_in_log(log))
     assert inertia_of_swing(fit, robot).about_pivot.value == pytest.approx(4.37, rel=2e-4)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_check_prints_and_writes_the_swing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    truth = swung(duration=15.0, h=0.02)
-    Log({"t": truth.t, "theta": np.pi + truth.angle}).write(tmp_path / "swing.csv")
-    words = ["check", "alten", "--swing", str(tmp_path / "swing.csv"), "--pivot-deviation", "0.002"]
-    assert main([*words, "--out", str(tmp_path / "out")]) == 0
-    assert "inertia about the pivot" in capsys.readouterr().out
-    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["swing"]
-    assert results["inertia_about_pivot"]["value"] == pytest.approx(4.37, rel=1e-4)
-    # 2 mm of the distance alone: I / r - 2 m r about the centre of mass
-    by_distance = 0.002 * abs(4.37 / 0.393 - 2.0 * 17.076 * 0.393)
-    assert results["inertia_about_center_of_mass"]["deviation"] == pytest.approx(by_distance, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -176,8 +158,7 @@ def test_records_without_a_swing_are_refused(values: NDArray[np.float64], words:
 
 
 def test_impossible_pivot_distance_is_refused(robot: Robot) -> None:
-    truth = swung(duration=10.0, h=0.02)
-    fit = fit_swing(swing_of(truth.t, truth.angle, kind="angle", source="angle"))
+    fit = fitted(swung(duration=10.0, h=0.02))
     with pytest.raises(InputError, match=r"the distance must be below 0\.651"):
         inertia_of_swing(fit, robot, distance=0.7)
     with pytest.raises(InputError, match="must be above zero"):
@@ -194,7 +175,7 @@ MISTAKES: dict[str, tuple[float, str, str]] = {
 @pytest.mark.parametrize(("amplitude", "code", "words"), MISTAKES.values(), ids=MISTAKES)
 def test_swing_recorded_wrongly_is_stopped_with_its_cause(tmp_path, amplitude, code, words, request):
     truth = swung(duration=30.0, h=0.02, amplitude=amplitude, dry=0.0)
-    t, angle = truth.t, truth.angle
+    t, angle = truth.t, truth["theta"]
     if request.node.callspec.id == "milliseconds":
         t = 1e3 * t
     else:
@@ -209,11 +190,11 @@ def test_swing_recorded_wrongly_is_stopped_with_its_cause(tmp_path, amplitude, c
 
 def test_sensor_that_froze_is_refused_and_one_that_is_clipped_gets_a_warning(robot: Robot) -> None:
     truth = swung(duration=30.0, h=0.02, amplitude=0.3, dry=0.0)
-    frozen = np.where((truth.t > 10.0) & (truth.t < 14.0), truth.angle[500], truth.angle)
+    angle = truth["theta"]
+    frozen = np.where((truth.t > 10.0) & (truth.t < 14.0), angle[500], angle)
     with pytest.raises(InputError, match="is not a free swing"):
-        fit_swing(swing_of(truth.t, frozen, kind="angle", source="theta"))
-    clipped = swing_of(truth.t, np.clip(truth.angle, -0.2, 0.2), kind="angle", source="theta")
-    found = inertia_of_swing(fit_swing(clipped), robot)
+        fitted(truth.with_columns({"theta": frozen}))
+    found = inertia_of_swing(fitted(truth.with_columns({"theta": np.clip(angle, -0.2, 0.2)})), robot)
     assert [one.code for one in found.findings] == ["swing-fit"]
     # crossings of the middle have the frequency all the same
     assert found.about_ball_center.value == pytest.approx(4.37, rel=0.005)
@@ -221,16 +202,15 @@ def test_sensor_that_froze_is_refused_and_one_that_is_clipped_gets_a_warning(rob
 
 def test_a_large_correct_swing_has_no_findings(robot: Robot) -> None:
     truth = swung(duration=25.0, h=0.02, amplitude=1.2)
-    noisy = truth.angle + sensor_noise(len(truth.t), deviation=0.002, seed=1)
-    swing = swing_of(truth.t, noisy, kind="angle", source="theta")
-    assert inertia_of_swing(fit_swing(swing), robot).findings == ()
+    fit = fitted(truth, sensor_noise(len(truth), deviation=0.002, seed=1))
+    assert inertia_of_swing(fit, robot).findings == ()
 
 
 def test_swing_of_another_body_gets_a_warning(robot: Robot) -> None:
     """A body with twice the file's inertia: the file, the mass or the clock is wrong."""
     t = np.linspace(0.0, 25.0, 1251)
     angle, _ = pendulum(t, stiffness=0.5 * STIFFNESS, viscous=0.02, amplitude=0.2)
-    fit = fit_swing(swing_of(t, angle, kind="angle", source="theta"))
+    fit = fitted(Log({"t": t, "theta": angle}))
     findings = inertia_of_swing(fit, robot).findings
     assert {one.severity for one in findings} == {"warning"}
     assert any("2 times the file's 4.37" in one.text for one in findings)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import ArrayLike
 from scipy.integrate import solve_ivp
 
 from ballbot import InputError, Log, Robot
@@ -33,19 +32,6 @@ FOUR = ClampedBall.of_robot(
     )
 )
 NONE = Friction.none(3)
-
-
-def friction(b: ArrayLike, c: ArrayLike, s: ArrayLike, *, v_s: float = 0.6, delta: float = 1.1) -> Friction:
-    """Return the friction of wheels without rolling friction."""
-    viscous, coulomb, stribeck = (tuple(np.asarray(one, dtype=float).tolist()) for one in (b, c, s))
-    return Friction(
-        viscous=viscous,
-        coulomb=coulomb,
-        stribeck=stribeck,
-        stribeck_speed=v_s,
-        stribeck_exponent=delta,
-        rolling=0.0,
-    )
 
 
 def run(
@@ -75,7 +61,7 @@ class TestPlant:
         lever = BALL.A[0, 2]
         line = Driveline(inertia=BALL.inertia[2, 2] / (3.0 * lever**2), friction=law)
         speeds = simulate_driveline(line, u, sample_time=0.005).speeds
-        same = friction([0.014] * 3, [0.1] * 3, [0.05] * 3)
+        same = replace(FRICTION, viscous=(0.014,) * 3, coulomb=(0.1,) * 3, stribeck=(0.05,) * 3)
         found = run(BALL, same, np.zeros(3), np.repeat(u[:, None], 3, axis=1))
         assert np.abs(speeds).max() > 1.0
         # both are of first order where a sign changes, by different steps: 2e-3 of the largest speed
@@ -107,7 +93,8 @@ class TestPlant:
     )
     def test_friction_never_gives_energy_and_ends_in_rest(self, start, dry, four):
         ball, n = (FOUR, 4) if four else (BALL, 3)
-        law = friction([0.01] * n, dry[:n], [0.03] * n)
+        sizes = {"viscous": (0.01,) * n, "coulomb": tuple(dry[:n]), "stribeck": (0.03,) * n}
+        law = replace(FRICTION, **sizes)
         found = np.vstack([start, run(ball, law, np.array(start), np.zeros((400, n)))])
         energy = np.einsum("ki,ij,kj->k", found, ball.inertia, found)
         assert (np.diff(energy) <= 1e-12 * energy[0]).all()
@@ -129,14 +116,17 @@ class TestPlant:
         assert np.abs(ours[0] @ BALL.A.T).max(axis=0).min() > 0.3  # every wheel turns
 
 
+def log_of(torques: np.ndarray, omega: np.ndarray, **wheels: np.ndarray) -> Log:
+    """Return a log at 200 Hz of torques and the ball's angular velocity (N, 3)."""
+    columns = {"t": 0.005 * np.arange(len(torques))} | {f"u{i + 1}": torques[:, i] for i in range(3)}
+    return Log(columns | dict(zip(BALL_NAMES, omega.T, strict=True)) | wheels)
+
+
 def camera_log(*, duration: float, seed: int, law: Friction = FRICTION, size: float = 0.3) -> Log:
     """Return a run of the plant with a friction, watched by a camera with noise of 0.03 rad/s."""
-    samples, random = round(duration / 0.005), np.random.default_rng(seed)
-    torques = multisine(samples, seed=seed, size=size)
+    torques, random = multisine(round(duration / 0.005), seed=seed, size=size), np.random.default_rng(seed)
     omega = np.vstack([np.zeros(3), run(BALL, law, np.zeros(3), torques, step=5e-4)[:-1]])
-    seen = omega + 0.03 * random.standard_normal(omega.shape)
-    columns = {"t": 0.005 * np.arange(samples)} | {f"u{i + 1}": torques[:, i] for i in range(3)}
-    return Log(columns | {f"ball_omega_{axis}": seen[:, i] for i, axis in enumerate("xyz")})
+    return log_of(torques, omega + 0.03 * random.standard_normal(omega.shape))
 
 
 @pytest.fixture(scope="module")
@@ -147,9 +137,7 @@ def log() -> Log:
 @pytest.fixture(scope="module")
 def smooth() -> Log:
     """Return torques and a motion that do not belong together, for what is decided before anything is simulated."""
-    torques, omega = multisine(2400, seed=5), multisine(2400, seed=6, size=2.0)
-    columns = {"t": 0.005 * np.arange(2400)} | {f"u{i + 1}": torques[:, i] for i in range(3)}
-    return Log(columns | {f"ball_omega_{axis}": omega[:, i] for i, axis in enumerate("xyz")})
+    return log_of(multisine(2400, seed=5), multisine(2400, seed=6, size=2.0))
 
 
 def creeping_log(*, seed: int) -> Log:
@@ -170,29 +158,15 @@ def creeping_log(*, seed: int) -> Log:
             w = np.sign(free) * np.maximum(np.abs(free) - h / parts * dry / j, 0.0)
             omega = omega + h / parts * A.T @ force / J
     seen = np.array(rows) + np.random.default_rng(seed).normal(0.0, [0.03] * 3 + [0.05] * 3, (samples, 6))
-    names = [*(f"u{i + 1}" for i in range(3)), *BALL_NAMES, *(f"wheel{i + 1}_dot" for i in range(3))]
-    columns = np.hstack([torques, seen]).T
-    return Log({"t": h * np.arange(samples)} | dict(zip(names, columns, strict=True)))
-
-
-TRUTH = {
-    "b": FRICTION.viscous,
-    "c": FRICTION.coulomb,
-    "s": FRICTION.stribeck,
-    "v_s": (FRICTION.stribeck_speed,),
-}
+    return log_of(torques, seen[:, :3], **{f"wheel{i + 1}_dot": seen[:, 3 + i] for i in range(3)})
 
 
 def outside(found: UpsideDown) -> list[str]:
     """Return the numbers whose 95 % interval does not contain the truth."""
-    truth = {
-        f"{symbol}{i + 1}" if len(values) > 1 else symbol: value
-        for symbol, values in TRUTH.items()
-        for i, value in enumerate(values)
-    }
+    truth = (*FRICTION.viscous, *FRICTION.coulomb, *FRICTION.stribeck, FRICTION.stribeck_speed)
     return [
         label
-        for label, value in truth.items()
+        for label, value in zip(found.estimate.labels, truth, strict=True)
         if not found.intervals[label][0] <= value <= found.intervals[label][1]
     ]
 

@@ -156,13 +156,8 @@ def test_equal_controllers_differ_by_nothing(folder):
 
 def test_the_best_two_fall_least_and_then_err_least(folder):
     robot = alten(FRICTION)
-    own = parse_candidates(("none", "precise", f"limp={write_own(folder)}:Limp"))
+    own = parse_candidates(("none", "precise", f"limp={folder}/own.py:Limp"))
     controllers = {one.name: one.controller(robot) for one in own}
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
     league = run_league(robot, controllers, courses, seeds=[1, 2])
     assert best_two(league) == ("precise", "none")
-
-
-def write_own(folder: Path) -> Path:
-    (folder / "own.py").write_text(OWN)
-    return folder / "own.py"

@@ -123,6 +123,21 @@ def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence)
         (COURSE + "lenght = 3.0", "lenght is not a key of a course; the keys there are about"),
         (COURSE + "[mine.one.scenario]\nbacklsh = 0.1", "did you mean 'backlash'?"),
         (COURSE + COURSE.replace("mine", "yours").replace("9.0", "8.0"), "There are two courses 'one'"),
+        (COURSE + 'metrics = ["peak_leen"]', "no metric 'peak_leen'; did you mean 'peak_lean'"),
+        (COURSE + "stop = 9.0", "stop is 9 s, and the run ends at 9 s"),
+        (
+            COURSE + "scenario.payload = { mass = 1, position = [0, 0, 0.5], put_on = 5.0, taken_off = 5.0 }",
+            "taken_off is 5",
+        ),
+        (
+            COURSE + "scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0, ends = 3.0 }",
+            "ends is 3 s",
+        ),
+        (
+            COURSE + "rising_pushes = { first = 1.0, factor = 1.1, count = 2, every = 3.0, duration = 0.1, "
+            "height = 0.4 }\nscenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0 }",
+            "rising_pushes are the only disturbances",
+        ),
     ],
 )
 def test_a_wrong_course_file_is_refused_in_one_sentence(tmp_path, text, sentence):
@@ -200,31 +215,3 @@ def test_the_benchmark_can_be_run_on_every_preset(preset):
     assert [later.time for later in changing.imperfections.later] == [10.0, 20.0]
     masses = [later.model.robot.body.mass for later in changing.imperfections.later]
     assert masses == [pytest.approx(robot.body.mass + 2.0), robot.body.mass]
-
-
-def test_a_course_with_an_unknown_metric_is_refused(tmp_path):
-    (tmp_path / "courses.toml").write_text(COURSE + 'metrics = ["peak_leen"]')
-    with pytest.raises(InputError, match=r"\[mine.one\]: .* no metric 'peak_leen'; did you mean 'peak_lean'"):
-        choose_courses(str(tmp_path / "courses.toml"), alten(), "model")
-
-
-@pytest.mark.parametrize(
-    ("lines", "sentence"),
-    [
-        ("stop = 9.0", "stop is 9 s, and the run ends at 9 s"),
-        (
-            "scenario.payload = { mass = 1.0, position = [0.0, 0.0, 0.5], put_on = 5.0, taken_off = 5.0 }",
-            "taken_off is 5",
-        ),
-        ("scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0, ends = 3.0 }", "ends is 3 s"),
-        (
-            "rising_pushes = { first = 1.0, factor = 1.1, count = 2, every = 3.0, duration = 0.1, height = 0.4 }\n"
-            "scenario.carpet = { rolling = 0.02, pivoting = 0.02, begins = 4.0 }",
-            "rising_pushes are the only disturbances",
-        ),
-    ],
-)
-def test_times_of_a_course_that_cannot_be_are_refused(tmp_path, lines, sentence):
-    (tmp_path / "courses.toml").write_text(COURSE + lines)
-    with pytest.raises(InputError, match=sentence):
-        choose_courses(str(tmp_path / "courses.toml"), alten(), "model")

@@ -33,15 +33,10 @@ def own_modules():
     sys.path[:] = folders
 
 
-def write(folder: Path, head: str = "", *, made="pass", reset="pass", updated="pass") -> str:
-    folder.mkdir(exist_ok=True)
+def controller(folder: Path, head: str = "", *, made="pass", reset="pass", updated="pass") -> UserController:
     path = folder / "mine.py"
     path.write_text(head + PLAIN.format(made=made, reset=reset, updated=updated))
-    return str(path)
-
-
-def controller(folder: Path, head: str = "", *, made="pass", reset="pass", updated="pass") -> UserController:
-    return UserController(write(folder, head, made=made, reset=reset, updated=updated), "Mine", alten())
+    return UserController(str(path), "Mine", alten())
 
 
 @pytest.mark.parametrize("where", ["head", "made", "reset", "updated"])

@@ -75,16 +75,6 @@ def small() -> Study:
     return study(Robot.load("alten"), {"walk": walk()}, options=SMALL, run=Run(seed=3))
 
 
-@pytest.fixture(scope="module")
-def folder(small: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("study") / "made" / "deep"
-    source = tmp_path_factory.mktemp("logs") / "walk.csv"
-    walk().write(source)
-    made = provenance(command="ballbot study alten walk.csv --out made", files=[source], seed=3)
-    write_study(small, out, made=made)
-    return out
-
-
 def write_study(study: Study, out: Path, *, made: Provenance) -> None:
     """Write a study into a folder as its command does."""
     for name, text in study_texts(study, out).items():

@@ -53,7 +53,7 @@ from ballbot.log import Log
 from ballbot.log.columns import Floats, wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
-from ballbot.results import key, reported, to_results
+from ballbot.results import key, reported
 from ballbot.robot import Robot
 from ballbot.robot.parameters import Value
 from ballbot.robot.wheel_directions import axles
@@ -316,10 +316,6 @@ class Geometry:
     def azimuths(self, kind: str) -> list[GeometryQuantity]:
         """Return the wheels' azimuths from that kind of logs; an empty list without such logs."""
         return [azimuth for azimuth in self.measured if "azimuths" in azimuth.name and azimuth.kind == kind]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds, SI units."""
-        return to_results(self)
 
 
 def common_turn(azimuths: Sequence[GeometryQuantity]) -> float:

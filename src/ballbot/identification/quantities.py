@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.friction_law import OWN_PARAMETERS
-from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, value_of
 
 #: quantities of the rigid body
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
@@ -152,11 +152,6 @@ class Quantity:
         return limits
 
 
-def _shell_inertia(robot: Robot) -> Sequence[float]:
-    """Return the inertia of the ball as a thin shell."""
-    return (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),)
-
-
 def _of_robot(
     key: str,
     stands_for: str | None = None,
@@ -220,7 +215,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         lines=tuple(f"body.inertia.{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
     ),
     # between a solid ball's and a thin shell's
-    _of_robot("ball.inertia", name="ball_inertia", bounds=(0.6, 1.0), share_of=_shell_inertia),
+    _of_robot(
+        "ball.inertia",
+        name="ball_inertia",
+        bounds=(0.6, 1.0),
+        share_of=lambda robot: (thin_shell_inertia(mass=robot.ball.mass, radius=robot.ball.radius),),
+    ),
     _of_robot("wheels.inertia", name="wheel_inertia", bounds=(0.0, 5.0)),
     Quantity(
         "rotor_inertia",
@@ -272,7 +272,7 @@ OWN = "friction.own."
 class _ByName(Mapping[str, Quantity]):
     """The quantities by name: those of the table, then the own parameters of registered friction laws."""
 
-    _table = MappingProxyType({quantity.name: quantity for quantity in QUANTITIES})
+    _table: ClassVar = {quantity.name: quantity for quantity in QUANTITIES}
 
     def __getitem__(self, name: str) -> Quantity:
         return self._table[name] if name in self._table else _of_robot(f"{OWN}{name}")
@@ -289,15 +289,13 @@ FRICTION = ("viscous", "coulomb", "stribeck", "stribeck_speed", "stribeck_expone
 #: further terms of the friction; a torque offset stands for the asymmetry of c
 TERMS = ("stribeck_asymmetry", "load")
 #: names of groups of quantities
-GROUPS = MappingProxyType(
-    {
-        "friction": FRICTION,
-        "rigid_body": ("center_of_mass", "second_moment"),
-        "torque": ("torque_gain", "torque_offset", "delay"),
-        "delays": ("delay", "imu_delay", "velocity_delay"),
-        "bias": ("lean_bias", "gyro_bias"),
-    }
-)
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "friction": FRICTION,
+    "rigid_body": ("center_of_mass", "second_moment"),
+    "torque": ("torque_gain", "torque_offset", "delay"),
+    "delays": ("delay", "imu_delay", "velocity_delay"),
+    "bias": ("lean_bias", "gyro_bias"),
+}
 
 
 def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
@@ -387,8 +385,12 @@ class Layout:
             stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
             load=() if load is None else tuple(load.tolist()),
             own=tuple(
-                (name, value if (part := self.part(name, values)) is None else _shaped_like(value, part))
+                (
+                    name,
+                    value if part is None else tuple(part.tolist()) if isinstance(value, tuple) else part[0],
+                )
                 for name, value in robot.friction.own
+                for part in [self.part(name, values)]
             ),
         )
         return self.with_rigid_body(robot.replace(friction=friction), values)
@@ -409,10 +411,6 @@ class Layout:
             numbers = values[columns].tolist()
             table[BY_NAME[name].symbol] = numbers if BY_NAME[name].each else numbers[0]
         return table
-
-
-def _shaped_like(value: Value, numbers: Floats) -> Value:
-    return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
 
 
 def _within(values: Floats, sizes: Sequence[float]) -> tuple[float, ...]:

@@ -19,6 +19,7 @@ from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
+from ballbot.results import to_results
 from ballbot.robot import Friction, Robot
 from ballbot.rounding import between, digits, unit_heading, value_and_error
 from ballbot.summary import counted
@@ -181,7 +182,7 @@ def geometry_report(
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
-        data=geometry.to_dict() | {"findings": finding_results([*log_findings, *findings])},
+        data=to_results(geometry) | {"findings": finding_results([*log_findings, *findings])},
     )
 
 

@@ -349,7 +349,9 @@ class Provenance:
 def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Provenance:
     """Return the provenance of a result from `files`; raise InputError if one cannot be read."""
     sources = []
-    for path in _single_files(files):
+    # of a ROS 2 bag's folder its files
+    single = [each for path in files for each in (sorted(path.iterdir()) if path.is_dir() else (path,))]
+    for path in single:
         check_regular(path)  # reading a pipe would never end
         try:
             sources.append(SourceFile(name=str(path), sha256=sha256_of(path)))
@@ -361,9 +363,3 @@ def provenance(*, command: str, files: Sequence[Path], seed: int | str) -> Prove
         seed=seed,
         versions={"python": platform.python_version()} | {name: version(name) for name in _PACKAGES},
     )
-
-
-def _single_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """Yield the files, and those of a ROS 2 bag's folder in its place."""
-    for path in paths:
-        yield from sorted(path.iterdir()) if path.is_dir() else (path,)

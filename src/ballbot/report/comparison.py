@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -234,14 +235,20 @@ def _reference_path(course: Course, t: Floats) -> Floats:
 def league_report(league: League, *, twin: League | None = None) -> Result:
     """Return the page of a league, and of its best two on the twin if they ran there too."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    courses = counted(len(league.courses), "course")
+    courses, on_twin = counted(len(league.courses), "course"), []
+    if twin:
+        seeds = counted(len(twin.seeds), "seed")
+        text = f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction."
+        on_twin = [Paragraph(text), course_sheet(twin)]
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
-            section("On the twin", *(_twin_blocks(twin) if twin else ())),
+            section("On the twin", Paragraph(on_twin), course_sheet(twin))
+            if twin
+            else section("On the twin"),
             *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
@@ -249,11 +256,6 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
         ],
         data=league.to_dict() | ({"twin": twin.to_dict()} if twin else {}),
     )
-
-
-def _twin_blocks(twin: League) -> tuple[Paragraph, Sheet]:
-    text = f"The best two on the twin, with {counted(len(twin.seeds), 'seed')}: rollers, slip and the nominal friction."
-    return Paragraph(text), course_sheet(twin)
 
 
 def _course_section(league: League, course: Course, index: int) -> Section:
@@ -319,13 +321,19 @@ def alternation_report(
     alike = (
         f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
     )
+    looks = cycle(TRACK_LOOKS)
+    t, distances = _distances(
+        [(f"run {name}", look, log) for name, look, log in zip(runs, looks, logs, strict=False)]
+    )
     return Result(
         title="Two controllers in turn on a live robot",
         lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
         verdict=[("", _conclusion(alternation))],
         sections=[
             section("Compared", *_gains_and_runs(alternation, runs), Bullets(verdicts)),
-            section("Over time", _errors_in_turn(runs, logs)),
+            section(
+                "Over time", TimeSeries(t, (distances,), "The runs one over another, from their starts.")
+            ),
         ],
         undecided=[
             alike if open_names else "",
@@ -373,16 +381,6 @@ def _gains_and_runs(alternation: Alternation, runs: Sequence[str]) -> tuple[Shee
         for name, shown in SHOWN.items()
     ]
     return gains, Sheet(("quantity", *runs), performances, "Runs in turn.")
-
-
-def _errors_in_turn(runs: Sequence[str], logs: Sequence[Log]) -> TimeSeries:
-    t, distances = _distances(
-        [
-            (f"run {name}", TRACK_LOOKS[k % len(TRACK_LOOKS)], log)
-            for k, (name, log) in enumerate(zip(runs, logs, strict=True))
-        ]
-    )
-    return TimeSeries(t, (distances,), "The runs one over another, from their starts.")
 
 
 def _conclusion(alternation: Alternation) -> str:

@@ -17,7 +17,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.findings import Finding, texts
-from ballbot.fitting.intervals import Interval
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
@@ -239,7 +238,10 @@ def friction_figure(fit: Identification, logs: Sequence[Log] = ()) -> Figure:
 
 def friction_sentence(fit: Identification) -> str:
     """Return the friction in words: of a wheel at rest and in motion, by direction and load, and of rolling."""
-    friction, unlimited = fit.robot.friction, open_labels(fit.intervals)
+    friction = fit.robot.friction
+    unlimited = [
+        label for label, ends in fit.intervals.items() if np.isinf(ends.upper) and not ends.lower > 0.0
+    ]
     rolling = f"the ball's rolling friction is {digits(fit.robot.rolling_force, 2)} N"
     words = [f"{_wheel_words(friction, float(fit.coulomb.speeds.max()))}; {rolling}."]
     for name, values in (("Coulomb", friction.coulomb_asymmetry), ("Stribeck", friction.stribeck_asymmetry)):
@@ -251,11 +253,6 @@ def friction_sentence(fit: Identification) -> str:
     if unlimited:
         words.append(f"The logs do not limit {', '.join(unlimited)}: any value fits.")
     return " ".join(words)
-
-
-def open_labels(intervals: Mapping[str, Interval]) -> list[str]:
-    """Return the labels of intervals that leave any value open."""
-    return [label for label, bounds in intervals.items() if np.isinf(bounds.upper) and not bounds.lower > 0.0]
 
 
 def _wheel_words(friction: Friction, fastest: float) -> str:

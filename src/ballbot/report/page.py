@@ -37,7 +37,9 @@ def render(result: Result, folder: Path) -> None:
 
 def page_of(report: Result) -> str:
     """Return a result's page as HTML."""
-    anchors = [_anchor(number, section.heading) for number, section in enumerate(report.sections, 1)]
+    # the letters and digits of a heading, and its number
+    words = [re.sub(r"[^a-z0-9]+", "-", section.heading.lower()).strip("-") for section in report.sections]
+    anchors = [f"{word or 'section'}-{number}" for number, word in enumerate(words, 1)]
     contents = [
         *zip(anchors, (section.heading for section in report.sections), strict=True),
         ("undecided", "What the data cannot decide"),
@@ -79,12 +81,6 @@ def page_of(report: Result) -> str:
         style=Markup("".join(styles)),
         scripts=[Markup(script) for script in scripts],
     )
-
-
-def _anchor(number: int, heading: str) -> str:
-    """Return a section's anchor: the letters and digits of its heading, and its number."""
-    words = re.sub(r"[^a-z0-9]+", "-", heading.lower()).strip("-")
-    return f"{words or 'section'}-{number}"
 
 
 def _printable_text(value: object) -> object:

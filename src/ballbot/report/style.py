@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from types import MappingProxyType
 from typing import TYPE_CHECKING, TypedDict, TypeVar, TypeVarTuple
 from urllib.parse import quote
 
@@ -45,19 +44,17 @@ class LineStyle(TypedDict):
 
 
 #: lines of figures, as `web/charts.js` draws those of time series
-LOOKS: Mapping[Look, LineStyle] = MappingProxyType(
-    {
-        "measured": {"color": INK, "linestyle": "-", "linewidth": 1.6},
-        "first": {"color": BLUE, "linestyle": "-", "linewidth": 1.3},
-        "second": {"color": ORANGE, "linestyle": "--", "linewidth": 1.3},
-        "third": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
-        "fourth": {"color": VIOLET, "linestyle": ":", "linewidth": 1.4},
-        "fifth": {"color": YELLOW, "linestyle": "-", "linewidth": 1.1},
-        "sixth": {"color": INK, "linestyle": "--", "linewidth": 1.1},
-        "reference": {"color": PALE, "linestyle": "-", "linewidth": 2.4},
-        "quiet": {"color": MUTED, "linestyle": "-", "linewidth": 0.7},
-    }
-)
+LOOKS: Mapping[Look, LineStyle] = {
+    "measured": {"color": INK, "linestyle": "-", "linewidth": 1.6},
+    "first": {"color": BLUE, "linestyle": "-", "linewidth": 1.3},
+    "second": {"color": ORANGE, "linestyle": "--", "linewidth": 1.3},
+    "third": {"color": GREEN, "linestyle": "-.", "linewidth": 1.3},
+    "fourth": {"color": VIOLET, "linestyle": ":", "linewidth": 1.4},
+    "fifth": {"color": YELLOW, "linestyle": "-", "linewidth": 1.1},
+    "sixth": {"color": INK, "linestyle": "--", "linewidth": 1.1},
+    "reference": {"color": PALE, "linestyle": "-", "linewidth": 2.4},
+    "quiet": {"color": MUTED, "linestyle": "-", "linewidth": 0.7},
+}
 #: marks of looks `IN_TURN`
 MARKS = ("o", "s", "^", "D", "v", "P")
 
@@ -66,11 +63,10 @@ Given = TypeVarTuple("Given")
 
 _LETTERS = {"x": "x", "y": "y", "theta": r"\theta", "phi": r"\varphi", "psi": r"\psi"}
 #: the symbols of the states as the thesis prints them, and their units
-STATE_SYMBOLS: Mapping[str, str] = MappingProxyType(
-    {name: f"${letter}$" for name, letter in _LETTERS.items()}
-    | {f"{name}_dot": rf"$\dot{{{letter}}}$" for name, letter in _LETTERS.items()}
-)
-STATE_UNITS: Mapping[str, str] = MappingProxyType({name: str(unit_of(name)) for name in STATE_NAMES})
+STATE_SYMBOLS: Mapping[str, str] = {name: f"${letter}$" for name, letter in _LETTERS.items()} | {
+    f"{name}_dot": rf"$\dot{{{letter}}}$" for name, letter in _LETTERS.items()
+}
+STATE_UNITS: Mapping[str, str] = {name: str(unit_of(name)) for name in STATE_NAMES}
 
 #: most points of a line: more than a page's width in printed dots adds bytes and shows no more
 _MOST_POINTS = 900

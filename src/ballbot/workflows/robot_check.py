@@ -174,7 +174,7 @@ class CheckedRobot:
             "unstable_pole_uncertainty": self.spread,
             "loop_margins": {"controller": self.controller, **margins},
             "findings": finding_results(self.findings),
-            "swing": self.swing,
+            "swing": self.swing and self.swing.to_dict(),
             "reference": self.following,
         }
 

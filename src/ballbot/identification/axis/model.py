@@ -17,7 +17,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -49,20 +48,18 @@ _ROWS: tuple[tuple[str, str, str, str, Scale], ...] = (
 )
 #: by name; units are those of a sliding axis (see `unit_for`), and bounds those for a largest force, speed and
 #: acceleration of 1
-PARAMETERS: Mapping[str, FitParameter] = MappingProxyType(
-    {
-        name: FitParameter(
-            name=name,
-            symbol=symbol,
-            unit=unit,
-            scale=scale,
-            bounds=(_LEAST[scale], 1.0 if name == "load" else _REACH),
-            default=1.0 if scale == "ratio" else 0.0,
-            meaning=meaning,
-        )
-        for name, symbol, unit, meaning, scale in _ROWS
-    }
-)
+PARAMETERS: Mapping[str, FitParameter] = {
+    name: FitParameter(
+        name=name,
+        symbol=symbol,
+        unit=unit,
+        scale=scale,
+        bounds=(_LEAST[scale], 1.0 if name == "load" else _REACH),
+        default=1.0 if scale == "ratio" else 0.0,
+        meaning=meaning,
+    )
+    for name, symbol, unit, meaning, scale in _ROWS
+}
 
 
 def unit_for(parameter: FitParameter, axis_unit: str) -> str:
@@ -72,18 +69,18 @@ def unit_for(parameter: FitParameter, axis_unit: str) -> str:
 
 
 #: friction laws: the parameters of each, and the simpler law with which it is compared
-LAWS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
-    {
-        "viscous": (("mass", "viscous", "offset"), ""),
-        "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
-        "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
-        "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
-    }
-)
+LAWS: Mapping[str, tuple[tuple[str, ...], str]] = {
+    "viscous": (("mass", "viscous", "offset"), ""),
+    "coulomb": (("mass", "viscous", "coulomb", "offset"), "viscous"),
+    "stribeck": (("mass", "viscous", "coulomb", "offset", "stribeck", "stribeck_speed"), "coulomb"),
+    "asymmetric": (("mass", "viscous", "coulomb", "offset", "asymmetry"), "coulomb"),
+}
 #: optional forces, and their parameters
-FORCES: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"gravity": ("gravity_sine", "gravity_cosine"), "load": ("load",), "delay": ("delay",)}
-)
+FORCES: Mapping[str, tuple[str, ...]] = {
+    "gravity": ("gravity_sine", "gravity_cosine"),
+    "load": ("load",),
+    "delay": ("delay",),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
