@@ -279,11 +279,7 @@ class Balancing:
         return weights, float(self._cost(squares))
 
     def _linearized(
-        self,
-        slopes: Floats,
-        residuals: Floats,
-        weights: Floats,
-        ties: Floats | float,
+        self, slopes: Floats, residuals: Floats, weights: Floats, ties: Floats | float
     ) -> Linearized:
         columns, size, count = np.flatnonzero(self.coordinates.free), len(self.coordinates.free), len(slopes)
         Z, r, m = _flat(slopes, weights), _flat(residuals, weights), len(columns)
@@ -341,11 +337,7 @@ def _differences(
 
 
 def _lanes(
-    work: Work,
-    about: _Differences,
-    starts: Floats,
-    rows: NDArray[np.int64],
-    residuals: Floats | None = None,
+    work: Work, about: _Differences, starts: Floats, rows: NDArray[np.int64], residuals: Floats | None = None
 ) -> Starts:
     """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals

@@ -69,12 +69,7 @@ class Predictor:
     threads: int | None = None  #: None for all cores; the results do not depend on it
 
     def residuals(
-        self,
-        values: Floats,
-        windows: Windows,
-        *,
-        every: int,
-        starts: Floats | None = None,
+        self, values: Floats, windows: Windows, *, every: int, starts: Floats | None = None
     ) -> Floats:
         """Return predicted less measured states (sets, w, m // every, 10), once `every` so many samples.
 
@@ -100,12 +95,7 @@ class Predictor:
         return states - measured + self._sensor_offsets(values, measured, times)
 
     def in_chunks(
-        self,
-        values: Floats,
-        windows: Windows,
-        *,
-        every: int = 1,
-        starts: Floats | None = None,
+        self, values: Floats, windows: Windows, *, every: int = 1, starts: Floats | None = None
     ) -> Iterator[Floats]:
         """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
         for first in range(0, len(windows), CHUNK):

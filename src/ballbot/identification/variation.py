@@ -178,12 +178,7 @@ _DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
 
 
 def inseparable(
-    coordinates: Coordinates,
-    equations: WindowEquations,
-    values: Floats,
-    *,
-    unknown: Bools,
-    speeds: Floats,
+    coordinates: Coordinates, equations: WindowEquations, values: Floats, *, unknown: Bools, speeds: Floats
 ) -> tuple[str, ...]:
     """Return the quantities whose values on single wheels the logs cannot separate.
 

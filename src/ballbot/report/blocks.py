@@ -135,7 +135,6 @@ def sheet_of(
     columns: Sequence[Column[T]],
     *,
     caption: str = "",
-    groups: Sequence[tuple[str, int]] = (),
     shaded: Callable[[T], bool] = lambda _: False,
 ) -> Sheet:
     """Return the table of rows, with those columns that have a heading."""
@@ -144,7 +143,6 @@ def sheet_of(
         [str(column.heading) for column in with_heading],
         [[column.shown(column.value(row)) for column in with_heading] for row in listed],
         caption,
-        groups=groups,
         shaded=frozenset(index for index, row in enumerate(listed) if shaded(row)),
     )
 

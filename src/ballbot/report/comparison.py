@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import cycle
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -235,20 +234,15 @@ def _reference_path(course: Course, t: Floats) -> Floats:
 def league_report(league: League, *, twin: League | None = None) -> Result:
     """Return the page of a league, and of its best two on the twin if they ran there too."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    courses, on_twin = counted(len(league.courses), "course"), []
-    if twin:
-        seeds = counted(len(twin.seeds), "seed")
-        text = f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction."
-        on_twin = [Paragraph(text), course_sheet(twin)]
+    courses, seeds = counted(len(league.courses), "course"), counted(len((twin or league).seeds), "seed")
+    on_twin = Paragraph(f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction.")
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
         verdict=[("", _verdict(league))],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
-            section("On the twin", Paragraph(on_twin), course_sheet(twin))
-            if twin
-            else section("On the twin"),
+            section("On the twin", *((on_twin, course_sheet(twin)) if twin else ())),
             *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
@@ -321,9 +315,9 @@ def alternation_report(
     alike = (
         f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
     )
-    looks = cycle(TRACK_LOOKS)
+    looks: list[Look] = [TRACK_LOOKS[k % len(TRACK_LOOKS)] for k in range(len(logs))]
     t, distances = _distances(
-        [(f"run {name}", look, log) for name, look, log in zip(runs, looks, logs, strict=False)]
+        [(f"run {name}", look, log) for name, look, log in zip(runs, looks, logs, strict=True)]
     )
     return Result(
         title="Two controllers in turn on a live robot",

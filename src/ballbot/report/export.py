@@ -31,9 +31,13 @@ def export_report(
         f"{len(exported.files)} files for {robot.name}. Estimator: {controller.estimator}; {compensation} "
         f"friction compensation; parts: {parts}."
     )
-    worst = load and (
-        f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
-        f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
+    worst = (
+        ""
+        if load is None
+        else (
+            f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
+            f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
+        )
     )
     rows = [
         ("period", f"{1e3 * controller.sample_time:g} ms"),

@@ -176,12 +176,7 @@ class Axis:
         )
 
     def windows(
-        self,
-        force: Floats,
-        h: float,
-        firsts: NDArray[np.int64],
-        counts: NDArray[np.int64],
-        starts: Floats,
+        self, force: Floats, h: float, firsts: NDArray[np.int64], counts: NDArray[np.int64], starts: Floats
     ) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
 
