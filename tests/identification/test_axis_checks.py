@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from ballbot.identification.axis import AxisRecord
 from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from ballbot.identification.driveline import classical
+from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from tests.support.axis_examples import simulated_record
 
 
@@ -64,27 +66,18 @@ def test_a_position_that_is_stuck_while_the_axis_moves_is_an_error() -> None:
     assert "without change for 0.8 s (from row 2001" in text
 
 
-def swept_wheel(limit: float, *, duration: float = 60.0) -> AxisRecord:
-    """Return a wheel under a slow sine of torque whose supply limits its speed, by Euler's steps."""
-    h, inertia, b, c = 5e-3, 0.01, 0.014, 0.11
-    t = np.arange(round(duration / h)) * h
-    torque = np.sin(2.0 * np.pi * t / 30.0)
-    angle, angles, speed = 0.0, np.empty(len(t)), 0.0
-    for k, u in enumerate(torque):
-        angles[k] = angle
-        free = speed + h / inertia * (u - b * speed)
-        stopped = np.sign(free) * max(abs(free) - h / inertia * c, 0.0)
-        speed = float(np.clip(stopped, -limit, limit))
-        angle += h * speed
+@cache
+def limited_wheel() -> AxisRecord:
+    """Return a wheel under a slow sine of torque whose supply limits its speed."""
+    h, curve = 5e-3, TorqueSpeedCurve(no_load_speed=27.0, stall_torque=1e4)
+    torque = np.sin(2.0 * np.pi * np.arange(12_000) * h / 30.0)
+    friction = classical(np.array([0.014, 0.11, 0.0, 1.0]))
+    line = Driveline(inertia=0.01, friction=friction, speed_limit=curve)
+    angles = np.append(0.0, simulate_driveline(line, torque[:-1], sample_time=h).angles)
     count = 2.0 * np.pi / 4096  # of the encoder
     return AxisRecord(
         name="sweep", sample_time=h, force=torque, position=count * np.round(angles / count), unit="rad"
     )
-
-
-@cache
-def limited_wheel() -> AxisRecord:
-    return swept_wheel(27.0)
 
 
 def test_a_speed_at_the_supply_s_limit_is_stopped() -> None:

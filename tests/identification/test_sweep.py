@@ -14,18 +14,10 @@ from ballbot.identification import identify
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.quantities import Layout
 from ballbot.identification.stages import combine, read_sweep, sweep_of
-from ballbot.robot import Friction
-from tests.support.control_examples import alten
+from tests.support.control_examples import FRICTION, alten
 from tests.support.identification_examples import balancing_log, noisy
 
-DRY = Friction(
-    viscous=(0.014, 0.016, 0.013),
-    coulomb=(0.15, 0.12, 0.17),
-    stribeck=(0.0, 0.0, 0.0),
-    stribeck_speed=1.0,
-    stribeck_exponent=1.0,
-    rolling=0.007,
-)
+DRY = replace(FRICTION, coulomb=(0.15, 0.12, 0.17), stribeck=(0.0,) * 3, stribeck_exponent=1.0)
 LAYOUT = Layout(wheel_count=3, extra=("torque_gain",))
 #: b and c of three wheels, C_rr and three gains are determined by the logs here; s, v_s and delta are not
 KNOWN = np.array([*range(6), 11, 12, 13, 14])

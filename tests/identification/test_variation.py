@@ -1,7 +1,5 @@
 """Variation between logs: per-log estimates of a linear model, priors, and the findings."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -25,39 +23,6 @@ def coordinates() -> Coordinates:
     return estimated_parameters(ROBOT, free=("friction",), law="stribeck", bounds=Bounds())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Linear:
-    """A linear model at its least-squares estimate from all windows."""
-
-    point: NDArray[np.float64]
-    equations: WindowEquations
-    by_log: NDArray[np.float64]  #: (k, p), the exact least-squares estimate of each log alone
-    block_log: NDArray[np.int64]
-
-
-def linear(coordinates: Coordinates, *, shifts: NDArray[np.float64], seed: int = 0) -> Linear:
-    """Return 60 windows of each of k logs, whose parameters lie `shifts` (k,) off, scaled."""
-    random, size = np.random.default_rng(seed), len(coordinates.labels)
-    truth = coordinates.scaled(VALUES)
-    J = random.standard_normal((60 * len(shifts), 20, size))
-    of_log = np.repeat(np.arange(len(shifts)), 60)
-    y = np.einsum("wki,wi->wk", J, truth + shifts[of_log, None]) + 0.02 * random.standard_normal(J.shape[:2])
-
-    def least_squares(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
-        return np.linalg.lstsq(J[rows].reshape(-1, size), y[rows].ravel(), rcond=None)[0]
-
-    point = least_squares(np.ones(len(J), dtype=bool))
-    residuals = np.einsum("wki,i->wk", J, point) - y
-    return Linear(
-        point=point,
-        equations=WindowEquations(
-            matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residuals)
-        ),
-        by_log=np.array([least_squares(of_log == log) for log in range(len(shifts))]),
-        block_log=of_log,
-    )
-
-
 def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64], values=VALUES) -> Uncertainty:
     """Return an uncertainty of scaled errors (p,)."""
     point = coordinates.scaled(values)
@@ -78,10 +43,24 @@ def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64], values=VA
 
 
 def test_each_logs_estimate_is_that_of_its_own_least_squares(coordinates: Coordinates):
-    made = linear(coordinates, shifts=np.array([0.0, 0.01, -0.02]))
-    within = uncertainty(coordinates, np.full(12, 1e-3), coordinates.physical(made.point))
-    found = log_estimates(within, made.equations, made.block_log, widen=1.0)
-    np.testing.assert_allclose(found.points, made.by_log, atol=1e-10)
+    """Of a linear model with 60 windows of each of three logs, whose parameters lie apart."""
+    random, size, shifts = np.random.default_rng(0), len(coordinates.labels), np.array([0.0, 0.01, -0.02])
+    of_log, J = np.repeat(np.arange(3), 60), random.standard_normal((180, 20, size))
+    truth = coordinates.scaled(VALUES) + shifts[of_log, None]
+    y = np.einsum("wki,wi->wk", J, truth) + 0.02 * random.standard_normal(J.shape[:2])
+
+    def least_squares(rows: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.linalg.lstsq(J[rows].reshape(-1, size), y[rows].ravel(), rcond=None)[0]
+
+    point = least_squares(np.ones(len(J), dtype=bool))
+    residuals = np.einsum("wki,i->wk", J, point) - y
+    equations = WindowEquations(
+        matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residuals)
+    )
+    within = uncertainty(coordinates, np.full(12, 1e-3), coordinates.physical(point))
+    found = log_estimates(within, equations, of_log, widen=1.0)
+    expected = [least_squares(of_log == log) for log in range(3)]
+    np.testing.assert_allclose(found.points, expected, atol=1e-10)
     # 60 windows of 20 residuals of 0.02; errors from 180 windows scatter by a twentieth, and the windows by a tenth
     errors = np.sqrt(found.covariances.diagonal(axis1=1, axis2=2))
     np.testing.assert_allclose(errors, 0.02 / np.sqrt(1200.0), rtol=0.35)

@@ -29,7 +29,7 @@ from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm, draw_plants
+from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
 from tests.support.screen import assert_fits_a_screen
@@ -128,23 +128,6 @@ def test_the_friction_found_is_near_the_truth(small: Study):
     assert (trials["precise"].peaks < 0.2 * trials["none"].peaks).all()
     # on two plants the two are equal, or nearly: the smoother one wins
     assert small.choice.chosen in ("precise", "precise_without_compensation")
-
-
-def test_plants_are_drawn_from_the_identified_uncertainty(small: Study):
-    count = 2000
-    plants = draw_plants(small.found, scenario=small.scenario, count=count, seed=1)
-    frictions = [plant.robot.friction for plant in plants]
-    assert min(min(one.viscous + one.coulomb + one.stribeck) for one in frictions) >= 0.0
-    # C_rr lies far from its bounds, so that nothing is clipped: 4 sigma of a sampled mean and standard deviation
-    rolling = np.array([one.rolling for one in frictions])
-    deviation = float(np.sqrt(small.found.covariance[11, 11]))
-    assert 0.0 < deviation < small.found.robot.friction.rolling / 4.0
-    assert abs(rolling.mean() - small.found.robot.friction.rolling) < 4.0 * deviation / np.sqrt(count)
-    assert rolling.std() == pytest.approx(deviation, rel=4.0 / np.sqrt(2.0 * count))
-    # b and c of a wheel trade against each other, and so they are drawn: sampled to 4 / sqrt(count)
-    expected = small.found.correlation[0, 3]
-    drawn = np.corrcoef([one.viscous[0] for one in frictions], [one.coulomb[0] for one in frictions])[0, 1]
-    assert drawn == pytest.approx(expected, abs=0.15)  # and clipping at zero, which takes some of it away
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -31,14 +31,6 @@ def export_report(
         f"{len(exported.files)} files for {robot.name}. Estimator: {controller.estimator}; {compensation} "
         f"friction compensation; parts: {parts}."
     )
-    worst = (
-        ""
-        if load is None
-        else (
-            f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
-            f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
-        )
-    )
     rows = [
         ("period", f"{1e3 * controller.sample_time:g} ms"),
         ("parameters of the controller (flash)", f"{exported.parameter_bytes} bytes"),
@@ -57,7 +49,7 @@ def export_report(
         verdict=[
             ("Firmware", about),
             ("Gains", exported.gains.sentence() if exported.gains else ""),
-            ("Processor", worst),
+            ("Processor", _worst(load) if load else ""),
         ],
         sections=[
             section("The controller", Sheet(_HEADINGS, rows)),
@@ -83,6 +75,13 @@ def export_report(
             and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},
             "processor": load and load.to_dict(),
         },
+    )
+
+
+def _worst(load: ProcessorLoad) -> str:
+    return (
+        f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
+        f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
     )
 
 

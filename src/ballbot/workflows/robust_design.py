@@ -26,7 +26,7 @@ from pydantic import ConfigDict, Field
 
 from ballbot.arrays import MOST_TRIALS
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.lqr import LqrDesign, frictionless_model
+from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT, design_gain
 from ballbot.control.references import hold
@@ -45,8 +45,8 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import MAX_DELAY, MAX_SLOPE
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
+from ballbot.workflows.controller_design import design_results
 from ballbot.workflows.grid import LoopRobot
-from ballbot.workflows.robot_check import linearization_results
 
 #: the ball lies so far from where it is asked to be at the start [m]
 INITIAL_OFFSET = 0.3
@@ -240,16 +240,7 @@ class RobustDesign(Reported):
 
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json."""
-        return {
-            "robot": self.controller.robot.name,
-            "sample_time": self.controller.sample_time,
-            "compensation": self.controller.compensation,
-            "gain": self.controller.gain,
-            "poles": self.design.poles,
-            "loop_margins": self.loop_margins.to_dict(),
-            "linearization": linearization_results(frictionless_model(self.controller.robot)),
-            **to_results(self),
-        }
+        return design_results(self.controller, self.design, self.loop_margins) | to_results(self)
 
 
 def robust_design(
