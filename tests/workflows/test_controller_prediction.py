@@ -98,7 +98,7 @@ def test_stored_prediction_reads_back(prediction: ControllerPrediction, tmp_path
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (lambda tree: tree.clear(), "holds no prediction; give the results.json of `ballbot study`"),
+        (lambda tree: tree.clear(), "holds no prediction; give the results.json of a `ballbot study`"),
         (lambda tree: tree["prediction"]["chosen"]["lean"].update(low="a"), r"chosen\.lean\.low is 'a'"),
         (lambda tree: tree["prediction"]["chosen"].pop("lean"), "of another version; run"),
     ],

@@ -111,7 +111,6 @@ def test_delay_lag_and_resonance_end_the_margins_at_a_softer_gain(monkeypatch):
         assert one.gains[0].sensitivity < one.gains[-1].sensitivity
         ends.append(gains[-1])
     assert ends[0] > 1.5 * max(ends[1:])
-    assert "too few to show where friction matters" in stiffness_sentences(measured(monkeypatch, late))
     # what the robot wanders is the friction over the position gain: over thrice the gain less than half
     peaks = [1e3 * each.trials[PLAIN].peak.median for each in one.gains]
     assert gains[-1] > 3.0 * gains[0]

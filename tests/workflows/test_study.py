@@ -38,7 +38,7 @@ from tests.support.validation_examples import noisy_log
 #: v_s and delta are held: the search follows their long valley in half of its steps
 SMALL = StudyOptions(
     duration=8.0,
-    draws=2,
+    draws=6,
     confirm=False,
     bounds=Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)}),
 )
@@ -126,7 +126,7 @@ def test_the_friction_found_is_near_the_truth(small: Study):
     # measured 8 mm and 0.25 m: the seeds share little else than the course
     trials = small.choice.trials
     assert (trials["precise"].peaks < 0.2 * trials["none"].peaks).all()
-    # on two plants the two are equal, or nearly: the smoother one wins
+    # the two are equal, or nearly: the smoother one wins
     assert small.choice.chosen in ("precise", "precise_without_compensation")
 
 
@@ -177,7 +177,7 @@ def test_measured_logs_are_predicted_better_with_friction(shared_data, tmp_path,
     log = tmp_path / "square_soft.csv"
     # once and a half around the square: 72 windows for ten parameters, and a quarter held out
     Log.read(shared_data / "bbr" / "square_soft.csv").between(0.0, 24.0).write(log)
-    options = ["--no-confirm", "--draws", "2", "--bounds", str(bounds), "--out", str(tmp_path / "out")]
+    options = ["--no-confirm", "--draws", "6", "--bounds", str(bounds), "--out", str(tmp_path / "out")]
     assert main(["study", "alten", str(log), *options]) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Next: `ballbot run PORT")
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
@@ -196,6 +196,6 @@ def test_a_study_refuses_before_it_works():
         study(robot, {"walk": Log({name: v for name, v in log.columns.items() if name != "u3"})})
     with pytest.raises(InputError, match=r"walk: .*u4"):
         study(robot, {"walk": log.with_columns({"u4": log["u3"]})})
-    for draws in (1, 10_001):
-        with pytest.raises(InputError, match="must be 2 to 10000"):
+    for draws in (5, 10_001):
+        with pytest.raises(InputError, match="must be 6 to 10000"):
             study(robot, {"walk": log}, options=StudyOptions(draws=draws))

@@ -11,15 +11,12 @@ from ballbot.arguments import names_listed
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_logs
 from ballbot.cli.findings import check_input
-from ballbot.cli.output import notice
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.report.study import STUDY_FILES, next_step, study_report, study_texts
-from ballbot.summary import counted
 from ballbot.twin.scenario_file import load_scenario
-from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.study import StudyOptions
 from ballbot.workflows.study import study as run_study
 
@@ -57,7 +54,7 @@ def study(
     logs
         One or more logs of the robot balancing, with torques and states.
     draws
-        Number of simulated robots; fewer than 6 are too few for 95 % intervals and for a prediction.
+        Number of simulated robots, 6 or more: fewer have no 95 % interval.
     confirm
         Whether the chosen controller and the soft gain run on the physics-engine twin as well.
     exclude_states
@@ -74,11 +71,6 @@ def study(
     findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
     back_emf, excluded = back_emf_of([mapping] if mapping else []), names_listed(exclude_states)
     truth = load_scenario(scenario, described)
-    if draws < MIN_RUNS:
-        notice(
-            f"{counted(draws, 'simulated robot')} will give no prediction of the next run and no 95 % intervals; "
-            f"both need --draws {MIN_RUNS} or more."
-        )
     with (
         open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result,
         cluster_or(cluster, Threads()) as executor,

@@ -127,8 +127,6 @@ def _reasons(study: Study) -> list[str]:
         sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
     if others := [CANDIDATE_NAMES[name] for name in choice.equals if name != choice.chosen]:
         sentences.append(f"These count as equal: {', '.join(others)}.")
-    if count < MIN_RUNS:
-        sentences.append(f"{too_few(count)} how certain this choice is.")
     chosen = choice.controller
     if chosen is not None and choice.compensated is not None and chosen.compensation == "none":
         sentences.append(
@@ -157,11 +155,6 @@ def _reached(trial: Trial) -> str:
     """Return the peak error, and the falls if there are any."""
     peak = f"{millimetres(trial.peak.median)} mm" if trial.peak.runs else "none"
     return f"{peak} with {counted(trial.falls, 'fall')}" if trial.falls else peak
-
-
-def too_few(robots: int) -> str:
-    """Return the start of a sentence: so many robots are too few to show something."""
-    return f"{counted(robots, 'robot')} {'is' if robots == 1 else 'are'} too few to show"
 
 
 def interval_words(estimate: MedianEstimate) -> str:
@@ -234,7 +227,7 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
 def _prediction_blocks(study: Study) -> Iterator[Block]:
     course, prediction = study.choice.course, study.prediction
     if prediction is None:
-        yield Paragraph(f"A prediction needs a controller, and {MIN_RUNS} simulated robots or more.")
+        yield Paragraph("A prediction needs a controller.")
         return
     yield Paragraph(
         f"Record {course.duration:g} s of the {course.name} with this controller and run `ballbot validate "
@@ -288,9 +281,6 @@ def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
 def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
     """Return how stiff the gain may be, and up to which stiffness compensation pays."""
     plain, softest = VARIANTS[0], stiffness.gains[0]
-    runs = len(softest.trials[plain].scores)
-    if runs < MIN_RUNS:
-        return f"{too_few(runs)} where friction matters."
     pays = [
         f"{words} {_paying(stiffness, observer)}"
         for observer, words in ((False, "without the observer"), (True, "with it"))

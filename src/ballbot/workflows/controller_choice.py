@@ -20,10 +20,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from ballbot.arrays import whole_number
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
-from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
@@ -74,8 +74,7 @@ def draw_plants(fit: Identification, *, scenario: Scenario, count: int, seed: in
 
     Draw k has the seed `seed` + k. InputError if `count` is below 1, or the deviations are too large for a robot.
     """
-    if count < 1:
-        raise InputError(f"The number of draws is {count}; it must be 1 or more, such as 100.")
+    whole_number(count, "The number of draws", least=1)
     return tuple(
         PlantDraw(robot=robot, known=fit.robot, scenario=scenario, seed=seed + k)
         for k, robot in enumerate(draw_robots(fit.robot, count, seed=seed))

@@ -115,9 +115,9 @@ class ControllerPrediction:
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
-    """Predict the chosen controller's next run; None if none was chosen, or fewer than six robots were drawn."""
+    """Predict the chosen controller's next run on six robots drawn or more; None if none was chosen."""
     chosen, controller = choice.chosen, choice.controller
-    if chosen is None or controller is None or len(choice.plants) < MIN_RUNS:
+    if chosen is None or controller is None:
         return None
 
     def intervals(candidate: str) -> dict[str, PredictionInterval] | None:
@@ -186,7 +186,7 @@ def read_prediction(path: str | Path) -> ControllerPrediction:
     tree = read_results(path)
     if not (isinstance(tree, dict) and tree.get("prediction")):
         raise InputError(
-            f"{path} holds no prediction; give the results.json of `ballbot study` with {MIN_RUNS} draws or more."
+            f"{path} holds no prediction; give the results.json of a `ballbot study` that chose a controller."
         )
     try:
         prediction = validate_table(

@@ -28,6 +28,7 @@ from typing import Literal
 
 import numpy as np
 
+from ballbot.arrays import positive_number
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, sampled_reference, square
 from ballbot.errors import InputError
@@ -462,8 +463,7 @@ def excite(
     """
     robot = as_robot(robot)
     for name, value in vars(limits).items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"The {name} limit is {value:g} {_UNITS[name]}; it must be positive.")
+        positive_number(value, f"The {name} limit")
     if limits.lean >= 0.5 * math.pi:
         raise InputError(
             f"The lean limit is {math.degrees(limits.lean):.4g} degrees; it must be below 90 degrees."

@@ -46,7 +46,7 @@ from ballbot.workflows.controller_choice import (
     confirm,
     draw_plants,
 )
-from ballbot.workflows.controller_prediction import ControllerPrediction, predict
+from ballbot.workflows.controller_prediction import MIN_RUNS, ControllerPrediction, predict
 from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
 
 #: robots that candidates can be compared on
@@ -71,7 +71,7 @@ class StudyOptions:
     excluded_states: Sequence[str] = ()  #: whose errors do not count in the fit
     back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
-    draws: int = 100  #: robots on which the candidates are compared; a prediction needs 6
+    draws: int = 100  #: robots on which the candidates are compared, `MIN_RUNS` or more
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
     quick: bool = False  #: whether to leave out where friction matters
 
@@ -137,8 +137,10 @@ def study(
     robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
     studied = _studied_logs(checked, robot)
-    if not 2 <= options.draws <= MAX_DRAWS:
-        raise InputError(f"The number of draws is {options.draws}; it must be 2 to {MAX_DRAWS}, such as 100.")
+    if not MIN_RUNS <= options.draws <= MAX_DRAWS:
+        raise InputError(
+            f"The number of draws is {options.draws}; it must be {MIN_RUNS} to {MAX_DRAWS}, such as 100."
+        )
     # whole nanoseconds: a controller file needs no rounding errors of a log's time stamps
     sample_time = round(studied[0].log.sample_time, 9)
     given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)

@@ -19,7 +19,7 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.arrays import real_array
+from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Bools, Columns, Floats, unit_at_the_end, unit_spelled
@@ -60,10 +60,7 @@ class AxisRecord:
     findings: tuple[Finding, ...] = ()  #: on how the file was read
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.sample_time < np.inf:
-            raise InputError(
-                f"{self.name}: the sample time is {self.sample_time:g} s; it must be above zero."
-            )
+        positive_number(self.sample_time, f"{self.name}: the sample time")
         for name in ("force", "position", *(() if self.times is None else ("times",))):
             # contiguous and writable, as compiled code takes it
             values = real_array(getattr(self, name), (np.size(self.force),), f"{self.name}: {name}")
