@@ -55,7 +55,7 @@ REFUSALS = [
     ("record nominal --estimator kalmann --out out", "'kalman'"),
     ("record nominl --out out", "did you mean 'nominal'?"),
     ("excite alten --lean 90 --out out", "The lean limit is 90 degrees; it must be below 90 degrees."),
-    ("excite alten --floor -1 --out out", "The floor limit is -1 m; it must be positive."),
+    ("excite alten --floor -1 --out out", "The floor limit is -1; it must be above zero."),
     # several controllers
     ("compare alten partal --out out", "'partial'"),
     ("compare alten none none --out out", "Two controllers are called 'none'"),
