@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text, write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.errors import InputError
@@ -45,11 +44,6 @@ from tests.support.prediction_examples import (
 
 # most need a run around the square with every part, whose forms are compiled first
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def controller() -> Controller:
-    return CONTROLLER
 
 
 @pytest.fixture(scope="module")
@@ -113,34 +107,34 @@ def test_wrong_files_get_one_sentence(change, sentence, prediction: ControllerPr
     assert "\n" not in str(refusal.value)
 
 
-def test_previous_controller_is_the_one_replaced(tmp_path: Path, controller: Controller):
+def test_previous_controller_is_the_one_replaced(tmp_path: Path):
     baseline = nominal_controller(KNOWN)
-    first = previous_controller_text(tmp_path, new=controller, baseline=baseline)
+    first = previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline)
     assert first.endswith(controller_text(baseline))
     assert first.startswith("# The controller without friction compensation")
-    older = controller.with_compensation("partial")
+    older = CONTROLLER.with_compensation("partial")
     write_controller(older, tmp_path / "controller.toml")
-    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+    assert previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline) == controller_text(older)
     # the same study once more keeps what was before it, and so does one that recommends none
-    write_controller(controller, tmp_path / "controller.toml")
+    write_controller(CONTROLLER, tmp_path / "controller.toml")
     write_controller(older, tmp_path / "previous_controller.toml")
-    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+    assert previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline) == controller_text(older)
     (tmp_path / "controller.toml").unlink()
-    assert previous_controller_text(tmp_path, new=controller, baseline=baseline) == controller_text(older)
+    assert previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline) == controller_text(older)
 
 
 # --- verdicts ---
 
 
-def test_run_as_predicted_is_kept(prediction: ControllerPrediction, log: Log, controller: Controller):
-    verdict = evaluate_log(prediction, log, controller)
+def test_run_as_predicted_is_kept(prediction: ControllerPrediction, log: Log):
+    verdict = evaluate_log(prediction, log, CONTROLLER)
     assert verdict.recommendation == "keep"
     assert verdict.confirmed
     assert {one.place for one in verdict.quantities} == {"inside"}
     assert not verdict.foreign
     found = [warning("short", "The log is short."), warning("torque-delay", "The torques are late.")]
     other = log.with_columns({name: -log[name] for name in ("u1", "u2", "u3")})
-    verdict = evaluate_log(prediction, other, controller, log_findings=found)
+    verdict = evaluate_log(prediction, other, CONTROLLER, log_findings=found)
     assert verdict.foreign  # torques of another controller
     assert verdict.differences == ("The torques are late.",)  # the study's logs were short, too
 
@@ -150,9 +144,9 @@ def displaced(log: Log, size: float) -> Log:
     return log.with_columns({"x": log["x"] + size})
 
 
-def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(prediction, log, controller):
+def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(prediction, log):
     low = prediction.none["peak_error"].low
-    verdict = evaluate_log(prediction, displaced(log, 0.7 * low), controller)
+    verdict = evaluate_log(prediction, displaced(log, 0.7 * low), CONTROLLER)
     assert not verdict.confirmed
     assert verdict.recommendation == "weaken"
     peak = verdict.quantities[0]
@@ -160,35 +154,35 @@ def test_larger_error_refutes_by_its_factor_and_advises_weaken_then_revert(predi
     assert peak.factor == pytest.approx(0.7 * low / prediction.chosen["peak_error"].high, rel=0.1)
     assert verdict.reason.startswith("Refuted: the peak error is ")
     assert f"{peak.factor:.2g} times" in verdict.reason
-    worse = evaluate_log(prediction, displaced(log, 1.1 * low), controller)
+    worse = evaluate_log(prediction, displaced(log, 1.1 * low), CONTROLLER)
     assert (worse.confirmed, worse.recommendation) == (False, "revert")
 
 
-def test_fall_reverts_even_if_its_reason_is_not_logged(prediction, log, controller):
+def test_fall_reverts_even_if_its_reason_is_not_logged(prediction, log):
     part = log.between(0.0, 7.0)
     fallen = part.with_columns({"theta": part["theta"] + 0.4 * np.maximum(part.t - 6.0, 0.0)})
-    verdict = evaluate_log(prediction, fallen, controller)
+    verdict = evaluate_log(prediction, fallen, CONTROLLER)
     assert verdict.recommendation == "revert"
     assert verdict.ended is not None
     assert "fallen" in verdict.ended
 
 
-def test_single_missing_values_do_not_count_and_many_are_refused(prediction, log, controller):
+def test_single_missing_values_do_not_count_and_many_are_refused(prediction, log):
     x = log["x"].copy()
     x[[300, 1500]] = np.nan
-    verdict = evaluate_log(prediction, log.with_columns({"x": x}), controller)
+    verdict = evaluate_log(prediction, log.with_columns({"x": x}), CONTROLLER)
     assert verdict.recommendation == "keep"
     x[::10] = np.nan
     with pytest.raises(InputError, match="480 of 4800 rows of the log lack a state"):
-        evaluate_log(prediction, log.with_columns({"x": x}), controller)
+        evaluate_log(prediction, log.with_columns({"x": x}), CONTROLLER)
 
 
-def test_another_course_controller_or_sample_time_is_refused(prediction, log, controller):
+def test_another_course_controller_or_sample_time_is_refused(prediction, log):
     moved, coarse = log.with_columns({"ref_x": log["ref_x"] + 0.3}), log.select(slice(None, None, 2))
     for other, driver, sentence in (
-        (moved, controller, "is not the course 'square'"),
-        (log, controller.with_compensation("partial"), "not the one whose performance is predicted"),
-        (coarse, controller, r"sample time is 0\.01 s and the controller's 0\.005 s"),
+        (moved, CONTROLLER, "is not the course 'square'"),
+        (log, CONTROLLER.with_compensation("partial"), "not the one whose performance is predicted"),
+        (coarse, CONTROLLER, r"sample time is 0\.01 s and the controller's 0\.005 s"),
     ):
         with pytest.raises(InputError, match=sentence):
             evaluate_log(prediction, other, driver)
@@ -209,8 +203,8 @@ def test_course_is_found_after_rows_before_it(before, shift, prediction: Control
 
 
 @pytest.mark.sample
-def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controller):
-    controllers = {"none": nominal_controller(KNOWN), "precise": controller}
+def test_prediction_from_perturbed_plants_holds_on_the_twin():
+    controllers = {"none": nominal_controller(KNOWN), "precise": CONTROLLER}
     plants = [
         PlantDraw(
             robot=ALTEN.replace(friction=scaled_friction(SCENARIO.friction, 0.8 + 0.08 * k)),
@@ -226,12 +220,12 @@ def test_prediction_from_perturbed_plants_holds_on_the_twin(controller: Controll
     assert found.controller == "precise"
 
     def verdict(scenario: Scenario) -> ControllerVerdict:
-        state = named_estimator("kalman", KNOWN, sample_time=controller.sample_time)
+        state = named_estimator("kalman", KNOWN, sample_time=CONTROLLER.sample_time)
         reference = COURSE.reference_spec.reference()
         log = simulate(
-            Twin(ALTEN, scenario, estimator=state), controller, reference, duration=COURSE.duration, seed=7
+            Twin(ALTEN, scenario, estimator=state), CONTROLLER, reference, duration=COURSE.duration, seed=7
         )
-        return evaluate_log(found, log.without_truth(), controller)
+        return evaluate_log(found, log.without_truth(), CONTROLLER)
 
     assert verdict(SCENARIO).recommendation == "keep"
     late = verdict(replace(SCENARIO, timing=Timing(delay=12)))

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -44,13 +44,6 @@ SMALL = StudyOptions(
 )
 #: profiles have tests of their own (tests/fitting/test_intervals.py)
 BRIEF = partial(IdentificationOptions, search_windows=32, most_profiles=0)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Brief(StudyOptions):
-    """The effort of a study of whose candidates nothing is asked."""
-
-    duration: float = 8.0
 
 
 def walk() -> Log:
@@ -170,7 +163,7 @@ def test_the_twin_confirms_the_choice_beside_the_loop(small: Study, tmp_path: Pa
 
 @pytest.mark.sample
 def test_measured_logs_are_predicted_better_with_friction(shared_data, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(study_command, "StudyOptions", Brief)
+    monkeypatch.setattr(study_command, "StudyOptions", partial(StudyOptions, duration=8.0))
     bounds = tmp_path / "bounds.toml"
     # for time's sake v_s and delta are held: no profile is computed for them
     bounds.write_text("stribeck_speed = [0.6, 0.6]\nstribeck_exponent = [1.0, 1.0]\n")
