@@ -179,13 +179,14 @@ def test_stop_at_an_even_deceleration(speed, heading, braking, back):
         y_dot=lambda t: s * velocity(t),
     )
     stop = stop_of(log, 5.0)
-    assert stop.rested
-    assert stop.distance == pytest.approx(max(way, back - way), abs=1e-4)  # half a sample's way at the turn
-    assert stop.overshoot == pytest.approx(back, abs=1e-4)
+    assert stop["rested"]
+    # half a sample's way at the turn
+    assert stop["stopping_distance"] == pytest.approx(max(way, back - way), abs=1e-4)
+    assert stop["overshoot"] == pytest.approx(back, abs=1e-4)
     # at rest once slower than 0.1 m/s for good: before the turn, or, if it goes back faster, at the end
     slow = rest if np.sqrt(2.0 * braking * back) > 0.1 else turn - 0.1 / braking
-    assert stop.time == pytest.approx(slow, abs=2.0 * SAMPLE)
-    assert not stop_of(made_log(x_dot=0.2), 5.0).rested
+    assert stop["stopping_time"] == pytest.approx(slow, abs=2.0 * SAMPLE)
+    assert not stop_of(made_log(x_dot=0.2), 5.0)["rested"]
 
 
 def test_speeds_of_a_robot_that_lags():

@@ -29,7 +29,7 @@ from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.friction_law import OWN_PARAMETERS
-from ballbot.robot.parameters import DIMENSIONLESS, value_of
+from ballbot.robot.parameters import DIMENSIONLESS, Value, value_of
 
 #: quantities of the rigid body
 RIGID = ("center_of_mass", "second_moment", "ball_inertia", "wheel_inertia", "rotor_inertia")
@@ -385,12 +385,8 @@ class Layout:
             stribeck_asymmetry=() if by_direction is None else _within(by_direction, s),
             load=() if load is None else tuple(load.tolist()),
             own=tuple(
-                (
-                    name,
-                    value if part is None else tuple(part.tolist()) if isinstance(value, tuple) else part[0],
-                )
+                (name, value if (part := self.part(name, values)) is None else _shaped_like(value, part))
                 for name, value in robot.friction.own
-                for part in [self.part(name, values)]
             ),
         )
         return self.with_rigid_body(robot.replace(friction=friction), values)
@@ -411,6 +407,10 @@ class Layout:
             numbers = values[columns].tolist()
             table[BY_NAME[name].symbol] = numbers if BY_NAME[name].each else numbers[0]
         return table
+
+
+def _shaped_like(value: Value, numbers: Floats) -> Value:
+    return tuple(numbers.tolist()) if isinstance(value, tuple) else float(numbers[0])
 
 
 def _within(values: Floats, sizes: Sequence[float]) -> tuple[float, ...]:

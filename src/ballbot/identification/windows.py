@@ -165,8 +165,6 @@ def cut_windows(
 
 def common_sample_time(logs: Sequence[Log], *, duration: float) -> float:
     """Return the common sample time [s] of logs to be cut into windows; InputError if they differ or are too short."""
-    if not logs:
-        raise InputError("Identification needs at least one log.")
     for number, log in enumerate(logs, start=1):
         if len(log) < 2:
             raise InputError(f"{_named(number, logs)} has one row; a prediction needs at least two.")

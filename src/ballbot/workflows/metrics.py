@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Literal
+from typing import Literal, TypedDict
 
 import numpy as np
 from scipy.fft import dst
@@ -145,13 +145,12 @@ def _jump_times(log: Log) -> Floats:
     return log.t[np.concatenate([[True], np.logical_or.reduce(jumps)])]
 
 
-@dataclass(frozen=True, kw_only=True)
-class StopResult:
-    """How a moving robot came to rest."""
+class StopResult(TypedDict, total=False):
+    """How a moving robot came to rest; empty if it was to stop after the end of its run."""
 
-    time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
+    stopping_time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
     rested: bool  #: whether it does
-    distance: float  #: largest, from its position when it was to stop [m]
+    stopping_distance: float  #: largest, from its position when it was to stop [m]
     overshoot: float  #: beyond its final position, in its direction of motion [m]
 
 
@@ -161,15 +160,15 @@ def stop_of(log: Log, at: float) -> StopResult:
     after = log.t >= at - _ROUNDING
     x, y, t = truth["x"][after], truth["y"][after], log.t[after]
     if not len(t):
-        return StopResult(time=np.nan, rested=False, distance=np.nan, overshoot=np.nan)
+        return {}
     moving = np.flatnonzero(np.hypot(truth["x_dot"][after], truth["y_dot"][after]) >= REST)
     last = int(moving[-1]) if moving.size else 0
     way = np.array([truth["x_dot"][after][0], truth["y_dot"][after][0]])
     way /= max(float(np.hypot(*way)), REST)
     return StopResult(
-        time=float(t[last] - at),
-        rested=last < len(t) - 1,
-        distance=float(np.hypot(x - x[0], y - y[0]).max()),
+        stopping_time=float(t[last] - at),
+        rested=last < len(t) - 1 and log.ended is None,
+        stopping_distance=float(np.hypot(x - x[0], y - y[0]).max()),
         overshoot=float(((x - x[-1]) * way[0] + (y - y[-1]) * way[1]).max()),
     )
 
@@ -276,7 +275,6 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         )
     position, heading = position_error(log)[counted], heading_error(log)[counted]
     arriving, arrived = settling_time(log, disturbed=rules.disturbed, band=rules.band)
-    stop = stop_of(log, np.inf if rules.stop is None else rules.stop)
     stood = sum(log.t[-1] > t for t in rules.disturbed[1:]) + (log.ended is None)
     fast = len(log) > 1 and 0.5 / log.sample_time > HIGH_FREQUENCY
     return Score(
@@ -291,10 +289,7 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         energy=energy(log),
         peak_lean=float(np.nanmax(leans(log))),
         rms_speed_error=rms_speed_error(log),
-        stopping_time=stop.time,
-        rested=stop.rested and log.ended is None,
-        stopping_distance=stop.distance,
-        overshoot=stop.overshoot,
+        **stop_of(log, np.inf if rules.stop is None else rules.stop),
         top_speed=top_speed(log),
         largest_impulse=(0.0, *rules.impulses)[stood] if rules.impulses else np.nan,
         ended=log.ended,

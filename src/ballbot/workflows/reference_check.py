@@ -14,7 +14,7 @@ one until it vanishes. Then W^T u = M q_ddot + bias - rolling gives the torques,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solve_banded
@@ -56,12 +56,6 @@ class Demand:
     torques: Floats  #: (N, n) [N m]
     wheel_speeds: Floats  #: (N, n) [rad/s]
 
-    @staticmethod
-    def of(model: Model, t: Floats, states: Floats, torques: Floats) -> Demand:
-        """Return states and torques with the wheels' speeds."""
-        speeds = model.wheel_speed(states[:, :5], states[:, 5:])
-        return Demand(t=t, states=states, torques=torques, wheel_speeds=speeds)
-
 
 def path_demand(model: Model, poses: Floats, sample_time: float) -> Demand:
     """Return the torques for following poses x, y [m] and psi [rad], (N, 3), exactly; InputError if no lean can."""
@@ -84,10 +78,10 @@ def path_demand(model: Model, poses: Floats, sample_time: float) -> Demand:
             wrench_map = np.linalg.pinv(np.swapaxes(model.wheel_jacobian(q), 1, 2))
             torques = np.einsum("kij,kj->ki", wrench_map, forces)
             t = sample_time * np.arange(-rest, len(q) - rest, dtype=np.float64)
-            path_followed = Demand.of(model, t, np.hstack([q, q_dot]), torques)
-            speeds = path_followed.wheel_speeds
+            speeds = model.wheel_speed(q, q_dot)
             dry = dry_friction_size(speeds, model.robot.friction, torque=torques)
-            return replace(path_followed, torques=torques + dry * np.clip(speeds / _SLOW, -1.0, 1.0))
+            torques = torques + dry * np.clip(speeds / _SLOW, -1.0, 1.0)
+            return Demand(t=t, states=np.hstack([q, q_dot]), torques=torques, wheel_speeds=speeds)
     raise InputError("No lean below 1 rad lets the robot follow this path; make it slower or rounder.")
 
 
@@ -267,7 +261,9 @@ def check_reference(
     error = np.hypot(*(states[..., :2] - wanted[:, :2])[going].T)
     torques = run.torques[going]
     if len(jumps):
-        path = Demand.of(loop.model, np.broadcast_to(ends, going.shape)[going], states[going], torques)
+        t, x = np.broadcast_to(ends, going.shape)[going], states[going]
+        speeds = loop.model.wheel_speed(x[:, :5], x[:, 5:])
+        path = Demand(t=t, states=x, torques=torques, wheel_speeds=speeds)
     else:
         path = path_demand(Model(robot, step=_STEP), poses, sample_time)
     at_limit = np.abs(torques).max(axis=1) >= controller.torque_limit * (1.0 - 1e-9)
