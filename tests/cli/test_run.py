@@ -98,11 +98,6 @@ def test_a_run_and_a_monitor_stream_their_rows_and_events(tmp_path):
         assert {"theta", "gyro_x", "wheel1"} <= rows[0].keys()
 
 
-def test_an_address_that_is_none_is_refused_before_the_robot_is_asked(capsys):
-    assert main(["run", "/dev/none", "--stream", "foxglov"]) == 2
-    assert "--stream foxglov is no address: give foxglove, plotjuggler" in capsys.readouterr().err
-
-
 @contextmanager
 def balancing(folder):
     """Hold a process that balances an emulated robot, from when its recording grows."""

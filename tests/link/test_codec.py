@@ -1,4 +1,4 @@
-"""The codec in C against the one in Python, both ways: the same bytes, the same frames, the same refusals.
+"""Frames and messages: Python's come back whole, and C has the same bytes, frames, refusals and structs.
 
 Python's COBS and CRC are those of libraries.
 """
@@ -12,8 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot.firmware.build import compile_sources, compilers, source_files
-from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, FrameReader, LayerCounts, encode
-from ballbot.link.messages import LAYERS, Layer, pack_body
+from ballbot.link.frames import (
+    LONGEST_FRAME,
+    LONGEST_PAYLOAD,
+    FrameReader,
+    LayerCounts,
+    encode,
+    message_of,
+)
+from ballbot.link.messages import LAYERS, MESSAGES, Layer, pack_body
+from tests.support.link_header import HEADER, messages_header
 from tests.support.link_messages import faulty_streams, messages
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
@@ -38,6 +46,26 @@ def codec(tmp_path_factory) -> ctypes.CDLL:
     for name in ("decode_stream", "encode_frame"):
         getattr(functions, name).restype = ctypes.c_size_t
     return functions
+
+
+def test_messages_in_the_sources_are_those_of_the_package():
+    assert HEADER.read_text() == messages_header(), "run: python -m tests.support.link_header"
+
+
+@given(st.lists(messages(), max_size=4), st.integers(0, 2**32 - 1), st.data())
+def test_messages_come_back_from_pieces_of_any_size(sent, session, data):
+    coded = [encode(message, session=session, sequence=65534 + k) for k, message in enumerate(sent)]
+    assert all(frame.count(0) == 1 and len(frame) <= LONGEST_FRAME + 1 for frame in coded)
+    stream, reader, frames = b"".join(coded), FrameReader(MESSAGES), []
+    while stream:
+        length = data.draw(st.integers(1, len(stream)))
+        frames += reader.feed(stream[:length])
+        stream = stream[length:]
+    assert [(frame.kind, frame.session, frame.sequence) for frame in frames] == [
+        (message.TYPE, session, (65534 + k) % 65536) for k, message in enumerate(sent)
+    ]
+    assert [pack_body(message_of(frame)) for frame in frames] == [pack_body(message) for message in sent]
+    assert not any([reader.counts.accepted, *reader.counts.refused])
 
 
 def size(count: int) -> ctypes.c_size_t:

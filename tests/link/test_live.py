@@ -11,7 +11,7 @@ from ballbot.control.references import square
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
 from ballbot.firmware.export import export_controller
-from ballbot.link.emulated import CompiledRobot, EmulatedRobot
+from ballbot.link.emulated import emulated_robot
 from ballbot.link.live import FollowReference, LiveRobot, TorqueProgram, log_columns
 from ballbot.link.messages import ControllerPlace
 from ballbot.link.operators import EmulatedOperator
@@ -20,10 +20,7 @@ from ballbot.link.session import Session
 from ballbot.link.wiring import check_turns, measure_turns
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
-from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.run import simulate
-from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.metrics import Rules, score
 from tests.support.faulty_transport import Faults, FaultyTransport
@@ -34,30 +31,18 @@ ROBOT = Robot.load("alten")
 STEP = ROBOT.sensors.sample_time
 
 
-def hand_of(hold="on_ball"):
-    scenario = load_scenario("nominal", ROBOT)
-    return HeldRobot(true_model(ROBOT, scenario).robot, sensors=scenario.sensors, hold=hold)
-
-
 class Connected:
-    """A live robot, held until it arms, and what it does."""
+    """A live robot, held until it arms, with cables in another place if a fault is given, and what it does."""
 
-    def __init__(self, hand=None, *, always_held=False, imu_checked=True):
-        self.controller = nominal_controller(ROBOT)
-        hand = hand or hand_of()
-        self.emulated = EmulatedRobot(
-            SensedPlant(*_sensed()),
-            CompiledRobot(export_controller(self.controller).parameters, imu_checked=imu_checked),
-            sample_time=STEP,
-            seed=1,
-            hand=hand,
-            always_held=always_held,
-        )
+    def __init__(self, fault=None, *, hold="on_ball", imu_checked=True):
+        scenario = load_scenario("nominal", ROBOT)
+        self.emulated = emulated_robot(ROBOT, scenario, hold=hold, seed=1, imu_checked=imu_checked)
+        self.emulated.hand = Miswired(self.emulated.hand, **(fault or {}))
         self.line = FaultyTransport(self.emulated, Faults(), seed=0)
         self.session = Session(self.line, clock=self.emulated.clock)
         self.session.connect()
         self.robot = LiveRobot(self.session)
-        self.operator = EmulatedOperator(hand)
+        self.operator = EmulatedOperator(self.emulated.hand)
         self.rows = []
 
     def run(self, commander, *, place=ControllerPlace.ROBOT, duration=2.0, watch=lambda _: None):
@@ -82,8 +67,8 @@ def test_controller_on_the_robot_follows_as_in_simulation():
     # the course, a row for each sample, from the first on
     wanted = np.array([square(period=16.0)(t)[[0, 1, 4]] for t in log.t])
     np.testing.assert_allclose(log.reference[:, [0, 1, 4]], wanted, atol=1e-6)
-    alone = SensedPlant(*_sensed())
-    simulated = simulate(alone, live.controller, square(period=16.0), duration=6.0, seed=1)
+    plant = live.emulated.plant
+    simulated = simulate(plant, nominal_controller(ROBOT), square(period=16.0), duration=6.0, seed=1)
     measured, expected = (one.without_truth() for one in (log, simulated))
     # another seed of the noise: the same kind of run, not the same run
     ratio = (
@@ -113,13 +98,8 @@ def test_reference_that_is_lost_is_sent_again():
     assert len(sent) == 3
 
 
-def _sensed():
-    scenario = load_scenario("nominal", ROBOT)
-    return true_model(ROBOT, scenario), imperfections_of(scenario, known=ROBOT)
-
-
 def test_sweep_of_free_wheels_gives_its_torques():
-    live = Connected(hand_of("in_air"), always_held=True)
+    live = Connected(hold="in_air")
     program = TorqueProgram(lambda t: np.full(3, 0.5 * np.sin(t)), sample_time=STEP)
     log = live.run(program, place=ControllerPlace.HOST, duration=1.5)
     # the first two samples come together
@@ -130,10 +110,10 @@ def test_sweep_of_free_wheels_gives_its_torques():
 class Miswired:
     """A plant with cables in another place."""
 
-    def __init__(self, plant, *, motors=(0, 1, 2), encoders=(0, 1, 2), signs=(1, 1, 1), imu=None):
+    def __init__(self, plant, *, motors=(0, 1, 2), signs=(1, 1, 1), gyro=(0, 1, 2), imu=None):
         self._plant, self.robot = plant, plant.robot
-        self._motors, self._encoders = list(motors), list(encoders)
-        self._signs, self._imu = np.array(signs), np.eye(3) if imu is None else imu
+        self._motors, self._signs, self._gyro = [*motors], np.array(signs), [*gyro]
+        self._imu = np.eye(3) if imu is None else imu
 
     def reset(self, initial_state=None, *, seed=0):
         return self._seen(self._plant.reset(initial_state, seed=seed))
@@ -149,12 +129,9 @@ class Miswired:
         return self._plant.is_tilting
 
     def _seen(self, one):
-        attitude = self._imu @ one.attitude
-        angles = (self._signs * one.wheel_angles)[self._encoders]
-        speeds = (self._signs * one.wheel_speeds)[self._encoders]
-        return replace(
-            one, attitude=attitude, wheel_angles=angles, wheel_speeds=speeds, gyro=self._imu @ one.gyro
-        )
+        attitude, gyro = self._imu @ one.attitude, (self._imu @ one.gyro)[self._gyro]
+        angles, speeds = self._signs * one.wheel_angles, self._signs * one.wheel_speeds
+        return replace(one, attitude=attitude, wheel_angles=angles, wheel_speeds=speeds, gyro=gyro)
 
 
 @pytest.mark.parametrize(
@@ -165,18 +142,18 @@ class Miswired:
     ],
 )
 def test_self_test_names_the_wheel(fault, words):
-    live = Connected(Miswired(hand_of(), **fault))
+    live = Connected(fault)
     with pytest.raises(InputError, match=words):
         live.robot.test()
 
 
-def turned(hand):
-    live = Connected(hand, imu_checked=False)
+def turned(fault=None):
+    live = Connected(fault, imu_checked=False)
     return measure_turns(live.robot, live.operator, watch=lambda _: None)
 
 
 def test_wiring_of_a_right_robot_passes_and_a_wrong_encoder_is_named():
-    turns, ball_from_wheels = turned(hand_of()), transforms(ROBOT).T_obw
+    turns, ball_from_wheels = turned(), transforms(ROBOT).T_obw
     check = check_turns(turns, ball_from_wheels)
     assert check.passed
     # the encoders' resolution and the noise of the attitude, 1 mrad in 0.26 rad
@@ -199,7 +176,7 @@ def test_wiring_of_a_right_robot_passes_and_a_wrong_encoder_is_named():
 def test_wiring_check_ends_with_a_wrong_imu():
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     with pytest.raises(InputError, match=r"tilted forward, .* It turned to the left about x"):
-        turned(Miswired(hand_of(), imu=quarter))
+        turned({"imu": quarter})
 
 
 def test_silent_robot_ends_the_run_in_one_sentence():
@@ -214,23 +191,9 @@ def test_silent_robot_ends_the_run_in_one_sentence():
     assert log.t[-1] == pytest.approx(0.505, abs=1e-6)
 
 
-class NewRobot(Connected):
-    """A robot whose IMU was mounted just now; the last steps of what its sensors give can be changed."""
-
-    def __init__(self, gyro=(0, 1, 2)):
-        super().__init__(imu_checked=False)
-        step = self.emulated.hand.step
-
-        def changed(torques, duration):
-            measured = step(torques, duration)
-            return replace(measured, gyro=measured.gyro[list(gyro)])
-
-        self.emulated.hand.step = changed
-
-
 @pytest.mark.slow
 def test_new_robot_is_moved_by_hand_before_it_arms():
-    live = NewRobot()
+    live = Connected(imu_checked=False)
     with pytest.raises(InputError, match="upright and still"):
         live.robot.test()  # nobody is there to move it
     with pytest.raises(InputError, match="self-test has not passed"):
@@ -241,12 +204,12 @@ def test_new_robot_is_moved_by_hand_before_it_arms():
     live.run(follow(square()), duration=0.1)
     assert live.ending.kind == "time"
     # other parameters need the test of motors and encoders again, and the IMU stays checked
-    live.robot.use_parameters(export_controller(live.controller, lean=0.3).parameters)
+    live.robot.use_parameters(export_controller(nominal_controller(ROBOT), lean=0.3).parameters)
     live.robot.test()
 
 
 def test_new_robot_with_wrong_axes_does_not_arm():
-    live = NewRobot(gyro=(1, 0, 2))
+    live = Connected({"gyro": (1, 0, 2)}, imu_checked=False)
     with pytest.raises(InputError, match="tilted forward, the gyro's turn was not the attitude's"):
         live.robot.test(live.operator)
     with pytest.raises(InputError, match="self-test has not passed"):

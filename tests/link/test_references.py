@@ -1,6 +1,8 @@
 """References of a live robot: keys, courses, and the frame of the start."""
 
 import os
+from contextlib import closing, contextmanager
+from functools import partial
 
 import numpy as np
 import pytest
@@ -22,20 +24,15 @@ from ballbot.mechanics.geometry import rotation
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="terminals are those of POSIX")
 
 
-@pytest.fixture
+@contextmanager
 def terminal():
-    """Return a keyboard reference, and what sends it keys."""
+    """Yield a keyboard reference, and what sends it keys."""
     import pty
 
     driver, own = pty.openpty()
-    reference = KeyboardReference(own)
-    reference.update(0.0)  # from now on keys come at once
-
-    def press(keys: bytes) -> None:
-        os.write(driver, keys)
-
-    yield reference, press
-    reference.close()
+    with closing(KeyboardReference(own)) as reference:
+        reference.update(0.0)  # from now on keys come at once
+        yield reference, partial(os.write, driver)
     os.close(driver)
     os.close(own)
 
@@ -44,27 +41,20 @@ def pose_of(reference, t=0.0):
     return reference.update(t)[[0, 1, 4]]
 
 
-def test_arrow_keys_move_along_the_heading(terminal):
-    reference, press = terminal
-    press(b"\x1b[A\x1b[A\x1b[D")
-    np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, KEY_STEP, 0.0], atol=1e-15)
-    press(b"," * 9 + b"\x1b[A")  # a quarter turn to the left: forward is now +y
-    np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, 2 * KEY_STEP, 9 * KEY_TURN], atol=1e-12)
-    assert not reference.ended
+def test_arrow_keys_move_along_the_heading():
+    with terminal() as (reference, press):
+        press(b"\x1b[A\x1b[A\x1b[D")
+        np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, KEY_STEP, 0.0], atol=1e-15)
+        press(b"," * 9 + b"\x1b[A")  # a quarter turn to the left: forward is now +y
+        np.testing.assert_allclose(pose_of(reference), [2 * KEY_STEP, 2 * KEY_STEP, 9 * KEY_TURN], atol=1e-12)
+        assert not reference.ended
 
 
 @given(keys=st.binary(max_size=40))
 def test_any_bytes_leave_a_finite_pose(keys):
-    import pty
-
-    driver, own = pty.openpty()
-    reference = KeyboardReference(own)
-    reference.update(0.0)
-    os.write(driver, keys.replace(b"\x03", b"").replace(b"\x1a", b"").replace(b"\x1c", b"") or b" ")
-    found = reference.update(0.0)
-    reference.close()
-    os.close(driver)
-    os.close(own)
+    with terminal() as (reference, press):
+        press(keys.translate(None, b"\x03\x1a\x1c") or b" ")  # without those that send signals
+        found = reference.update(0.0)
     assert np.isfinite(found).all()
     assert not found[[2, 3, 5, 6, 7, 8, 9]].any()
 

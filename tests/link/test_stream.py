@@ -120,21 +120,6 @@ def test_datagrams_are_json_that_plotjuggler_can_take():
         assert before <= stamps[0] <= stamps[4] + 0.011 <= time.time() + 1.0
 
 
-def test_a_client_that_reads_nothing_is_not_waited_for():
-    port = free_port()
-    with (
-        LiveStream([StreamAddress("ws", "127.0.0.1", port)], COLUMNS, ALTEN) as stream,
-        foxglove_client(port),  # four messages fit into its queue, then into the buffers of its socket
-    ):
-        for k in range(8):
-            for j in range(1000):  # 8 MB in all
-                stream.append(row(0.005 * (1000 * k + j)))
-            end = time.monotonic() + PATIENCE
-            while stream._waiting:
-                assert time.monotonic() < end
-                time.sleep(0.01)
-
-
 def test_a_stream_that_cannot_send_never_delays_the_robot(monkeypatch):
     answers = Event()
     with receiver() as (_, address), LiveStream([address], COLUMNS, None) as stream:
