@@ -18,6 +18,7 @@ from ballbot.files import LARGEST_TABLE
 from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, is_foreign, read_columns, read_variables, write_columns
 from ballbot.log.formats.text import infer_text_table, read_text_table
+from tests.support.bags import own_messages, write_bag
 from tests.support.log_examples import smooth_log
 
 COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
@@ -87,27 +88,9 @@ def json_bytes(columns: dict[str, np.ndarray]) -> bytes:
 
 def bag_bytes(columns: dict[str, np.ndarray], *, ros: int) -> bytes:
     """Return a bag of ROS 1 or 2 with Ballbot's own two topics, which hold a log without loss."""
-    pytest.importorskip("rosbags")
-    from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
-    serialize = store.serialize_ros1 if ros == 1 else store.serialize_cdr
-    layout = store.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log"
-        with rosbag1.Writer(path) if ros == 1 else rosbag2.Writer(path, version=8) as writer:
-            for topic, kind, contents in (
-                ("/ballbot/names", "std_msgs/msg/String", [{"data": json.dumps(list(columns))}]),
-                (
-                    "/ballbot/values",
-                    "std_msgs/msg/Float64MultiArray",
-                    [{"layout": layout, "data": row} for row in np.column_stack(list(columns.values()))],
-                ),
-            ):
-                connection = writer.add_connection(topic, kind, typestore=store)
-                for number, content in enumerate(contents):
-                    writer.write(connection, number, serialize(store.types[kind](**content), kind))
+        write_bag(path, own_messages(columns), ros=ros)
         return (path if ros == 1 else path / "log.db3").read_bytes()
 
 

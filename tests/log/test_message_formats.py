@@ -3,18 +3,15 @@
 import json
 import re
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-from rosbags.rosbag1 import Writer as BagWriter1
 from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as BagWriter
-from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from ballbot.cli.main import main
@@ -24,9 +21,8 @@ from ballbot.log.columns import unit_of
 from ballbot.log.formats import read_columns
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.mapping_search.names import read_name, roles_of
+from tests.support.bags import Timed, own_messages, robot_messages, write_bag
 from tests.support.log_examples import smooth_log
-
-STORE, STORE_1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 
 
 @pytest.fixture(scope="module")
@@ -83,105 +79,16 @@ def test_an_mcap_file_of_others_joins_its_topics_at_the_times_of_the_quickest(tm
     np.testing.assert_array_equal(columns["odom.pose.x"], [np.nan, np.nan, 1.0, 1.0, 3.0])
 
 
-def message(kind: str, **values):
-    """Return a message of ROS with these fields; the others have their smallest value."""
-    definition = {
-        "sensor_msgs/msg/Imu": {
-            "header": stamped(0.0),
-            "orientation": vector("Quaternion", 0.0, 0.0, 0.0, 1.0),
-            "angular_velocity": vector("Vector3", 0.0, 0.0, 0.0),
-            "linear_acceleration": vector("Vector3", 0.0, 0.0, 0.0),
-            **{
-                f"{name}_covariance": np.zeros(9)
-                for name in ("orientation", "angular_velocity", "linear_acceleration")
-            },
-        },
-        "sensor_msgs/msg/JointState": {"header": stamped(0.0), "velocity": np.zeros(0)},
-        "std_msgs/msg/String": {},
-        "std_msgs/msg/Float64MultiArray": {
-            "layout": STORE.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-        },
-    }
-    return STORE.types[kind](**definition[kind] | values)
-
-
-def vector(kind: str, *values: Any):
-    return STORE.types[f"geometry_msgs/msg/{kind}"](*values)
-
-
-def stamped(time: float):
-    seconds, rest = divmod(round(1e9 * time), 10**9)
-    stamp = STORE.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest)
-    return STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="base_link")
-
-
-def messages_of_row(log: Log, row: int, *, own: bool) -> dict[str, Any]:
-    """Return the messages of a row by their topics: Ballbot's own, or those of an IMU and of joints."""
-    if own:
-        values = np.array([log[name][row] for name in log])
-        return {
-            "/ballbot/names": message("std_msgs/msg/String", data=json.dumps(log.names)),
-            "/ballbot/values": message("std_msgs/msg/Float64MultiArray", data=values),
-        }
-    angles = [log[name][row] for name in ("theta", "phi", "psi")]
-    quaternion = Rotation.from_euler("XYZ", angles).as_quat()
-    return {
-        "/imu": message(
-            "sensor_msgs/msg/Imu",
-            header=stamped(log.t[row]),
-            orientation=vector("Quaternion", *quaternion),
-            angular_velocity=vector("Vector3", *(log[f"gyro_{one}"][row] for one in "xyz")),
-            linear_acceleration_covariance=np.array([-1.0, *[0.0] * 8]),
-        ),
-        "/joint_states": message(
-            "sensor_msgs/msg/JointState",
-            header=stamped(log.t[row]),
-            name=["wheel1", "wheel2", "wheel3"],
-            position=log.wheel_angles[row],
-            effort=log.torques[row],
-        ),
-        "/odom": odometry(log, row, Rotation.from_quat(quaternion)),
-    }
-
-
-def odometry(log: Log, row: int, body: Rotation):
-    """Return nav_msgs/Odometry as REP 105 has it: the pose in the frame odom, the twist in that of the body."""
-    position, linear = ([*(log[f"{axis}{end}"][row] for axis in "xy"), 0.0] for end in ("", "_dot"))
-    parts = {
-        "pose": vector("Pose", vector("Point", *position), vector("Quaternion", *body.as_quat())),
-        "twist": vector(
-            "Twist", vector("Vector3", *body.inv().apply(linear)), vector("Vector3", 0.0, 0.0, 0.0)
-        ),
-    }
-    return STORE.types["nav_msgs/msg/Odometry"](
-        header=stamped(log.t[row]),
-        child_frame_id="base_link",
-        pose=vector("PoseWithCovariance", parts["pose"], np.zeros(36)),
-        twist=vector("TwistWithCovariance", parts["twist"], np.zeros(36)),
-    )
-
-
-def split_bag(
-    folder: Path, log: Log, plugin: StoragePlugin, *, packed: bool = False, own: bool = False
-) -> Path:
-    """Write a log as a bag of two files, the names of which are not in their order; with own columns if `own`."""
+def split_bag(folder: Path, plugin: StoragePlugin, *parts: Iterable[Timed], packed: bool = False) -> Path:
+    """Write messages as a bag of two files, the names of which are not in their order."""
     bag, suffix = folder / "bag", ".mcap" if plugin is StoragePlugin.MCAP else ".db3"
     bag.mkdir()
     names = []
-    for number, rows in enumerate((range(2), range(2, len(log)))):
+    for number, messages in enumerate(parts):
         part = folder / f"part_{number}"
-        with BagWriter(part, version=9, storage_plugin=plugin) as writer:
-            connections = {}
-            for row in rows:
-                for topic, one in messages_of_row(log, row, own=own).items():
-                    kind = one.__msgtype__
-                    if topic not in connections:
-                        connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-                    data = STORE.serialize_cdr(one, kind)
-                    writer.write(connections[topic], round(1e9 * log.t[row]), data)
-        name = f"bag_{1 - number}{suffix}"
+        write_bag(part, messages, plugin=plugin)
         content = (part / f"part_{number}{suffix}").read_bytes()
-        names.append(f"{name}.zstd" if packed else name)
+        names.append(f"bag_{1 - number}{suffix}{'.zstd' if packed else ''}")
         (bag / names[-1]).write_bytes(zstandard.compress(content) if packed else content)
     text = (folder / "part_0" / "metadata.yaml").read_text()
     listed = "".join(f"\n  - bag/{name}" for name in names)  # as before version 4: with the folder's name
@@ -193,13 +100,19 @@ def split_bag(
     return bag
 
 
+def robot_bag(folder: Path, log: Log, plugin: StoragePlugin, *, packed: bool = False) -> Path:
+    """Write the messages of a log's robot as such a bag."""
+    halves = (robot_messages(log.select(rows)) for rows in (slice(2), slice(2, None)))
+    return split_bag(folder, plugin, *halves, packed=packed)
+
+
 @pytest.mark.parametrize(
     ("plugin", "packed"),
     [(StoragePlugin.SQLITE3, False), (StoragePlugin.MCAP, True)],
     ids=["db3", "mcap.zstd"],
 )
 def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
-    columns = read_columns(split_bag(tmp_path, log, plugin, packed=packed))
+    columns = read_columns(robot_bag(tmp_path, log, plugin, packed=packed))
     np.testing.assert_allclose(columns["t"], log.t - log.t[0], atol=1e-9)
     np.testing.assert_array_equal(columns["joint_states.effort.wheel2"], log["u2"])
     np.testing.assert_array_equal(columns["imu.angular_velocity.y"], log["gyro_y"])
@@ -211,17 +124,9 @@ def test_a_split_bag_is_read_as_one_table(tmp_path, log, plugin, packed):
 
 
 def test_a_ros_1_bag_is_read_as_the_same_bag_of_ros_2(tmp_path, log):
-    with BagWriter1(tmp_path / "run.bag") as writer:
-        connections = {}
-        for row in range(len(log)):
-            for topic, one in messages_of_row(log, row, own=False).items():
-                kind = one.__msgtype__
-                if topic not in connections:
-                    connections[topic] = writer.add_connection(topic, kind, typestore=STORE_1)
-                data = STORE.cdr_to_ros1(STORE.serialize_cdr(one, kind), kind)
-                writer.write(connections[topic], round(1e9 * log.t[row]), data)
+    write_bag(tmp_path / "run.bag", robot_messages(log), ros=1)
     columns = read_columns(tmp_path / "run.bag")
-    same = read_columns(split_bag(tmp_path, log, StoragePlugin.SQLITE3))
+    same = read_columns(robot_bag(tmp_path, log, StoragePlugin.SQLITE3))
     assert list(columns) == list(same)
     for name, values in columns.items():
         np.testing.assert_array_equal(values, same[name])
@@ -239,7 +144,7 @@ def test_a_ros_1_bag_is_read_as_the_same_bag_of_ros_2(tmp_path, log):
 
 
 def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):
-    bag = split_bag(tmp_path, log, StoragePlugin.SQLITE3)
+    bag = robot_bag(tmp_path, log, StoragePlugin.SQLITE3)
     text = (bag / "metadata.yaml").read_text()
     (bag / "bag_0.db3").write_bytes((bag / "bag_0.db3").read_bytes()[:3000])
     for words, metadata in (
@@ -255,7 +160,8 @@ def test_a_bag_that_lacks_something_is_refused_in_a_sentence(tmp_path, log):
 @pytest.mark.usefixtures("undrawn")
 def test_commands_take_a_bag_for_a_log(tmp_path):
     log = smooth_log(rows=600)
-    bag = str(split_bag(tmp_path, log, StoragePlugin.MCAP, own=True))
+    messages = list(own_messages(log.columns))
+    bag = str(split_bag(tmp_path, StoragePlugin.MCAP, messages[:300], messages[300:]))
     assert main(["check-log", bag, "--out", str(tmp_path / "checked")]) == 0
     results = json.loads((tmp_path / "checked" / "results.json").read_text())
     assert {Path(one["name"]).suffix for one in results["provenance"]["files"]} == {".mcap", ".yaml"}

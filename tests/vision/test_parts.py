@@ -124,7 +124,7 @@ def made_track(*, seed: int, noise: float, blind: bool) -> tuple[np.ndarray, Tra
     R = Rotation.from_rotvec(rng.normal(size=(360, 3)) * sizes).as_matrix() @ motion.orientation(t)
     # as if each point erred by 1 rad, where it errs by 0.03
     track = Track(
-        R=R, information=0.03**2 * information / noise**2, bias=np.zeros((360, 3, 3)), quality=np.ones(360),
+        stated=t, R=R, information=0.03**2 * information / noise**2, bias=np.zeros((360, 3, 3)), quality=np.ones(360),
         stretch=np.zeros(360, np.int64),
     )  # fmt: skip
     return t, track, motion.omega_at(t)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,17 +19,18 @@ from rich.live import Live
 from rich.text import Text
 
 from ballbot.errors import InputError
+from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import EmulatedRobot
-from ballbot.link.lines import bench_line, counts_line, sample_line, state_line
 from ballbot.link.live import Commander, Ending, LiveRobot, RobotSample, Samples, TorqueProgram, log_columns
 from ballbot.link.messages import State
 from ballbot.link.operators import EmulatedCamera, EmulatedOperator, Operator, TerminalOperator
 from ballbot.link.recorder import Recorder
-from ballbot.link.session import Session
+from ballbot.link.session import Session, stop_reason
 from ballbot.link.stream import LiveStream, StreamAddress
 from ballbot.link.transport import Transport
 from ballbot.log import Log
 from ballbot.robot import Robot
+from ballbot.rounding import percent
 
 #: between two pictures of the monitor on a terminal, and between two lines of it elsewhere [s]
 _PICTURE, _LINE = 0.1, 5.0
@@ -227,3 +229,55 @@ def connect(
                 stream=live,
                 camera=camera,
             )
+
+
+def sample_line(sample: RobotSample, *, torque_limit: float) -> str:
+    """Return a sample in one line."""
+    x, y, theta, phi, psi = sample.state[:5]
+    away = math.hypot(*(sample.state[:2] - sample.reference[:2]))
+    lean = math.acos(min(1.0, math.cos(theta) * math.cos(phi)))
+    return (
+        f"{sample.t:.1f} s, at ({x:+.3f}, {y:+.3f}) m, psi {math.degrees(psi):+.1f} degrees, "
+        f"{1e3 * away:.0f} mm from the reference, lean {math.degrees(lean):.1f} degrees, "
+        f"torque {percent(_share(sample, torque_limit))} of the limit"
+    )
+
+
+def bench_line(sample: RobotSample, *, torque_limit: float) -> str:
+    """Return a sample of a held robot in one line."""
+    speeds = " ".join(f"{speed:+.1f}" for speed in sample.wheel_speeds)
+    torques = " ".join(f"{torque:+.2f}" for torque in sample.torques)
+    return (
+        f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
+        f"wheel speeds {speeds} rad/s"
+    )
+
+
+def state_line(state: State, *, wheel_count: int) -> str:
+    """Return a state in one line."""
+    theta, phi, psi = np.degrees(state.attitude)
+    gyro = " ".join(f"{rate:+.2f}" for rate in state.gyro)
+    counts = " ".join(map(str, state.wheel_counts[:wheel_count].tolist()))
+    speeds = " ".join(f"{speed:+.1f}" for speed in state.wheel_speeds[:wheel_count])
+    stop = stop_reason(state)
+    test = SelfTestOutcome(state.self_test).name.replace("_", " ").lower()
+    wheel = f" ({state.self_test_wheel})" if state.self_test_wheel else ""
+    return (
+        f"{'armed' if state.armed else 'disarmed'}, self-test {test}{wheel}, "
+        f"theta {theta:+.1f}, phi {phi:+.1f}, psi {psi:+.1f} degrees, gyro {gyro} rad/s, counts {counts}, "
+        f"wheel speeds {speeds} rad/s" + (f", stopped: {stop}" if stop else "")
+    )
+
+
+def _share(sample: RobotSample, torque_limit: float) -> float:
+    return float(np.abs(sample.torques).max()) / torque_limit
+
+
+def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
+    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
+    if not (any(host) or any(robot)):
+        return None
+    return (
+        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
+        "radio loses bytes."
+    )

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from ballbot.control.parts import KINDS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.records import ESTIMATORS, SelfTestOutcome
-from ballbot.link.messages import AnswerResult, ControllerPlace, State
+from ballbot.link.messages import AnswerResult, ControllerPlace, State, wrapped
 from ballbot.link.operators import MOVEMENTS, Operator
 from ballbot.link.references import LiveReference, in_robot_frame, in_start_frame
 from ballbot.link.session import MOVING_TIME, Session, reason, stop_reason
@@ -116,31 +116,10 @@ def log_columns(wheel_count: int) -> tuple[str, ...]:
     )
 
 
-class Commander(Protocol):
-    """Decides what is sent to the robot after a sample."""
-
-    place: ClassVar[ControllerPlace]  #: whose torques the robot obeys
-
-    @property
-    def ended(self) -> bool:
-        """Whether the run is to end."""
-        ...
-
-    def command(self, session: Session, sample: RobotSample) -> NDArray[np.float64] | None:
-        """Send the reference or the torques of the robot's next sample.
-
-        Returns
-        -------
-        ndarray (10,) or None
-            The reference that held at the sample, in the frame of the start; None if the robot's state has it.
-        """
-        ...
-
-
 class FollowReference:
     """Gives references to the controller on the robot; one that does not arrive is sent again. A tuner tunes it."""
 
-    place: ClassVar = ControllerPlace.ROBOT
+    place: ClassVar = ControllerPlace.ROBOT  #: whose torques the robot obeys
 
     def __init__(self, reference: LiveReference, *, sample_time: float, tuner: Tuner | None = None) -> None:
         self._source, self._step, self._tuner = reference, sample_time, tuner
@@ -161,13 +140,14 @@ class FollowReference:
         if self._asked is None or not np.array_equal(wanted, self._asked):
             self._asked = wanted.copy()
             self._sent = in_robot_frame(wanted, sample.start).astype(np.float32)
-        elif sample.t - self._sent_at < _REFERENCE_TIME or self._has_arrived(session):
+        elif (
+            sample.t - self._sent_at < _REFERENCE_TIME
+            or session.state is None
+            or np.array_equal(session.state.reference, self._sent)
+        ):
             return
         session.set_reference(self._sent)
         self._sent_at = sample.t
-
-    def _has_arrived(self, session: Session) -> bool:
-        return session.state is None or np.array_equal(session.state.reference, self._sent)
 
 
 class TorqueProgram:
@@ -183,6 +163,10 @@ class TorqueProgram:
         """Send the torques of the next sample; return the pose of the start."""
         session.set_torques(self._torques(sample.t + self._step))
         return np.zeros(10)
+
+
+#: decides what is sent to the robot after a sample, and whether the run is to end
+Commander = FollowReference | TorqueProgram
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +192,7 @@ class Samples:
         """Return the sample of a state; its clock and its encoders may wrap around."""
         self._micros += (state.time - self._last_time) % 2**32
         self._last_time = state.time
-        gone = (state.wheel_counts.astype(np.int64) - self._counts + 2**31) % 2**32 - 2**31
+        gone = wrapped(state.wheel_counts - self._counts)
         angles = np.full(self._n, np.nan)
         if state.encoders_valid:
             self._turned += gone

@@ -8,7 +8,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -50,18 +49,6 @@ MOVEMENTS = {
 }
 
 
-class Operator(Protocol):
-    """The person at the robot."""
-
-    def confirm_arming(self) -> bool:
-        """Ask whether the robot may arm, and return the answer."""
-        ...
-
-    def move(self, position: SelfTestOutcome) -> None:
-        """Ask to bring the robot into one of `MOVEMENTS`; do not wait for it."""
-        ...
-
-
 #: what is typed at the terminal to let the robot arm
 _CONFIRMATION = "arm"
 
@@ -86,7 +73,7 @@ class TerminalOperator:
         return sys.stdin.readline().strip() == _CONFIRMATION
 
     def move(self, position: SelfTestOutcome) -> None:
-        """Print what to do."""
+        """Print how to bring the robot into one of `MOVEMENTS`; do not wait for it."""
         self._say(MOVEMENTS[position].prompt)
 
 
@@ -106,6 +93,9 @@ class EmulatedOperator:
     def move(self, position: SelfTestOutcome) -> None:
         """Move the robot."""
         self._hand.tilt(np.radians(MOVEMENTS[position].attitude))
+
+
+Operator = TerminalOperator | EmulatedOperator
 
 
 class EmulatedCamera:

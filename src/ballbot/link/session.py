@@ -72,8 +72,8 @@ IMU_POSITIONS = (
     SelfTestOutcome.TILT_LEFT,
     SelfTestOutcome.TURN_LEFT,
 )
-#: for an answer, after which a command is sent again [s]
-_ANSWER_TIME = 0.1
+#: for an answer, after which a command is sent again; for a session; and, by the robot's clock, for motors' tests [s]
+_ANSWER_TIME, _OPENING_TIME, _TEST_TIME = 0.1, 2.0, 3.0
 #: how often a command is sent before it counts as lost
 _ATTEMPTS = 5
 _WORD = np.dtype("<i4")
@@ -123,22 +123,16 @@ class Session:
         self._queued: list[Message] = []
         self._heard = self._sent = clock()
 
-    def connect(
-        self,
-        *,
-        timeout: float = 2.0,  # [s]
-        # samples from one `State` to the next; the robot sends one at least every 20 ms
-        state_every: int = 1,
-    ) -> Welcome:
-        """Open a session and return the robot's answer.
+    def connect(self) -> Welcome:
+        """Open a session, in which every sample is sent, and return the robot's answer.
 
         LinkError if nothing answers, or the robot has firmware of another version.
         """
-        hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=state_every)
+        hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=1)
         self.welcome, self.state, self._last = None, None, None
         self._queued = []
         self._session = secrets.randbelow(2**32 - 1) + 1
-        end = self.clock() + timeout
+        end = self.clock() + _OPENING_TIME
         while self.clock() < end:
             self._write(hello)
             resend = min(self.clock() + _ANSWER_TIME, end)
@@ -146,7 +140,7 @@ class Session:
                 self._queued += self._received(KEEP_INTERVAL)
                 if self.welcome is not None:
                     return self.welcome
-        raise LinkError(f"No robot answers within {timeout:g} s.")
+        raise LinkError(f"No robot answers within {_OPENING_TIME:g} s.")
 
     def _open(self, welcome: Welcome) -> None:
         """Take the session that the robot has opened; raise LinkError if its firmware is of another version."""
@@ -283,7 +277,6 @@ class Session:
     def self_test(
         self,
         *,
-        timeout: float = 3.0,  # for motors and encoders, by the robot's clock [s]
         # asks a person to move the robot into a position; without it the test ends with the request
         move: Callable[[SelfTestOutcome], None] | None = None,
         motors: bool = True,  # whether the motors' test follows that of the IMU's axes
@@ -297,7 +290,7 @@ class Session:
         """
         self._demand(SelfTest())
         seen, passed, waited_for = self.state, 0.0, None
-        while passed < (timeout if waited_for is None else MOVING_TIME):
+        while passed < (_TEST_TIME if waited_for is None else MOVING_TIME):
             before = self.state
             messages = self._step(KEEP_INTERVAL)
             self._queued += messages
@@ -321,7 +314,7 @@ class Session:
                 return outcome
         if waited_for is not None:
             return waited_for
-        raise LinkError(f"The robot's self-test does not end within {timeout:g} s.")
+        raise LinkError(f"The robot's self-test does not end within {_TEST_TIME:g} s.")
 
     def arm(
         self,

@@ -25,7 +25,7 @@ from ballbot.control.gain_set import GainSet
 from ballbot.control.tuning import ROUNDING, Setting, check_setting
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_text
-from ballbot.link.messages import AnswerResult
+from ballbot.link.messages import AnswerResult, wrapped
 from ballbot.link.references import require_terminal
 from ballbot.link.session import Session, reason
 
@@ -127,7 +127,7 @@ class Tuner:
             if wanted is not None and wanted.numbers() != self._setting.numbers():
                 self._former = self._setting
             self._setting = setting
-            moment = t + 1e-6 * ((changed - time + 2**31) % 2**32 - 2**31)
+            moment = t + 1e-6 * int(wrapped(changed - time))
             self.changes.append(Change(t=round(moment, 6), setting=setting))
             self._say(f"{moment:.2f} s: {setting.words()}")
 

@@ -23,7 +23,7 @@ from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, error
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.live import LiveRobot
-from ballbot.link.messages import State
+from ballbot.link.messages import State, wrapped
 from ballbot.link.operators import MOVEMENTS, Movement, Operator
 from ballbot.mechanics.geometry import rotation
 
@@ -96,7 +96,10 @@ def measure_turns(
         Turn(
             movement=movement,
             attitude=_turned(before, after),
-            wheels=robot.encoder_step * _counted(before, after)[: robot.wheel_count].astype(np.float64),
+            wheels=robot.encoder_step
+            * wrapped(after.wheel_counts.astype(float) - before.wheel_counts)[: robot.wheel_count].astype(
+                float
+            ),
         )
         for movement, before, after in zip(movements, rests[::2], rests[1::2], strict=True)
     )
@@ -106,11 +109,6 @@ def _turned(before: State, after: State) -> NDArray[np.float64]:
     """Return the turn of the attitude as a rotation vector (3,) [rad], body frame."""
     turn = rotation(*before.attitude.astype(float)).T @ rotation(*after.attitude.astype(float))
     return Rotation.from_matrix(turn).as_rotvec()
-
-
-def _counted(before: State, after: State) -> NDArray[np.int64]:
-    """Return the change of counters that wrap around."""
-    return (after.wheel_counts.astype(np.int64) - before.wheel_counts + 2**31) % 2**32 - 2**31
 
 
 def _words_of(turn: NDArray[np.float64]) -> str:

@@ -96,11 +96,10 @@ def body_motion(t: Floats, imu: Sequence[Floats], gyro: Floats | None, turn: flo
 
 
 def angle_rates_of(angles: Floats, body: Floats) -> Floats:
-    """Return the rates of theta, phi, psi (N, 3) from the angular velocity (N, 3) in the body's frame."""
-    from ballbot.mechanics.geometry import body_rates_matrix
+    """Return the rates of theta, phi, psi (N, 3) by the angular velocity (N, 3) in the body's frame; NaN goes through.
 
-    known = np.isfinite(angles).all(axis=1) & np.isfinite(body).all(axis=1)
-    rates = np.full_like(body, np.nan)
-    matrices = body_rates_matrix(*angles[known].T)
-    rates[known] = np.linalg.solve(matrices, body[known][..., None])[..., 0]
-    return rates
+    They are the inverse of `ballbot.mechanics.geometry.body_rates_matrix`, written out.
+    """
+    (_, phi, psi), (x, y, z) = angles.T, body.T
+    theta_rate = (np.cos(psi) * x - np.sin(psi) * y) / np.cos(phi)
+    return np.column_stack([theta_rate, np.sin(psi) * x + np.cos(psi) * y, z - np.sin(phi) * theta_rate])

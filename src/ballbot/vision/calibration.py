@@ -148,11 +148,11 @@ def calibrated_view(
     every = max(1, wanted // _FRAMES)
     kept: list[NDArray[np.uint8]] = []
 
-    def pictures() -> Iterator[NDArray[np.uint8]]:
-        for count, (_, frame) in enumerate(islice(video.frames(), wanted)):
+    def pictures() -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        for count, (time, frame) in enumerate(islice(video.frames(), wanted)):
             if count % every == 0:
                 kept.append(frame)
-            yield frame
+            yield time, frame
 
     finder = SeamFinder(pixels=ball_pixels(view, video.size), colour=colour)
     track = follow(pictures(), finder, table, frame_count=wanted, progress=progress)

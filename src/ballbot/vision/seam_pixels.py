@@ -81,81 +81,71 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
     InputError if no colour is distinct enough.
     """
     around = 2 * max(2, round(0.5 * _AROUND * radius)) + 1
-    sample = _Sample.of(pictures, inside, around)
-    by_level = 1.0 / (np.median(sample.levels, axis=0) + _FLOOR)  # of the logarithm
+    step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
+    chosen = np.zeros_like(inside)
+    chosen[::step, ::step] = inside[::step, ::step]
+    logs = [np.asarray(cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR), np.float32) for picture in pictures]
+    ball = inside.astype(np.float32)
+    levels = np.median(np.concatenate([picture[chosen] for picture in pictures]), axis=0)
+    by_level = 1.0 / (levels + _FLOOR)  # of the logarithm
     noise = np.diag((_COLOUR_NOISE * by_level) ** 2) + _SHADOW**2
     noise += np.outer(by_level, by_level) * _REFLECTION**2
-    detail = sample.detail(None)
+    detail = _detail(logs, ball, chosen, around)
     w, threshold, separation = _start(detail), 0.0, 0.0
     for _ in range(_PASSES):
         for _ in range(6):
             is_seam = _split(detail @ w)
             if is_seam is None:
                 raise InputError(_NO_SEAM)
-            seam, ball = detail[is_seam], detail[~is_seam]
-            apart = seam.mean(axis=0) - ball.mean(axis=0)
-            spread = 0.5 * (np.cov(seam.T) + np.cov(ball.T)) + noise
+            seam, rest = detail[is_seam], detail[~is_seam]
+            apart = seam.mean(axis=0) - rest.mean(axis=0)
+            spread = 0.5 * (np.cov(seam.T) + np.cov(rest.T)) + noise
             w = np.linalg.solve(spread, apart)
             w /= np.linalg.norm(w)
-            threshold = float(0.5 * w @ (seam.mean(axis=0) + ball.mean(axis=0)))
+            threshold = float(0.5 * w @ (seam.mean(axis=0) + rest.mean(axis=0)))
             separation = float(w @ apart / np.sqrt(w @ spread @ w))
-        detail = sample.detail((w, threshold))  # again with surroundings that are free of the seam
+        detail = _detail(
+            logs, ball, chosen, around, (w, threshold)
+        )  # again with surroundings that are free of the seam
     if separation < _LEAST_SEPARATION:
         raise InputError(_NO_SEAM)
     along = detail @ w
     is_seam = along > threshold
-    seam, ball = along[is_seam], along[~is_seam]
-    contrast = seam.mean() - ball.mean()
+    seam, rest = along[is_seam], along[~is_seam]
+    contrast = seam.mean() - rest.mean()
     return SeamColour(
         table=(_LOGS[:, None] * (w / contrast)).astype(np.float32),
         around=around,
         # by the median, because the seam's blurred edges are not noise
-        noise=1.4826 * float(np.median(np.abs(ball - np.median(ball)))) / contrast,
+        noise=1.4826 * float(np.median(np.abs(rest - np.median(rest)))) / contrast,
         separation=separation,
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Sample:
-    """The sample that the discriminant is learned from."""
+def _detail(
+    logs: Sequence[NDArray[np.float32]],
+    inside: NDArray[np.float32],
+    chosen: Bools,
+    side: int,
+    seam: tuple[Floats, float] | None = None,
+) -> Floats:
+    """Return log colours less those around (n, 3) of the pixels chosen in pictures (rows, columns, 3).
 
-    logs: list[NDArray[np.float32]]  #: pictures (rows, columns, 3)
-    inside: NDArray[np.float32]  #: (rows, columns)
-    around: int
-    chosen: Bools  #: (rows, columns)
-    levels: NDArray[np.uint8]  #: (n, 3) of the pixels chosen, of all pictures
+    A seam known by direction and threshold is left out of those around.
+    """
+    parts = []
+    for values in logs:
+        detail = values - _around(values, inside, side)
+        if seam is not None:
+            ball = inside * (detail @ seam[0].astype(np.float32) < np.float32(0.7 * seam[1]))
+            detail = values - _around(values, ball, side)
+        parts.append(detail[chosen])
+    return np.concatenate(parts).astype(np.float64)
 
-    @staticmethod
-    def of(pictures: Sequence[NDArray[np.uint8]], inside: Bools, around: int) -> _Sample:
-        step = max(1, int(np.sqrt(inside.sum() * len(pictures) / _MOST_PIXELS)))
-        chosen = np.zeros_like(inside)
-        chosen[::step, ::step] = inside[::step, ::step]
-        return _Sample(
-            logs=[
-                np.asarray(cv2.GaussianBlur(_LOGS[picture], (0, 0), _BLUR), np.float32)
-                for picture in pictures
-            ],
-            inside=inside.astype(np.float32),
-            around=around,
-            chosen=chosen,
-            levels=np.concatenate([picture[chosen] for picture in pictures]),
-        )
 
-    def detail(self, seam: tuple[Floats, float] | None) -> Floats:
-        """Return log colours less those around (n, 3); a seam known by direction and threshold is left out of these."""
-        parts = []
-        for values in self.logs:
-            ball = self.inside
-            detail = values - self._mean(values, ball)
-            if seam is not None:
-                ball = ball * (detail @ seam[0].astype(np.float32) < np.float32(0.7 * seam[1]))
-                detail = values - self._mean(values, ball)
-            parts.append(detail[self.chosen])
-        return np.concatenate(parts).astype(np.float64)
-
-    def _mean(self, values: NDArray[np.float32], ball: NDArray[np.float32]) -> NDArray[np.float32]:
-        share = np.maximum(_mean(ball, self.around), _LEAST_SHARE)
-        return np.asarray(_mean(values * ball[..., None], self.around) / share[..., None], np.float32)
+def _around(values: NDArray[np.float32], ball: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    share = np.maximum(_mean(ball, side), _LEAST_SHARE)
+    return np.asarray(_mean(values * ball[..., None], side) / share[..., None], np.float32)
 
 
 def _start(detail: Floats) -> Floats:

@@ -15,7 +15,6 @@ The findings say how well the ball was tracked and whether the wheels agree with
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -119,12 +118,9 @@ def measure_spin(
         video, view, points, colour=colour, table=table, outline_found=circle is None,
         progress=in_stage(progress, "calibrating"),
     )  # fmt: skip
-    stated: list[float] = []
     finder = SeamFinder(pixels=ball_pixels(calibration.view, video.size), colour=colour)
-    track = follow(
-        _pictures(video, stated), finder, table, frame_count=video.stated_frames, progress=progress
-    )
-    t = frame_times(np.array(stated), video)
+    track = follow(video.frames(), finder, table, frame_count=video.stated_frames, progress=progress)
+    t = frame_times(track.stated, video)
     velocity = angular_velocity(t, track)
     if not np.isfinite(velocity.omega).any():
         raise InputError(
@@ -135,13 +131,6 @@ def measure_spin(
         video=video, seam=seam, colour=colour, calibration=calibration, t=t, track=track, velocity=velocity,
         robot_camera=facing(0.0),
     )  # fmt: skip
-
-
-def _pictures(video: Video, stated: list[float]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the pictures, and append their times."""
-    for t, frame in video.frames():
-        stated.append(t)
-        yield frame
 
 
 #: frames shown, and their width [pixels]
@@ -289,7 +278,12 @@ _NAMED = 3
 
 def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
     """Return the findings on velocity, tracking, the seam and the agreement with the wheels."""
-    words = [_velocity_finding(spin), _tracking_finding(spin)]
+    typical = ", ".join(digits(value, 2) for value in np.median(spin.errors[spin.known], axis=0))
+    words = [
+        f"The ball turned at up to {digits(spin.peak)} rad/s; the standard error of its velocity about x, y, z is "
+        f"{typical} rad/s (median).",
+        _tracking_finding(spin),
+    ]
     quality = float(np.median(spin.track.quality[spin.track.tracked]))
     if quality <= _POOR:
         words.append(
@@ -297,16 +291,13 @@ def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Findi
             "median frame: it may be of another kind (--seam), and the velocity may be wrong."
         )
     if comparison is not None:
-        words.append(_agreement_finding(comparison))
+        off = np.abs(comparison.gain - 1.0) > np.maximum(2.0 * comparison.gain_half_width, 0.02)
+        gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
+        words.append(
+            f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
+            f"{percent(comparison.rms_share)} of the peak (RMS), and video is {gains} times the wheels about x, y, z."
+        )
     return tuple(note("spin", sentence) for sentence in words)
-
-
-def _velocity_finding(spin: Spin) -> str:
-    typical = ", ".join(digits(value, 2) for value in np.median(spin.errors[spin.known], axis=0))
-    return (
-        f"The ball turned at up to {digits(spin.peak)} rad/s; the standard error of its velocity about x, y, z is "
-        f"{typical} rad/s (median)."
-    )
 
 
 def _tracking_finding(spin: Spin) -> str:
@@ -318,12 +309,3 @@ def _tracking_finding(spin: Spin) -> str:
     spans = [f"{spin.t[first]:.2f} to {spin.t[end - 1]:.2f} s" for first, end in edges]
     named = ", ".join(spans[:_NAMED]) + (f" and {len(spans) - _NAMED} more" if len(spans) > _NAMED else "")
     return f"Of {whole} the seam was lost in {lost.sum()} frames: {named}."
-
-
-def _agreement_finding(comparison: WheelComparison) -> str:
-    off = np.abs(comparison.gain - 1.0) > np.maximum(2.0 * comparison.gain_half_width, 0.02)
-    gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
-    return (
-        f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
-        f"{percent(comparison.rms_share)} of the peak (RMS), and video is {gains} times the wheels about x, y, z."
-    )

@@ -79,6 +79,7 @@ _LARGEST_JUMP = 0.35
 class Track:
     """The ball's orientation in every frame."""
 
+    stated: Floats  #: (n,) times of the frames, as the video states them [s]
     R: Floats  #: (n, 3, 3) ball frame to camera frame; NaN where lost
     information: Floats  #: (n, 3, 3) from `SeamFit`, camera frame
     bias: Floats  #: (n, 3, 3) from `SeamFit`, camera frame [rad^2]
@@ -186,19 +187,21 @@ class _Follower:
 
 
 def follow(
-    frames: Iterable[NDArray[np.uint8]],
+    frames: Iterable[tuple[float, NDArray[np.uint8]]],
     finder: SeamFinder,
     table: SeamTable,
     *,
     frame_count: int,
     progress: ProgressCallback,
 ) -> Track:
-    """Return the orientation in every frame (height, width, 3) uint8.
+    """Return the orientation in every frame of a video, by its stated time [s] and its picture (height, width, 3).
 
     `frame_count` is the largest number of frames, for the progress; 0 if it is not known.
     """
-    follower, results = _Follower(finder, table), list[tuple[SeamFit, float, int] | None]()
-    for count, frame in enumerate(frames, start=1):
+    follower, stated = _Follower(finder, table), list[float]()
+    results: list[tuple[SeamFit, float, int] | None] = []
+    for count, (time, frame) in enumerate(frames, start=1):
+        stated.append(time)
         results.append(follower.next(frame))
         total = frame_count or 1
         progress(Progress(stage="tracking", done=min(count, total), total=total))
@@ -208,6 +211,7 @@ def follow(
         return np.array([of(result[0]) if result else nothing for result in results]).reshape(-1, 3, 3)
 
     return Track(
+        stated=np.array(stated),
         R=matrices(lambda fit: fit.R),
         information=matrices(lambda fit: fit.information),
         bias=matrices(lambda fit: fit.bias),

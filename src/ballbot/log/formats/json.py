@@ -73,12 +73,9 @@ def flattened(row: Mapping[str, object], *, before: str = "", depth: int = 0) ->
             cells[name] = _number(value)
         elif isinstance(value, Mapping) and depth < _DEEPEST:
             cells |= flattened(value, before=f"{name}.", depth=depth + 1)
-        elif isinstance(value, list) and len(value) <= _WIDEST and all(map(_is_cell, value)):
-            cells |= {f"{name}_{index}": _number(cell) for index, cell in enumerate(value, start=1)}
         elif isinstance(value, list) and len(value) <= _WIDEST and depth < _DEEPEST:
-            for index, item in enumerate(value, start=1):
-                if isinstance(item, Mapping):
-                    cells |= flattened(item, before=f"{name}_{index}.", depth=depth + 1)
+            items = {f"{name}_{index}": item for index, item in enumerate(value, start=1)}
+            cells |= flattened(items, depth=depth + 1)
     return cells
 
 
