@@ -9,7 +9,7 @@ import re
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.findings import CODES, Finding, Place, as_argument, check_codes, stop_on_errors
+from ballbot.findings import CODES, Finding, Place, check_codes, stop_on_errors
 from ballbot.log.checks.table import CHECKS
 from tests.support.source import modules, nodes_of
 
@@ -57,9 +57,3 @@ def test_an_unknown_code_is_refused_with_the_nearest():
         check_codes(["signs"])
     with pytest.raises(InputError, match="the codes are alignment, "):
         check_codes(["qqqqqq"])
-
-
-def test_python_names_the_argument_that_accepts():
-    finding = Finding(code="sign", severity="error", text="The rate is negated.")
-    with pytest.raises(InputError, match=r"To continue despite this: accept=\['sign'\]\."):
-        stop_on_errors([finding], going_on=as_argument)

@@ -13,7 +13,9 @@ from ballbot.firmware.records import SelfTestOutcome
 from ballbot.link.emulated import EmulatedRobot
 from ballbot.link.frames import FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
+    FIRMWARE_WORDS,
     LONGEST_RAMP,
+    MESSAGE_WORDS,
     TO_HOST,
     TO_ROBOT,
     AnswerResult,
@@ -32,8 +34,6 @@ from ballbot.link.messages import (
     Torques,
     Welcome,
     Write,
-    firmware_words,
-    message_words,
 )
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
@@ -277,7 +277,7 @@ def test_host_says_that_the_robot_is_silent_and_stops_sending():
 def test_moving_robot_is_not_taken_over_by_another_host():
     robot = Recording(emulated())
     first = balancing(robot)
-    hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=1)
+    hello = Hello(firmware=FIRMWARE_WORDS, messages=MESSAGE_WORDS, state_every=1)
     robot.write(encode(hello, session=4711, sequence=9))
     robot.write(encode(Disarm(), session=4711, sequence=10))
     first.poll(H)
@@ -298,11 +298,11 @@ def test_repeated_arming_is_not_arming():
     assert not any(enabled for _, enabled, _, _ in other.motors)
 
 
-@pytest.mark.parametrize("wrong", ["firmware_words", "message_words"])
+@pytest.mark.parametrize("wrong", ["FIRMWARE_WORDS", "MESSAGE_WORDS"])
 def test_firmware_of_another_version_gets_no_session(wrong, monkeypatch):
     robot = Recording(emulated())
     session = Session(robot, clock=robot.clock)
-    monkeypatch.setattr(f"ballbot.link.session.{wrong}", lambda: np.ones(8, np.int32))
+    monkeypatch.setattr(f"ballbot.link.session.{wrong}", np.ones(8, np.int32))
     with pytest.raises(LinkError, match="another version; export it again"):
         session.connect()
     with pytest.raises(LinkError, match="connect first"):

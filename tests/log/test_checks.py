@@ -72,13 +72,6 @@ def test_a_fall_is_found_where_it_begins(row):
     assert [f.where.time for f in found] == ([CLEAN.t[fallen[0]]] if fallen.size else [])
 
 
-def test_a_log_at_rest_gives_one_finding_for_all_columns():
-    resting = Log({name: CLEAN.t if name == "t" else np.zeros(len(CLEAN)) for name in CLEAN})
-    finding = only(resting, "constant")
-    assert finding.text.startswith("No measurement and no torque changes")
-    assert finding.where.columns == tuple(name for name in CLEAN if name != "t")
-
-
 @pytest.mark.parametrize(
     ("code", "name", "values", "words"),
     [

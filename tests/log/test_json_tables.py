@@ -6,30 +6,27 @@ import numpy as np
 import pytest
 
 from ballbot.errors import InputError
-from ballbot.log.formats import read_columns
 from ballbot.log.formats.json import read_json_table
 
-T = [0.0, 0.005, 0.01]
-
-
-def written(folder, tree) -> str:
-    path = folder / "log.json"
-    path.write_text(tree if isinstance(tree, str) else json.dumps(tree))
-    return str(path)
+T, ROLL = [0.0, 0.005, 0.01], [0.1, None, 0.3]
+ROWS = [{"t": t, "imu": {"roll": roll}, "w": [1, {"speed": t}]} for t, roll in zip(T, ROLL, strict=True)]
 
 
 @pytest.mark.parametrize(
-    "tree",
+    ("text", "names"),
     [
-        {"t": T, "roll": [0.1, None, 0.3]},
-        [{"t": t, "roll": roll} for t, roll in zip(T, [0.1, None, 0.3], strict=True)],
-        {"robot": "r2", "data": [{"t": t, "roll": r} for t, r in zip(T, [0.1, None, 0.3], strict=True)]},
+        (json.dumps({"t": T, "roll": ROLL, "name": "r2"}), ["t", "roll"]),
+        (json.dumps(ROWS), ["t", "imu.roll", "w_1", "w_2.speed"]),
+        (json.dumps({"robot": "r2", "data": ROWS}), ["t", "imu.roll", "w_1", "w_2.speed"]),
+        ("\n".join(map(json.dumps, ROWS)), ["t", "imu.roll", "w_1", "w_2.speed"]),
     ],
 )
-def test_lists_of_objects_and_objects_of_lists_are_one_table(tmp_path, tree):
-    columns = read_columns(written(tmp_path, tree))
-    np.testing.assert_array_equal(columns["t"], T)
-    np.testing.assert_array_equal(columns["roll"], [0.1, np.nan, 0.3])
+def test_lists_of_objects_objects_of_lists_and_lines_of_objects_are_one_table(tmp_path, text, names):
+    (tmp_path / "log.json").write_text(text)
+    columns = read_json_table(tmp_path / "log.json")
+    assert list(columns) == names
+    for values, wanted in zip(columns.values(), (T, [0.1, np.nan, 0.3], [1, 1, 1], T), strict=False):
+        np.testing.assert_array_equal(values, wanted)
 
 
 @pytest.mark.parametrize(
@@ -42,19 +39,6 @@ def test_lists_of_objects_and_objects_of_lists_are_one_table(tmp_path, tree):
     ],
 )
 def test_what_is_no_table_is_refused_in_one_sentence(tmp_path, text, words):
+    (tmp_path / "log.json").write_text(text)
     with pytest.raises(InputError, match=words):
-        read_json_table(written(tmp_path, text))
-
-
-def test_one_object_in_each_line_is_a_table(tmp_path):
-    path = tmp_path / "log.jsonl"
-    path.write_text(
-        '{"ts": 0, "imu": {"roll": 0.1}, "w": [1, 2]}\n{"ts": 10, "imu": {"roll": 0.2}, "w": [3, 4]}\n'
-    )
-    found = read_json_table(path)
-    assert {name: list(values) for name, values in found.items()} == {
-        "ts": [0.0, 10.0],
-        "imu.roll": [0.1, 0.2],
-        "w_1": [1.0, 3.0],
-        "w_2": [2.0, 4.0],
-    }
+        read_json_table(tmp_path / "log.json")

@@ -56,20 +56,18 @@ def motion_of(t: NDArray[np.float64], omega: NDArray[np.float64], *, start: Rota
     return Motion(t=t, omega=omega, rotations=turned.as_matrix())
 
 
-def wandering(*, duration: float, peak: float, seed: int, fastest: float = 1.0, rows: int = 1000) -> Motion:
-    """Return a motion about all three axes by sums of sines up to `fastest` [Hz], whose speed peaks at `peak` [rad/s].
+def wandering(*, duration: float, peak: float, seed: int) -> Motion:
+    """Return a motion about all three axes by sums of sines up to 1 Hz, whose speed peaks at `peak` [rad/s].
 
-    It lasts `duration` [s] in `rows` a second; the seed is that of the sines and of the first orientation.
+    It lasts `duration` [s]; the seed is that of the sines and of the first orientation.
     """
     rng = np.random.default_rng(seed)
-    t = np.arange(-0.1, duration + 0.1, 1.0 / rows)
+    t = np.arange(-0.1, duration + 0.1, 1e-3)
     omega = np.zeros((len(t), 3))
     for axis in range(3):
-        # five frequencies: U(0.05, fastest) Hz; sizes: U(0.3, 1); phases: U(0, 2 pi)
+        # five frequencies: U(0.05, 1) Hz; sizes: U(0.3, 1); phases: U(0, 2 pi)
         f, size, phase = (
-            rng.uniform(0.05, fastest, 5),
-            rng.uniform(0.3, 1.0, 5),
-            rng.uniform(0.0, 2 * np.pi, 5),
+            rng.uniform(low, high, 5) for low, high in ((0.05, 1.0), (0.3, 1.0), (0.0, 2 * np.pi))
         )
         omega[:, axis] = np.sin(2 * np.pi * np.outer(t, f) + phase) @ size
     omega *= peak / np.linalg.norm(omega, axis=1).max()
@@ -156,7 +154,7 @@ def view_of(scene: Scene) -> View:
     )  # fmt: skip
 
 
-def render(scene: Scene, motion: Motion, *, duration: float, seed: int = 0) -> Iterator[NDArray[np.uint8]]:
+def render(scene: Scene, motion: Motion, *, duration: float) -> Iterator[NDArray[np.uint8]]:
     """Yield the frames (height, width, 3) uint8, as OpenCV has them, of `duration` seconds.
 
     The k-th is the light of the exposure whose middle is at k / frame_rate.
@@ -164,9 +162,10 @@ def render(scene: Scene, motion: Motion, *, duration: float, seed: int = 0) -> I
     camera = scene.camera
     canvas = _canvas(scene)
     count = len(canvas.rays)
-    rng = np.random.default_rng(seed)
-    cv2.setRNGSeed(seed % 2**31)  # OpenCV takes a signed integer of 32 bits
-    order = rng.permutation(count)  # so that places within a pixel do not go with instants
+    cv2.setRNGSeed(0)
+    order = np.random.default_rng(0).permutation(
+        count
+    )  # so that places within a pixel do not go with instants
     for frame in range(round(duration * camera.frame_rate)):
         middle = frame / camera.frame_rate
         within = (np.arange(count) + 0.5) / count - 0.5

@@ -21,11 +21,11 @@ class Faults:
 class FaultyTransport:
     """Faults on the way to the robot and back."""
 
-    def __init__(self, inner: Transport, faults: Faults, *, seed: int, back: Faults | None = None) -> None:
+    def __init__(self, inner: Transport, faults: Faults, *, seed: int) -> None:
         self.inner = inner
         self.dead = False  #: nothing passes any more, as after a pulled plug
         self._to_robot = _Way(faults, np.random.default_rng((seed, 0)))
-        self._to_host = _Way(faults if back is None else back, np.random.default_rng((seed, 1)))
+        self._to_host = _Way(faults, np.random.default_rng((seed, 1)))
         self._part = b""
 
     def read(self, timeout: float) -> bytes:

@@ -28,17 +28,17 @@ def small_robot() -> Robot:
 
 
 @cache
-def swaying_log(*, heading: float = 0.6, duration: float = 30.0) -> Log:
+def swaying_log() -> Log:
     """Return a run of the small robot that sways in all directions and turns its heading to and fro."""
 
     def reference(t: float) -> np.ndarray:
         r = np.zeros(10)
         r[0], r[1] = 0.25 * np.sin(1.3 * t), 0.25 * np.sin(1.9 * t + 1.0)
-        r[4] = heading * np.sin(1.1 * t)
+        r[4] = 0.6 * np.sin(1.1 * t)
         return r
 
     robot = small_robot()
-    return simulate(Model(robot), Dithered(nominal_controller(robot)), reference, duration=duration)
+    return simulate(Model(robot), Dithered(nominal_controller(robot)), reference, duration=30.0)
 
 
 class Dithered:

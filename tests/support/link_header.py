@@ -18,6 +18,8 @@ from ballbot.link.messages import (
     LAYERS,
     LONGEST_RAMP,
     LONGEST_STATE_INTERVAL,
+    MESSAGE_DIGEST,
+    MESSAGE_WORDS,
     MESSAGES,
     PARAMETER_WORDS,
     SCHEMAS,
@@ -27,8 +29,6 @@ from ballbot.link.messages import (
     Capability,
     ControllerPlace,
     Layer,
-    message_digest,
-    message_words,
 )
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"
@@ -60,8 +60,8 @@ def messages_header() -> str:
 /* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION {VERSION}u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS {{ {", ".join(map(str, message_words()))} }}
-/* {message_digest()} */
+#define BALLBOT_MESSAGE_WORDS {{ {", ".join(map(str, MESSAGE_WORDS))} }}
+/* {MESSAGE_DIGEST} */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG {_MICROSECONDS * WATCHDOG:.0f}u

@@ -11,9 +11,9 @@ AMPLITUDES = (0.3, 0.2, 0.02, 0.03, 0.4)
 FREQUENCIES = (1.1, 0.7, 2.3, 1.9, 0.9)
 
 
-def smooth_log(*, rows: int = 2000, sample_time: float = 0.005) -> Log:
+def smooth_log(*, rows: int = 2000) -> Log:
     """Return a log with t, three torques and the ten states."""
-    t = sample_time * np.arange(rows)
+    t = 0.005 * np.arange(rows)
     waves = list(zip(AMPLITUDES, FREQUENCIES, strict=True))
     states = [a * np.sin(f * t) for a, f in waves] + [a * f * np.cos(f * t) for a, f in waves]
     torques = {f"u{i}": 0.5 * np.sin((0.8 + 0.3 * i) * t) + 0.1 for i in (1, 2, 3)}

@@ -30,11 +30,9 @@ class Film:
         return float(np.sqrt(np.nanmean(off)) / np.linalg.norm(true, axis=1).max())
 
 
-def ball_video(
-    path: Path, scene: Scene, *, duration: float, codec: str = "HFYU", peak: float = 10.0, seed: int = 3
-) -> Film:
-    """Write the video of a ball that wanders and return it."""
-    motion = wandering(duration=duration, peak=peak, seed=seed)
+def ball_video(path: Path, scene: Scene, *, duration: float, codec: str = "HFYU") -> Film:
+    """Write the video of a ball that wanders at up to 10 rad/s and return it."""
+    motion = wandering(duration=duration, peak=10.0, seed=3)
     write_video(
         path, render(scene, motion, duration=duration), frame_rate=scene.camera.frame_rate, codec=codec
     )

@@ -296,22 +296,12 @@ _DTYPES = {number: schema.dtype("single").newbyteorder("<") for number, schema i
 BODY_LENGTHS = {number: dtype.itemsize for number, dtype in _DTYPES.items()}
 
 
-def message_digest() -> str:
-    """Return the SHA-256 of the types, names, order, shapes and units of all messages."""
-    lines = [
-        f"{number} {item.name} {line}" for number, item in SCHEMAS.items() for line in ["", *item.lines()]
-    ]
-    return sha256("\n".join([f"version {VERSION}", *lines]).encode()).hexdigest()
-
-
-def message_words() -> NDArray[np.int32]:
-    """Return the digest of the messages in numbers."""
-    return np.array(digest_words(message_digest()), dtype=np.int32)
-
-
-def firmware_words() -> NDArray[np.int32]:
-    """Return the digest of parameters, state and readings in numbers."""
-    return np.array(digest_words(FIRMWARE.digest), dtype=np.int32)
+_LINES = [f"{number} {item.name} {line}" for number, item in SCHEMAS.items() for line in ["", *item.lines()]]
+#: SHA-256 of the types, names, order, shapes and units of all messages
+MESSAGE_DIGEST = sha256("\n".join([f"version {VERSION}", *_LINES]).encode()).hexdigest()
+#: this digest, and the one of parameters, state and readings, in numbers
+MESSAGE_WORDS = np.array(digest_words(MESSAGE_DIGEST), dtype=np.int32)
+FIRMWARE_WORDS = np.array(digest_words(FIRMWARE.digest), dtype=np.int32)
 
 
 def pack_body(message: Message) -> bytes:

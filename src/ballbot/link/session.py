@@ -30,7 +30,9 @@ from ballbot.errors import InputError
 from ballbot.firmware.records import PARAMETERS, SelfTestOutcome
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
+    FIRMWARE_WORDS,
     LONGEST_RAMP,
+    MESSAGE_WORDS,
     PARAMETER_WORDS,
     TO_HOST,
     WATCHDOG,
@@ -56,8 +58,6 @@ from ballbot.link.messages import (
     Tune,
     Welcome,
     Write,
-    firmware_words,
-    message_words,
 )
 from ballbot.link.transport import LinkError, Transport
 
@@ -128,7 +128,7 @@ class Session:
 
         LinkError if nothing answers, or the robot has firmware of another version.
         """
-        hello = Hello(firmware=firmware_words(), messages=message_words(), state_every=1)
+        hello = Hello(firmware=FIRMWARE_WORDS, messages=MESSAGE_WORDS, state_every=1)
         self.welcome, self.state, self._last = None, None, None
         self._queued = []
         self._session = secrets.randbelow(2**32 - 1) + 1
@@ -145,8 +145,8 @@ class Session:
     def _open(self, welcome: Welcome) -> None:
         """Take the session that the robot has opened; raise LinkError if its firmware is of another version."""
         for name, ours, theirs in (
-            ("messages", message_words(), welcome.messages),
-            ("parameters", firmware_words(), welcome.firmware),
+            ("messages", MESSAGE_WORDS, welcome.messages),
+            ("parameters", FIRMWARE_WORDS, welcome.firmware),
         ):
             if not np.array_equal(ours, theirs):
                 raise LinkError(

@@ -7,6 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import ndtr, softmax
 
 from ballbot.log.columns import Floats
 
@@ -30,18 +31,15 @@ Candidate = TypeVar("Candidate", bound=Hashable)
 
 def probabilities(log_weights: Mapping[Candidate, float]) -> dict[Candidate, float]:
     """Return the candidates' probabilities from the logarithms of their weights, the likeliest first."""
-    largest = max(log_weights.values())
-    weights = {hypothesis: math.exp(weight - largest) for hypothesis, weight in log_weights.items()}
-    total = sum(weights.values())
-    ranked = sorted(weights, key=lambda hypothesis: -weights[hypothesis])
-    return {hypothesis: weights[hypothesis] / total for hypothesis in ranked}
+    shares = zip(log_weights, softmax(list(log_weights.values())).tolist(), strict=True)
+    return dict(sorted(shares, key=lambda share: -share[1]))
 
 
 def advantage_confidence(z: float) -> float:
     """Return the confidence in an explanation that is better than the next by z standard errors."""
     if math.isnan(z):
         return 0.5
-    return min(0.5 * math.erfc(-ERRORS_WEIGHT * max(z, -10.0) / math.sqrt(2.0)), MOST)
+    return min(float(ndtr(ERRORS_WEIGHT * z)), MOST)
 
 
 def behind(z: Floats, log_ratio: Floats, seconds: float, *, each_second: float) -> Floats:
