@@ -12,7 +12,7 @@ from cyclopts import Parameter, Token
 
 from ballbot.errors import either
 from ballbot.fitting.run import check_seed
-from ballbot.log.formats import WRITTEN_FORMATS, check_format
+from ballbot.log.formats import WRITTEN_SUFFIXES, written_format
 
 
 def _whole_number(_: type, tokens: Sequence[Token]) -> int:
@@ -104,8 +104,8 @@ Log = Annotated[Path, Parameter(required=True)]
 LogFormat = Annotated[
     str,
     Parameter(
-        validator=lambda _, word: check_format(word) and None,
-        help=f"File format of the log and other time series: {either(WRITTEN_FORMATS)}.",
+        validator=lambda _, word: written_format(f"log.{word}") and None,
+        help=f"File format of the log and other time series: {either([name[1:] for name in WRITTEN_SUFFIXES])}.",
     ),
 ]
 

@@ -7,6 +7,7 @@ measured ones, in columns named `true_` and the state's name.
 import math
 import re
 from collections.abc import Iterable, Sequence
+from itertools import count, takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,14 +80,9 @@ def wheel_speed_names(count: int) -> tuple[str, ...]:
 
 
 def numbered_names(names: Iterable[str], *, prefix: str, suffix: str = "") -> tuple[str, ...]:
-    """Return those of `names` that are prefix, number, suffix, from 1 on without a gap; InputError if none are."""
+    """Return those of `names` that are prefix, number, suffix, from 1 on without a gap."""
     present = set(names)
-    numbered = []
-    while f"{prefix}{len(numbered) + 1}{suffix}" in present:
-        numbered.append(f"{prefix}{len(numbered) + 1}{suffix}")
-    if not numbered:
-        raise InputError(f"The log has no column {prefix}1{suffix}, which this use needs.")
-    return tuple(numbered)
+    return tuple(takewhile(present.__contains__, (f"{prefix}{i}{suffix}" for i in count(1))))
 
 
 def missing_words(missing: Sequence[str], present: Sequence[str]) -> str:
@@ -131,6 +127,8 @@ _KINDS: dict[str, dict[str, tuple[float, str]]] = {
         "mN m": (1e-3, "mnm"),
         "N cm": (1e-2, "ncm"),
     },
+    "A": {"A": (1.0, "a amp amps ampere amperes"), "mA": (1e-3, "ma milliamp milliamps")},
+    "V": {"V": (1.0, "v volt volts"), "mV": (1e-3, "mv millivolt millivolts")},
 }
 #: units that other numbers turn into Ballbot's: an encoder's counts, a motor's constants
 _OTHERS = {
@@ -138,10 +136,6 @@ _OTHERS = {
     "counts/s": "counts/s countspersec countspers ticks/s tickspersec cps",
     "turn/s": "turn/s turns/s rev/s revs/s revps revpersec revpers",
     "rps": "rps",  # revolutions or radians a second, as teams write it for either: a unit that the name leaves open
-    "A": "a amp amps ampere amperes",
-    "mA": "ma milliamp milliamps",
-    "V": "v volt volts",
-    "mV": "mv millivolt millivolts",
     "%": "% pct percent perc",
 }
 #: by Ballbot's unit, the factors that turn others of the same kind into it

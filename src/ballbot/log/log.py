@@ -222,17 +222,17 @@ class Log:
     @property
     def torques(self) -> NDArray[np.float64]:
         """The wheel torques u1 .. un (N, n) [N m]; NaN refused."""
-        return self._table(numbered_names(self.names, prefix="u"))
+        return self._table(numbered_names(self.names, prefix="u") or ("u1",))
 
     @property
     def wheel_angles(self) -> NDArray[np.float64]:
         """The wheel angles wheel1 .. (N, n) [rad] of the encoders; NaN refused."""
-        return self._table(numbered_names(self.names, prefix="wheel"))
+        return self._table(numbered_names(self.names, prefix="wheel") or ("wheel1",))
 
     @property
     def wheel_speeds(self) -> NDArray[np.float64]:
         """The wheel speeds wheel1_dot .. (N, n) [rad/s] of the encoders; NaN refused."""
-        return self._table(numbered_names(self.names, prefix="wheel", suffix="_dot"))
+        return self._table(numbered_names(self.names, prefix="wheel", suffix="_dot") or ("wheel1_dot",))
 
     @property
     def reference(self) -> NDArray[np.float64]:

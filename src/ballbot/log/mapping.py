@@ -612,7 +612,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
         ]
         table = {**table, **quaternion_angles(np.column_stack(parts))}
     raw = {name: _scaled(name, source, table) for name, source in mapping.sources.items() if name != "t"}
-    wheels = _wheel_angles(raw)
+    wheels = numbered_names(raw, prefix="wheel")
     if angle.wrap is not None:
         for name in wheels:
             raw[name] = unwrapped(raw[name], period=abs(mapping.sources[name].factor) * angle.wrap)
@@ -675,13 +675,9 @@ def _scaled(name: str, source: Source, table: Table) -> Floats:
     return values * np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
 
 
-def _wheel_angles(columns: Columns) -> tuple[str, ...]:
-    return numbered_names(columns, prefix="wheel") if "wheel1" in columns else ()
-
-
 def _angles_to_repair_by(t: Floats, raw: Columns) -> Floats:
     """Return the wheels' angles (N, n), from which the times are estimated at which sensors were read."""
-    names = _wheel_angles(raw)
+    names = numbered_names(raw, prefix="wheel")
     if len(names) < 2:
         raise InputError("[time] repair needs the angles of at least two wheels.")
     angles = np.column_stack([without_holes(t, raw[name]) for name in names])

@@ -47,7 +47,7 @@ def _agreement(first: Floats, second: Floats) -> _Agreement | None:
 
 def check_rates(log: Log) -> list[Finding]:
     """Return contradictions of angles and positions to their rates: time, degrees, sign, scale, swapped."""
-    wheels = numbered_names(log.names, prefix="wheel") if "wheel1" in log else ()
+    wheels = numbered_names(log.names, prefix="wheel")
     names = [name for name in (*POSITION_NAMES, *wheels) if name in log and f"{name}_dot" in log]
 
     def compared(name: str, other: str) -> _Agreement | None:

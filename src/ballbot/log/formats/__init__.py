@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballbot.arrays import check_table, format_bytes
-from ballbot.errors import InputError, either, nearest, suggest
+from ballbot.errors import InputError, either, nearest
 from ballbot.files import LARGEST_TABLE, check_regular
 from ballbot.log.columns import (
     Columns,
@@ -76,8 +76,6 @@ _OF_SUFFIX = {suffix: form for form in FORMATS for suffix in form.suffixes}
 _COMPRESSED = (".gz", ".zst", ".xz", ".bz2", ".zip")
 #: suffixes of the files that are written, the default first
 WRITTEN_SUFFIXES = tuple(form.suffixes[0] for form in FORMATS if form.write)
-#: what `--format` may be: these suffixes without their dots
-WRITTEN_FORMATS = tuple(suffix.removeprefix(".") for suffix in WRITTEN_SUFFIXES)
 
 
 def is_bag_folder(path: str | Path) -> bool:
@@ -165,14 +163,6 @@ def written_format(path: str | Path) -> LogFormat:
             f"{path} cannot be written: a log's file name must end in {either(WRITTEN_SUFFIXES)}."
         )
     return _OF_SUFFIX[suffix]
-
-
-def check_format(word: str) -> str:
-    """Return a format that is written, as `--format` names it; InputError if it is not one."""
-    if word not in WRITTEN_FORMATS:
-        hint = suggest(word, WRITTEN_FORMATS, otherwise="the formats are")
-        raise InputError(f"Logs are not written in the format {word!r}; {hint}")
-    return word
 
 
 def _format_of(path: str | Path, *, otherwise: LogFormat | None = None) -> LogFormat:

@@ -28,7 +28,7 @@ from scipy.optimize import nnls
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.balancing_motion import Motion, motion_of
-from ballbot.log.columns import Bools, Floats
+from ballbot.log.columns import FACTORS, Bools, Floats
 from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
@@ -42,7 +42,7 @@ from ballbot.log.mapping_search.evidence import (
     vertex_with_error,
 )
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
-from ballbot.log.mapping_search.names import INPUT_OF_UNIT, InputKind
+from ballbot.log.mapping_search.names import INPUT_OF_UNIT, UNIT_OF_INPUT, InputKind
 from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
@@ -82,11 +82,7 @@ FULL_SCALE_FITS = 0.35
 #: without one. A wheel's torque counts as at least this part of all wheels' (root mean square)
 LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.25, 0.5
 #: factors that convert a unit to N m, A or V
-_SCALES: dict[InputKind, dict[str, float]] = {
-    "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2},
-    "current": {"A": 1.0, "mA": 1e-3},
-    "voltage": {"V": 1.0, "mV": 1e-3},
-}
+_SCALES: dict[InputKind, dict[str, float]] = {kind: FACTORS[unit] for kind, unit in UNIT_OF_INPUT.items()}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 
 from ballbot.errors import InputError
-from ballbot.log.columns import UNIT_OF, Floats, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, UNIT_OF, Floats, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 
@@ -34,13 +34,10 @@ Kind = Literal["time", "attitude", "gyro", "wheel angle", "wheel speed", "comman
 
 _ANGLES = ("rad", "deg", "turn", "counts")
 _RATES = ("rad/s", "deg/s", "mdeg/s", "mrad/s", "rpm", "turn/s", "rps", "counts/s")
-#: the kind of a command by its unit
-INPUT_OF_UNIT: dict[str, InputKind] = {
-    **dict.fromkeys(("N m", "mN m", "N cm"), "torque"),
-    **dict.fromkeys(("A", "mA"), "current"),
-    **dict.fromkeys(("V", "mV"), "voltage"),
-    "%": "duty",
-}
+#: the unit of a command by its kind, and its kind by all units that convert to it
+UNIT_OF_INPUT: dict[InputKind, str] = {"torque": "N m", "current": "A", "voltage": "V"}
+INPUT_OF_UNIT: dict[str, InputKind] = {"%": "duty"}
+INPUT_OF_UNIT |= {name: kind for kind, unit in UNIT_OF_INPUT.items() for name in FACTORS[unit]}
 #: units that a kind can have
 _UNITS_OF_KIND: dict[Kind, tuple[str, ...]] = {
     "time": ("s", "ms", "us", "ns"),
