@@ -11,7 +11,6 @@ import pytest
 import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE
@@ -19,23 +18,12 @@ from ballbot.log import Log
 from ballbot.log.formats import WRITTEN_SUFFIXES, is_foreign, read_columns, read_variables, write_columns
 from ballbot.log.formats.text import infer_text_table, read_text_table
 from tests.support.bags import own_messages, write_bag
-from tests.support.log_examples import smooth_log
+from tests.support.log_examples import COLUMN_NAMES, any_logs, smooth_log
 
-COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
 #: names that a format can hold, where it cannot hold all of these
 NAMES_OF = {".mat": st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,62}", fullmatch=True)}
 #: examples, fewer where a file takes milliseconds
 EXAMPLES = {".csv": 50, ".parquet": 30, ".mat": 20, ".mcap": 15}
-
-
-@st.composite
-def logs(draw, column_names=COLUMN_NAMES):
-    rows = draw(st.integers(1, 12))
-    steps = draw(hnp.arrays(np.float64, rows, elements=st.floats(1e-3, 10.0)))
-    names = draw(st.lists(column_names.filter(lambda name: name != "t"), max_size=4, unique=True))
-    # every double there is, among them subnormal ones, infinities, NaN and minus zero
-    values = hnp.arrays(np.float64, rows, elements=st.floats(allow_nan=True, allow_infinity=True, width=64))
-    return Log({"t": np.cumsum(steps)} | {name: draw(values) for name in names})
 
 
 @pytest.mark.parametrize("suffix", WRITTEN_SUFFIXES)
@@ -43,7 +31,7 @@ def test_every_value_comes_back_to_the_bit(tmp_path, suffix):
     path = tmp_path / f"log{suffix}"
 
     @settings(max_examples=EXAMPLES[suffix], deadline=None)
-    @given(log=logs(NAMES_OF.get(suffix, COLUMN_NAMES)))
+    @given(log=any_logs(NAMES_OF.get(suffix, COLUMN_NAMES)))
     def check(log):
         log.write(path)
         assert_same(Log.read(path), log)

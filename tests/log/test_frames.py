@@ -10,23 +10,12 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import KNOWN_NAMES, unit_of
 from ballbot.log.mapping import parse_mapping
-from tests.support.log_examples import smooth_log
+from tests.support.log_examples import any_logs, smooth_log
 
 LOG = smooth_log(rows=20)
 
 
-@st.composite
-def logs(draw):
-    """Logs of uneven time with any values, missing ones among them, and names known and unknown."""
-    steps = draw(st.lists(st.floats(1e-6, 1e3), min_size=1, max_size=8))
-    t = draw(st.floats(-1e3, 1e3)) + np.cumsum(steps)
-    names = draw(st.sets(st.sampled_from([*KNOWN_NAMES[1:], "battery", "Zustand 1"]), max_size=4))
-    values = st.lists(st.floats(allow_infinity=False), min_size=len(t), max_size=len(t))
-    columns = {name: np.array(draw(values)) for name in sorted(names)}
-    return Log({"t": t, **columns})
-
-
-@given(log=logs())
+@given(log=any_logs(st.sampled_from([*KNOWN_NAMES[1:], "battery", "Zustand 1"])))
 @settings(max_examples=50)
 def test_log_comes_back_to_the_bit(log):
     back = Log.from_pandas(log.to_pandas())

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot import InputError, Robot
+from ballbot import Robot
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks import check
 from ballbot.log.checks.physics import examine
@@ -74,16 +74,6 @@ def test_one_gap_changes_no_conclusion(columns):
     assert missing.where.columns == tuple(names)
 
 
-def test_complete_has_the_rows_with_a_value_in_every_column():
-    log = with_gaps(smooth_log(rows=10), [(2, 1, ["x"]), (5, 2, ["u1", "psi"])])
-    assert log.complete("x", "psi").t.tolist() == np.delete(log.t, [2, 5, 6]).tolist()
-    assert log.complete("y") is log
-    with pytest.raises(InputError, match="no column z"):
-        log.complete("z")
-    with pytest.raises(InputError, match="No row of the log has a value in all of x, y"):
-        with_gaps(log, [(0, 10, ["x"])]).complete("x", "y")
-
-
 def test_wheel_speeds_and_odometry_come_from_the_rows_that_have_them():
     log = with_wheels(smooth_log(), ALTEN)
     gappy = with_gaps(log, [(50, 1, ["wheel2_dot"]), (70, 1, ["wheel1_dot", "theta_dot"])])
@@ -98,19 +88,9 @@ def test_wheel_speeds_and_odometry_come_from_the_rows_that_have_them():
 
 
 @pytest.mark.slow
-def test_a_log_with_a_gap_is_validated_and_one_wrapped_as_the_whole():
+def test_a_log_with_a_gap_is_validated():
     log, robot = balancing()
     models = ModelPair.by_friction(Model(robot.replace(friction=FRICTION)))
-    whole = validate_pair(models, log)
     gappy = validate_pair(models, with_gaps(log, [(900, 1, ["x_dot"]), (1500, 1, list(STATE_NAMES))]))
     assert gappy.closed_loop is not None
     assert gappy.open_loop is not None
-    wrapped = {name: log[name] % (2.0 * np.pi) for name in ("psi", "ref_psi")}
-    assert np.abs(np.diff(wrapped["psi"])).max() > 6.0
-    again = validate_pair(models, log.with_columns(wrapped))
-    assert again.closed_loop is not None
-    assert whole.closed_loop is not None
-    # a turn more or less changes sines by rounding, which a balancing robot magnifies by e^20 in four seconds
-    np.testing.assert_allclose(
-        again.closed_loop.restarted.rmse[0], whole.closed_loop.restarted.rmse[0], rtol=1e-6
-    )

@@ -70,15 +70,3 @@ def test_require_names_every_missing_column_and_the_nearest_there():
         log.require("thetaa", "x", "ref_x")
     with pytest.raises(InputError, match="no column wheel1_dot"):
         _ = log.wheel_speeds
-
-
-def test_truth_takes_the_sensors_place():
-    log = smooth_log(rows=20)
-    truth = {f"true_{name}": log[name] + 1.0 for name in STATE_NAMES}
-    both = log.with_columns(truth)
-    np.testing.assert_array_equal(both.truth().states, log.states + 1.0)
-    np.testing.assert_array_equal(both.truth().torques, log.torques)
-    assert not any(name.startswith("true_") for name in both.truth())
-    assert both.without_truth().names == log.names
-    with pytest.raises(InputError, match="has no true states"):
-        log.truth()

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.imu_angles import QUATERNION_ANGLES, from_roll_pitch_yaw, quaternion_angles
-from ballbot.log.mapping import DutyTable, read_mapping
+from ballbot.log.mapping import read_mapping
 from ballbot.log.pose import wheel_speeds_of_states, with_position
 from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
@@ -42,6 +42,8 @@ torque_constant = 0.01
 back_emf_constant = 0.02
 resistance = 2.5
 gear_ratio = 70.0
+dead_band = 0.03
+duty_limit = 0.25
 """
 
 
@@ -82,9 +84,11 @@ def test_a_log_like_rob311s(tmp_path):
     # central differences are exact for t^2 and 2 t (1e-9: rounding over 11.5 ms)
     np.testing.assert_allclose(log["wheel2_dot"][1:-1], -2.0 * t[1:-1], atol=1e-9)
     np.testing.assert_allclose(log["wheel3_dot"], 2.0, atol=1e-9)
-    # u = n k_t (d V - k_e n w) / R, by hand, for the file's second wheel at duty 0.2 and 2 rad/s
-    np.testing.assert_allclose(log["u3"], 70.0 * 0.01 * (0.2 * 11.1 - 0.02 * 70.0 * 2.0) / 2.5, atol=1e-9)
-    assert log["u1"][0] == pytest.approx(0.28 * (1.11 - 1.4 * log["wheel1_dot"][0]), rel=1e-12)
+    # u = n k_t (d V - k_e n w) / R, by hand, for the file's second wheel at duty 0.2 + 0.03 and 2 rad/s
+    np.testing.assert_allclose(log["u3"], 70.0 * 0.01 * (0.23 * 11.1 - 0.02 * 70.0 * 2.0) / 2.5, atol=1e-9)
+    assert log["u1"][0] == pytest.approx(0.28 * (0.13 * 11.1 - 1.4 * log["wheel1_dot"][0]), rel=1e-12)
+    # at the limit of the duty
+    assert log["u2"][0] == pytest.approx(0.28 * (0.25 * 11.1 - 1.4 * log["wheel2_dot"][0]), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -383,23 +387,6 @@ def test_spans_and_damaged_rows(tmp_path):
             "time a\n0 1\n1 2\n",
             '[file]\nseparator="blanks"\n[time]\nkeep=[[5.0, 6.0]]\n[columns]\nt="time"\n',
         )
-
-
-def test_a_duty_with_a_dead_band():
-    drive = DutyTable(
-        kind="duty",
-        sources=("u1",),
-        supply_voltage=12.0,
-        torque_constant=0.01,
-        back_emf_constant=0.01,
-        resistance=2.0,
-        gear_ratio=70.0,
-        dead_band=0.03,
-        duty_limit=0.9,
-    )
-    assert drive.acting(np.array([-0.5, 0.0, 0.2, 0.89])).tolist() == [-0.53, 0.0, 0.23, 0.9]
-    # by hand: 70 x 0.01 x (0.5 x 12 - 0.01 x 70 x 5) / 2
-    assert drive.torque(np.array([0.5]), np.array([5.0]))[0] == pytest.approx(0.875)
 
 
 @pytest.mark.parametrize("turn", [0.0, 160.0])

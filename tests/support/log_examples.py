@@ -1,6 +1,8 @@
-"""A log made of sines, for tests of logs: each rate is its angle's exact derivative, without noise."""
+"""Logs for tests: any that can be, and one made of sines, each rate its angle's exact derivative, without noise."""
 
 import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 from scipy.spatial.transform import Rotation
 
 from ballbot.log import STATE_NAMES, Log
@@ -9,6 +11,18 @@ from ballbot.robot import Robot
 #: amplitude [m, m, rad, rad, rad] and angular frequencies [rad/s] of x, y, theta, phi, psi
 AMPLITUDES = (0.3, 0.2, 0.02, 0.03, 0.4)
 FREQUENCIES = (1.1, 0.7, 2.3, 1.9, 0.9)
+COLUMN_NAMES = st.text(st.characters(codec="utf-8", categories=["L", "N"]), min_size=1, max_size=12)
+
+
+@st.composite
+def any_logs(draw, column_names: st.SearchStrategy[str] = COLUMN_NAMES) -> Log:
+    """Draw a log of uneven times with any values."""
+    rows = draw(st.integers(1, 12))
+    steps = draw(hnp.arrays(np.float64, rows, elements=st.floats(1e-6, 1e3)))
+    names = draw(st.lists(column_names.filter(lambda name: name != "t"), max_size=4, unique=True))
+    # every double there is, among them subnormal ones, infinities, NaN and minus zero
+    values = hnp.arrays(np.float64, rows, elements=st.floats(allow_nan=True, allow_infinity=True, width=64))
+    return Log({"t": draw(st.floats(-1e3, 1e3)) + np.cumsum(steps)} | {name: draw(values) for name in names})
 
 
 def smooth_log(*, rows: int = 2000) -> Log:
