@@ -113,7 +113,7 @@ class Connection:
         return {
             "robot": self.described.name if self.described else None,
             "port": self.address,
-            "session": self.robot.session_name,
+            "session": f"{self.robot.welcome.session % 2**32:08x}",
             "parameters_sha256": sha256(self.robot.parameters.tobytes()).hexdigest(),
         }
 
@@ -196,9 +196,14 @@ class Connection:
             raise KeyboardInterrupt("interrupted; the robot is disarmed.")
         if made.ending.kind == "link":
             raise InputError(made.ending.text)
-        refused = counts_line(self.robot.session.counts.refused, self.robot.refused_frames())
-        if refused:
-            yield refused
+        session = self.robot.session
+        host = sum(session.counts.refused)
+        robot = int(session.ask_counts().refused.sum()) if session.connected else 0
+        if host or robot:
+            yield (
+                f"Frames refused: {host} by this computer, {robot} by the robot; the cable, the baud rate or the radio "
+                "loses bytes."
+            )
 
 
 @contextmanager
@@ -271,13 +276,3 @@ def state_line(state: State, *, wheel_count: int) -> str:
 
 def _share(sample: RobotSample, torque_limit: float) -> float:
     return float(np.abs(sample.torques).max()) / torque_limit
-
-
-def counts_line(host: Sequence[int], robot: Sequence[int]) -> str | None:
-    """Return a line on frames that either side refused, by the layers' counts; None if there are none."""
-    if not (any(host) or any(robot)):
-        return None
-    return (
-        f"Frames refused: {sum(host)} by this computer, {sum(robot)} by the robot; the cable, the baud rate or the "
-        "radio loses bytes."
-    )

@@ -246,11 +246,6 @@ class LiveRobot:
         """T_obw (3, n) of the robot."""
         return self.parameters["onboard"]["ball_from_wheels"][0, :, : self.wheel_count].astype(np.float64)
 
-    @property
-    def session_name(self) -> str:
-        """The session's number, in hexadecimal digits."""
-        return f"{self.welcome.session % 2**32:08x}"
-
     def parameter_lines(self) -> list[str]:
         """Return lines on the robot, its estimator and its controller."""
         record = self.parameters
@@ -261,10 +256,6 @@ class LiveRobot:
             f"torque limit {self.torque_limit:g} N m, lean limit {record['safety']['lean'][0]:g} rad, "
             f"parts of the controller: {', '.join(parts) or 'none'}",
         ]
-
-    def refused_frames(self) -> list[int]:
-        """Return how many frames each layer of the robot refused; none if the link is lost."""
-        return self.session.ask_counts().refused.tolist() if self.session.connected else []
 
     def watch(self, show: Callable[[State], None], *, duration: float) -> None:
         """Show every state for a duration [s], or until Ctrl-C."""

@@ -185,11 +185,6 @@ class AttitudeTable(SeriesTable):
         """The file's columns of a quaternion's w, x, y and z; empty if the file has angles."""
         return self.sources if len(self.sources) > len(QUATERNION_ANGLES) else ()
 
-    @property
-    def has_heading(self) -> bool:
-        """Whether a sensor gives the heading; else the wheels do (`ballbot.log.pose`)."""
-        return len(self.sources) > 2 or self.rates is not None
-
 
 @dataclass(frozen=True, kw_only=True)
 class WheelTable(SeriesTable):
@@ -284,10 +279,8 @@ class DutyTable(MotorsTable):
 
 
 InputTable = TorqueTable | CurrentTable | DutyTable
-
-
-def _column_table(value: object) -> object:
-    return {"from": value} if isinstance(value, str) else value
+#: x = "pos_x" is short for x = { from = "pos_x" }
+_SHORT = BeforeValidator(lambda value: {"from": value} if isinstance(value, str) else value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -314,7 +307,7 @@ class LogMapping:
     complete: bool = True
     file: TextLayout = OWN_LAYOUT  #: how the file is read if it is a text
     time: TimeTable = TimeTable()
-    columns: dict[str, Annotated[ColumnTable, BeforeValidator(_column_table)]]
+    columns: dict[str, Annotated[ColumnTable, _SHORT]]
     attitude: AttitudeTable | None = None
     wheels: WheelsTable = WheelsTable()
     input: Annotated[InputTable, Field(discriminator="kind")] | None = None
@@ -559,7 +552,7 @@ def apply_mapping(
         motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
         angles, gyro = (motion[:-3], np.column_stack(motion[-3:])) if imu.rates else (motion, None)
         columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn))
-        if not imu.has_heading:
+        if len(imu.sources) < 3 and imu.rates is None:  # the wheels give the heading (`ballbot.log.pose`)
             del columns["psi"]
     columns = _cut(mapping, columns, t)
     for name, origin in mapping.derivatives.items():
