@@ -151,7 +151,7 @@ def test_wheels_and_video_agree_once_clock_and_camera_are_found(plain, measured)
     comparison = compare_with_wheels(measured, wheel_log(plain, robot, forward=0.7, offset=12.3), robot)
     assert comparison.motion.clock.offset == pytest.approx(12.3, abs=2e-3)
     assert comparison.forward == pytest.approx(0.7, abs=0.01)
-    assert comparison.tilt < 0.01
+    assert comparison.camera_tilt < 0.01
     assert np.all(np.abs(comparison.gain - 1.0) < PLAIN)
     assert np.linalg.norm(comparison.rms) < PLAIN * comparison.peak
 

@@ -12,6 +12,7 @@ from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.report.words import state_mark, with_symbols
+from ballbot.results import to_results
 from ballbot.rounding import digits, plus_minus, signed
 from ballbot.validation.alignment import POSITIONS, PREFIX, Alignment, SensorErrors, alignment_findings
 
@@ -155,10 +156,9 @@ def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, ob
     motion, sensors = alignment.motion, alignment.sensors
     return {
         "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
-        "clock": {
-            "offset": motion.clock.offset,
+        "clock": to_results(motion.clock)
+        | {
             "offset_half_width": motion.offset_half_width,
-            "rate": motion.clock.rate,
             "rate_half_width": motion.rate_half_width,
             "follows": alignment.clock_signal,
             "rival": alignment.rival_clock,

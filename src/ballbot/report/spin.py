@@ -14,6 +14,7 @@ from ballbot.findings import Finding, finding_results
 from ballbot.report.blocks import Bullets, Picture, Result, Sheet, section
 from ballbot.report.page import picture_data
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
+from ballbot.results import to_results
 from ballbot.rounding import plus_minus, signed
 from ballbot.vision.spin import Spin, WheelComparison, spin_findings
 
@@ -81,7 +82,7 @@ def _comparison_sheet(comparison: WheelComparison) -> Sheet:
             (f"gain about {axis}, video over wheels", plus_minus(float(gain), float(half)), "")
             for axis, gain, half in zip(_AXES, comparison.gain, comparison.gain_half_width, strict=True)
         ),
-        ("RMS difference, of the peak", f"{100.0 * comparison.rms_share:.2g}", "%"),
+        ("RMS difference, of the peak", f"{100.0 * comparison.rms_difference_of_peak:.2g}", "%"),
     ]
     return Sheet(_HEADINGS, rows, "±: half widths of 95 %.")
 
@@ -137,19 +138,10 @@ def _data(
         },
         "robot_camera_wxyz": spin.robot_camera,
         "wheels": comparison
-        and {
-            "clock": {
-                "offset": comparison.motion.clock.offset,
-                "offset_half_width": comparison.motion.offset_half_width,
-                "rate": comparison.motion.clock.rate,
-            },
-            "forward": comparison.forward,
-            "camera_tilt": comparison.tilt,
+        and to_results(comparison)
+        | {
+            "clock": to_results(comparison.motion.clock)
+            | {"offset_half_width": comparison.motion.offset_half_width},
             "rotation_half_width": comparison.motion.rotation_half_width,
-            "rms_difference": comparison.rms,
-            "rms_difference_of_peak": comparison.rms_share,
-            "peak": comparison.peak,
-            "gain": comparison.gain,
-            "gain_half_width": comparison.gain_half_width,
         },
     }

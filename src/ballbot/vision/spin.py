@@ -15,7 +15,7 @@ The findings say how well the ball was tracked and whether the wheels agree with
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ from ballbot.log import Log
 from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
+from ballbot.results import key, left_out, reported
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent, plus_minus
 from ballbot.vision.calibration import Calibration, calibrated_view
@@ -192,27 +193,29 @@ _LEAST_SHARE = 0.8
 class WheelComparison:
     """Video against wheels, on the video's rows."""
 
-    motion: MotionFit  #: the clock, t_video = offset + (1 + rate) t_log, and `body_marker`, camera frame to robot frame
-    wheels: Floats  #: (n, 3) T_obw times wheel speeds [rad/s], robot frame; NaN outside the log
-    difference: Floats  #: (n, 3) video less wheels [rad/s]
-    rms: Floats  #: (3,) of that
+    #: the clock, t_video = offset + (1 + rate) t_log, and `body_marker`, camera frame to robot frame
+    motion: MotionFit = field(metadata=left_out)
+    #: (n, 3) T_obw times wheel speeds [rad/s], robot frame; NaN outside the log
+    wheels: Floats = field(metadata=left_out)
+    difference: Floats = field(metadata=left_out)  #: (n, 3) video less wheels [rad/s]
+    rms: Floats = field(metadata=key("rms_difference"))  #: (3,) of that
     peak: float  #: largest length of `wheels` [rad/s]
     gain: Floats  #: (3,) video over wheels about each axis
     gain_half_width: Floats  #: (3,) 95 %, by blocks of time
 
-    @property
-    def rms_share(self) -> float:
+    @reported
+    def rms_difference_of_peak(self) -> float:
         """The RMS length of the difference over the peak."""
         return float(np.linalg.norm(self.rms)) / self.peak
 
-    @property
+    @reported
     def forward(self) -> float:
         """The angle of the robot's x in the picture, from its right, clockwise [rad]."""
         R = self.motion.body_marker.as_matrix()
         return float(np.arctan2(R[0, 1] - R[1, 0], R[0, 0] + R[1, 1]))
 
-    @property
-    def tilt(self) -> float:
+    @reported
+    def camera_tilt(self) -> float:
         """The angle between the camera's axis and the robot's z [rad]."""
         return float(np.arccos(np.clip(self.motion.body_marker.as_matrix()[2, 2], -1.0, 1.0)))
 
@@ -295,7 +298,8 @@ def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Findi
         gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
         words.append(
             f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
-            f"{percent(comparison.rms_share)} of the peak (RMS), and video is {gains} times the wheels about x, y, z."
+            f"{percent(comparison.rms_difference_of_peak)} of the peak (RMS), and video is {gains} times the wheels "
+            "about x, y, z."
         )
     return tuple(note("spin", sentence) for sentence in words)
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -43,6 +43,7 @@ from ballbot.log import Log
 from ballbot.log.columns import Floats
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
+from ballbot.results import left_out, to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.imperfections import Imperfections
@@ -155,7 +156,7 @@ def task(
 class ReferenceRuns:
     """Runs of a reference with each friction: one on the model, or one for each seed on the loop with sensors."""
 
-    log: Log  #: of the first run, with its truth
+    log: Log = field(metadata=left_out)  #: of the first run, with its truth
     peaks: Extent  #: the worst of all runs: true lean and place, torques as commanded
     ended: str | None  #: why a run ended early
 
@@ -253,7 +254,7 @@ _AXES = (0, 1, 4)
 class Multisine:
     """The sines of a reference."""
 
-    times: Floats  #: (N,), the controller's samples [s]
+    times: Floats = field(metadata=left_out)  #: (N,), the controller's samples [s]
     frequencies: Floats  #: (3, k), of x, y and psi [Hz]
     amplitudes: Floats  #: (3, k) [m, m, rad]
     phases: Floats  #: (3, k) [rad]
@@ -388,7 +389,7 @@ class Excitation:
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds; SI units, and errors also in shares of the bounds' width ("scaled")."""
-        task, sines, designed = self.task, self.sines, self.on_loop["designed"]
+        task, designed = self.task, self.on_loop["designed"]
 
         def by_label(values: Floats) -> dict[str, float]:
             return dict(zip(task.labels, values.tolist(), strict=True))
@@ -408,20 +409,11 @@ class Excitation:
             },
             "peaks_on_model": self.peaks,
             "on_loop": {
-                name: {
-                    "ended": runs.ended,
-                    "peaks": runs.peaks,
-                    "exceeded": runs.peaks.exceeding(task.limits),
-                }
+                name: to_results(runs) | {"exceeded": runs.peaks.exceeding(task.limits)}
                 for name, runs in self.on_loop.items()
             },
             "limits_held_on_loop": designed.used_of(task.limits) <= 1.0,
-            "sines": {
-                "axes": ["x", "y", "psi"],
-                "frequencies": sines.frequencies,
-                "amplitudes": sines.amplitudes,
-                "phases": sines.phases,
-            },
+            "sines": {"axes": ["x", "y", "psi"]} | to_results(self.sines),
         }
 
 
