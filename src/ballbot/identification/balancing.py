@@ -29,7 +29,6 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.fitting.experiment import Dependence, Linearized
 from ballbot.fitting.run import Executor, Threads
@@ -38,7 +37,7 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats
+from ballbot.log.columns import Bools, Floats, Ints
 
 T = TypeVar("T")
 _STATES = len(STATE_NAMES)
@@ -58,7 +57,7 @@ _PIECE, _SETS = 64, 4
 class Starts:
     """Starts of n windows with their residuals and slopes; changed in place while they settle."""
 
-    rows: NDArray[np.int64]  #: (n,), the windows
+    rows: Ints  #: (n,), the windows
     starts: Floats  #: (n, 10)
     residuals: Floats  #: (n, 1 + k, 10), from the starts
     slopes: Floats  #: (n, m + 10, 1 + k, 10), by m free parameters and the start
@@ -74,7 +73,7 @@ class Starts:
         names = vars(pieces[0])
         return Starts(**{name: np.concatenate([vars(piece)[name] for piece in pieces]) for name in names})
 
-    def take_slopes(self, rows: NDArray[np.int64], other: Starts, chosen: Bools) -> None:
+    def take_slopes(self, rows: Ints, other: Starts, chosen: Bools) -> None:
         """Replace the slopes in rows by those in the chosen rows of another."""
         for name in ("slopes", "slopes_at", "slopes_from", "known"):
             vars(self)[name][rows] = vars(other)[name][chosen]
@@ -97,7 +96,7 @@ class Work:
     predictor: Predictor  #: with one thread
     windows: Windows
 
-    def residuals(self, values: Floats, starts: Floats, rows: NDArray[np.int64]) -> Floats:
+    def residuals(self, values: Floats, starts: Floats, rows: Ints) -> Floats:
         """Return residuals (sets, rows, 1 + k, 10) in SI units, those of the starts (sets, rows, 10) first."""
         windows, every = self.windows.take(rows), self.windows.comparison_interval
         later = self.predictor.residuals(values, windows, every=every, starts=starts)
@@ -109,7 +108,7 @@ def _called(work: Work, piece: tuple[Callable[..., T], *tuple[object, ...]]) -> 
     return function(work, *arguments)
 
 
-def _squares(work: Work, values: Floats, starts: Floats, rows: NDArray[np.int64]) -> Floats:
+def _squares(work: Work, values: Floats, starts: Floats, rows: Ints) -> Floats:
     """Return each window's squares (sets, rows, 10)."""
     return (work.residuals(values, starts, rows) ** 2).sum(axis=2)
 
@@ -154,7 +153,7 @@ class Balancing:
         return np.where(np.isfinite(cost), cost, np.inf)
 
     @property
-    def block_log(self) -> NDArray[np.int64]:
+    def block_log(self) -> Ints:
         """Which log each window is of (w,)."""
         return np.array([span.log for span in self.windows.spans], dtype=np.int64)
 
@@ -168,7 +167,7 @@ class Balancing:
         """How many residuals the cost counts."""
         return self.compared * int(self.counted.sum())
 
-    def part(self, blocks: NDArray[np.int64]) -> Balancing:
+    def part(self, blocks: Ints) -> Balancing:
         """Return the experiment of some of the windows."""
         return replace(self, windows=self.windows.take(blocks))
 
@@ -240,8 +239,8 @@ class Balancing:
     def _each(
         self,
         function: Callable[..., T],
-        arguments_of: Callable[[NDArray[np.int64]], tuple[object, ...]],
-        rows: list[NDArray[np.int64]] | None = None,
+        arguments_of: Callable[[Ints], tuple[object, ...]],
+        rows: list[Ints] | None = None,
     ) -> list[T]:
         """Return a function of `Work` and further arguments for each piece of windows, by its rows."""
         pieces = [(function, *arguments_of(k)) for k in (self._rows if rows is None else rows)]
@@ -252,7 +251,7 @@ class Balancing:
         return Work(predictor=replace(self.predictor, threads=1), windows=self.windows)
 
     @property
-    def _rows(self) -> list[NDArray[np.int64]]:
+    def _rows(self) -> list[Ints]:
         """The rows of windows in each piece; fixed, as they decide the last bits of a start."""
         count = len(self.windows)
         return [np.arange(first, min(first + _PIECE, count)) for first in range(0, count, _PIECE)]
@@ -337,7 +336,7 @@ def _differences(
 
 
 def _lanes(
-    work: Work, about: _Differences, starts: Floats, rows: NDArray[np.int64], residuals: Floats | None = None
+    work: Work, about: _Differences, starts: Floats, rows: Ints, residuals: Floats | None = None
 ) -> Starts:
     """Return starts (n, 10) of windows with their residuals (n, 1 + k, 10), and derivatives by the starts."""
     m, here = about.parameters, residuals
@@ -369,12 +368,7 @@ def _with_floor(about: _Differences, derivatives: Floats) -> Floats:
 
 
 def _differences_of(
-    work: Work,
-    about: _Differences,
-    starts: Floats,
-    rows: NDArray[np.int64],
-    which: slice,
-    behind: Floats | None = None,
+    work: Work, about: _Differences, starts: Floats, rows: Ints, which: slice, behind: Floats | None = None
 ) -> Floats:
     """Return derivatives (rows, n, 1 + k, 10) by some points, with `behind` one-sided; zero without a value."""
     n = len(about.distance)
@@ -386,7 +380,7 @@ def _differences_of(
     return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
-def _complete(work: Work, about: _Differences, lanes: Starts, rows: NDArray[np.int64]) -> None:
+def _complete(work: Work, about: _Differences, lanes: Starts, rows: Ints) -> None:
     """Compute the derivatives by parameters of lanes that lack them."""
     m, rows = about.parameters, rows[~lanes.known[rows]]
     if m and len(rows):
@@ -404,7 +398,7 @@ def _flat(values: Floats, weights: Floats) -> Floats:
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
-def _settled(work: Work, about: _Differences, own: Floats, others: Floats, rows: NDArray[np.int64]) -> Starts:
+def _settled(work: Work, about: _Differences, own: Floats, others: Floats, rows: Ints) -> Starts:
     """Return each window's start, settled from the best of those offered, and starts in other basins."""
     offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
     starts, residuals = offered[0], None
@@ -528,7 +522,7 @@ def _renewed(
     slopes: Floats,
     others: Floats,
     seed: int,
-    rows: NDArray[np.int64],
+    rows: Ints,
 ) -> Floats:
     """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.findings import Finding
@@ -26,7 +25,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
-from ballbot.log.columns import Floats, wheel_angle_names
+from ballbot.log.columns import Floats, Ints, wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
@@ -83,7 +82,7 @@ class Sweep:
         """[s]"""
         return float(self.t[-1] - self.t[0]) / (len(self.t) - 1)
 
-    def pieces(self) -> NDArray[np.int64]:
+    def pieces(self) -> Ints:
         """Return the first row and the row after the last (k, 2) of each piece without speed limit."""
         free = np.abs(self.speed) < LIMITED * self.limit
         edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]))).reshape(-1, 2)

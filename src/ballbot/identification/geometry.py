@@ -30,7 +30,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
@@ -50,7 +49,7 @@ from ballbot.identification.turning import (
     poses_turning,
 )
 from ballbot.log import Log
-from ballbot.log.columns import Floats, wheel_angle_names
+from ballbot.log.columns import Floats, Ints, wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.results import key, reported
@@ -70,7 +69,7 @@ _LEAST_SHARE = 0.5
 
 def _increments(
     totals: Sequence[tuple[Log, tuple[Floats, ...]]], *, window: float
-) -> tuple[list[Floats], NDArray[np.int64]]:
+) -> tuple[list[Floats], Ints]:
     """Return increments (w, .) of running totals (N, .) over complete windows, end to end, and their clusters (w,)."""
     increments, clusters = [], []
     for number, (log, columns) in enumerate(totals):
@@ -191,10 +190,7 @@ _LARGEST_CONDITION = 1e10
 
 
 def _fitted(
-    kind: str,
-    parameters: Sequence[FitParameter],
-    residuals: Callable[[Floats], Floats],
-    clusters: NDArray[np.int64],
+    kind: str, parameters: Sequence[FitParameter], residuals: Callable[[Floats], Floats], clusters: Ints
 ) -> tuple[list[GeometryQuantity], Fit[BlockErrors]]:
     """Fit parameters, from the file's values, to residuals (w, n) of windows in clusters (w,)."""
     start = np.array([parameter.default for parameter in parameters])

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
@@ -68,7 +67,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import Bools, Floats, torque_names
+from ballbot.log.columns import Bools, Floats, Ints, torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model
@@ -261,12 +260,12 @@ class Prepared:
     """Windows to fit and to validate on."""
 
     experiment: Balancing  #: windows to fit
-    drawn: NDArray[np.int64]  #: rows of those that the search uses
+    drawn: Ints  #: rows of those that the search uses
     held_out: Windows
     excitation: Identifiability
 
     @property
-    def groups(self) -> NDArray[np.int64]:
+    def groups(self) -> Ints:
         """The group of each window (w,), from the slowest third by wheel speed to the fastest."""
         speeds = np.abs(wheel_speeds(self.experiment)).mean(axis=(1, 2))
         return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)

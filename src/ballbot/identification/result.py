@@ -36,7 +36,7 @@ from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats
+from ballbot.log.columns import Bools, Floats, Ints
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits
@@ -369,7 +369,7 @@ def verdict_of(
     return Verdict(gain=overall, windows=len(spans), reasons=tuple(reasons))
 
 
-def window_blocks(spans: Sequence[Span]) -> list[NDArray[np.int64]]:
+def window_blocks(spans: Sequence[Span]) -> list[Ints]:
     """Return the rows of windows in blocks of `BLOCK` neighbours of one log."""
     groups = []
     for log in sorted({span.log for span in spans}):

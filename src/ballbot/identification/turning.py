@@ -30,7 +30,7 @@ from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
-from ballbot.log.columns import Bools, Floats
+from ballbot.log.columns import Bools, Floats, Ints
 from ballbot.log.pose import Poses
 
 GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")
@@ -225,7 +225,7 @@ def fit_in_blocks(J: Floats, values: Floats, times: Floats) -> tuple[Floats, Flo
     return fit.values, quantile * fit.errors
 
 
-def _blocks(times: Floats) -> tuple[NDArray[np.int64], float]:
+def _blocks(times: Floats) -> tuple[Ints, float]:
     """Return the block (n,) of each of increasing times (n,) [s], and Student's t for 95 % with as many blocks."""
     length = max(min(_BLOCK, (times[-1] - times[0]) / _LEAST_BLOCKS), 1e-9)
     blocks = np.unique(((times - times[0]) / length).astype(np.int64), return_inverse=True)[1]

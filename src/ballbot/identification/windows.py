@@ -23,12 +23,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import Floats, torque_names
+from ballbot.log.columns import Floats, Ints, torque_names
 from ballbot.log.mapping import DutyTable, read_mapping
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.robot import Robot
@@ -99,7 +98,7 @@ class Windows:
         """Samples between the comparisons of a fit."""
         return self.samples // min(COMPARISONS, self.samples)
 
-    def take(self, rows: NDArray[np.int64]) -> Windows:
+    def take(self, rows: Ints) -> Windows:
         """Return the windows in these rows."""
         arrays = {name: getattr(self, name)[rows] for name in _ARRAYS}
         return Windows(**arrays, spans=tuple(self.spans[row] for row in rows), sample_time=self.sample_time)
@@ -205,7 +204,7 @@ def holdout_intervals(log: Log, *, fraction: float = HELD_OUT) -> tuple[tuple[fl
 
 def split_in_time(
     spans: Sequence[Span], held_out: Sequence[Sequence[tuple[float, float]]]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Ints, Ints]:
     """Return the rows of the windows to fit and of those held out, at least one.
 
     A window is held out if it overlaps an interval of its log; `held_out` has the intervals (start, end) [s] of each.

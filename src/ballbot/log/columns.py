@@ -19,6 +19,7 @@ from ballbot.state import torque_names as torque_names
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
 #: columns (N,) by name
 Columns = dict[str, Floats]
 

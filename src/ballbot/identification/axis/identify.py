@@ -20,7 +20,6 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding, finding_results, note, warning
@@ -40,7 +39,7 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.log.columns import Floats
+from ballbot.log.columns import Floats, Ints
 from ballbot.progress import Progress
 from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
 
@@ -88,7 +87,7 @@ def axis_experiment(model: AxisModel, motions: Sequence[AxisMotion], duration: f
         measured.append(record.position[a + compared[-1]])
     start, size = np.array(starts), np.array(sizes)
 
-    def errors(values: Floats, states: Floats, blocks: NDArray[np.int64]) -> Floats:
+    def errors(values: Floats, states: Floats, blocks: Ints) -> Floats:
         """Return simulated less recorded positions, from starts that differ by so many standard deviations."""
         named = dict(zip(model.names, values.tolist(), strict=True))
         axis, begin, positions = model.axis(named), start[blocks] + states * size[blocks], []
@@ -223,7 +222,7 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
     )
 
 
-def blocks_of(windows: int) -> list[NDArray[np.int64]]:
+def blocks_of(windows: int) -> list[Ints]:
     """Return the windows of each block of time, neighbours that are held out and drawn together."""
     return neighbours(range(windows), block=max(1, min(block_length(windows), windows // _BLOCKS)))
 

@@ -20,10 +20,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot.fitting.parameter import FitParameter, Scale
-from ballbot.log.columns import Floats
+from ballbot.log.columns import Floats, Ints
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
@@ -175,9 +174,7 @@ class Axis:
             viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=1.0, terms=NO_TERMS
         )
 
-    def windows(
-        self, force: Floats, h: float, firsts: NDArray[np.int64], counts: NDArray[np.int64], starts: Floats
-    ) -> Floats:
+    def windows(self, force: Floats, h: float, firsts: Ints, counts: Ints, starts: Floats) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
 
         The force (N,) [N] is of rows that last h [s]. Each window has its first row (w,), its number of rows (w,), and

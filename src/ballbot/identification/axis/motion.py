@@ -15,13 +15,12 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import LinearFit, fit_linear
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.record import LEAST_PART, AxisRecord
-from ballbot.log.columns import Bools, Floats
+from ballbot.log.columns import Bools, Floats, Ints
 
 _ORDER = 4
 #: cut-off frequencies of the position and of the regression's columns, over the bandwidth of the motion
@@ -85,7 +84,7 @@ class AxisMotion:
         return _filtered(self.record, values, _COLUMN_FILTER * self.bandwidth)
 
     @cached_property
-    def block(self) -> NDArray[np.int64]:
+    def block(self) -> Ints:
         """The block of time of each row (N,)."""
         return (self.record.t // BLOCK).astype(np.int64)
 
