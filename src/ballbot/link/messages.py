@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
 from hashlib import sha256
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,35 +90,44 @@ class Capability(IntEnum):
     BUTTON = 2  #: arming needs the robot's own button
 
 
+#: the messages by the numbers of their types, and the first number of those to the host
+MESSAGES: dict[int, type[Message]] = {}
+_FIRST_TO_HOST = 64
+
+
+class Message:
+    """A message; its class is in `MESSAGES` by the number that its frames have."""
+
+    TYPE: ClassVar[int]
+
+    def __init_subclass__(cls, *, kind: int) -> None:
+        cls.TYPE = kind
+        MESSAGES[kind] = cls
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Hello:
+class Hello(Message, kind=1):
     """Open a session. The frame's session is a random number of the host; the robot's answer has the session."""
 
-    TYPE: ClassVar[int] = 1
     firmware: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))  #: schema of parameters and state
     messages: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))  #: schema of the messages
     state_every: int = field(metadata=whole())  #: samples from one `State` to the next
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Keep:
+class Keep(Message, kind=2):
     """Show that the host is there."""
 
-    TYPE: ClassVar[int] = 2
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SelfTest:
+class SelfTest(Message, kind=3):
     """Start the self-test."""
 
-    TYPE: ClassVar[int] = 3
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Arm:
+class Arm(Message, kind=4):
     """Arm in two steps: ask with the number 0, then return the number that the robot answered."""
 
-    TYPE: ClassVar[int] = 4
     nonce: int = field(metadata=whole())
     controller: int = field(metadata=whole())  #: a `ControllerPlace`
     #: time over which the torque limit rises from zero, as for a first balance; 0 to `LONGEST_RAMP`
@@ -126,70 +135,60 @@ class Arm:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Disarm:
+class Disarm(Message, kind=5):
     """Disarm, or end a self-test."""
-
-    TYPE: ClassVar[int] = 5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference:
+class Reference(Message, kind=6):
     """Give the controller on the robot a reference; it holds until the next one."""
 
-    TYPE: ClassVar[int] = 6
     reference: NDArray[np.float32] = field(metadata=number("state", 10))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Torques:
+class Torques(Message, kind=7):
     """Give the torques of a controller on the host; they pass the robot's safety layer."""
 
-    TYPE: ClassVar[int] = 7
     torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Read:
+class Read(Message, kind=8):
     """Ask for a part of the parameters."""
 
-    TYPE: ClassVar[int] = 8
     offset: int = field(metadata=whole())  #: in words
     count: int = field(metadata=whole())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Write:
+class Write(Message, kind=9):
     """Write a part of the parameters into a copy that is not in use; only while disarmed."""
 
-    TYPE: ClassVar[int] = 9
     offset: int = field(metadata=whole())  #: in words
     count: int = field(metadata=whole())
     words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Commit:
+class Commit(Message, kind=10):
     """Use the parameters that were written, if their CRC-32 is this one and they are allowed."""
 
-    TYPE: ClassVar[int] = 10
     crc: int = field(metadata=whole())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class AskCounts:
+class AskCounts(Message, kind=11):
     """Ask for the counts of frames."""
-
-    TYPE: ClassVar[int] = 11
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Tune:
+class Tune(Message, kind=12):
     """Change the controller on the robot while it balances; it moves there at a limited rate.
 
     The answer's value is the time of the robot's last sample [us].
     """
 
-    TYPE: ClassVar[int] = 12
     weights: NDArray[np.float32] = field(metadata=number("1", MAX_GAINS))  #: of its gains, with a sum of 1
     compensation: float = field(
         metadata=number("1")
@@ -199,17 +198,14 @@ class Tune:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StepBack:
+class StepBack(Message, kind=13):
     """Return to the setting before the last `Tune`; answered like that one."""
-
-    TYPE: ClassVar[int] = 13
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Welcome:
+class Welcome(Message, kind=64):
     """Answer a `Hello`; the frame repeats its random number."""
 
-    TYPE: ClassVar[int] = 64
     session: int = field(metadata=whole())  #: of all frames that follow; 0 if the schemas differ
     firmware: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))
     messages: NDArray[np.int32] = field(metadata=whole(DIGEST_WORDS))
@@ -219,10 +215,9 @@ class Welcome:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class State(Message, kind=65):
     """A sample: sensors, estimate, torques, and whether the robot is armed or why it is stopped."""
 
-    TYPE: ClassVar[int] = 65
     time: int = field(metadata=whole())  #: of the sample [us], modulo 2^32
     sample: int = field(metadata=whole())  #: from 1
     armed: int = field(metadata=whole())
@@ -244,10 +239,9 @@ class State:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Answer:
+class Answer(Message, kind=66):
     """Answer a command."""
 
-    TYPE: ClassVar[int] = 66
     command: int = field(metadata=whole())  #: its type
     sequence: int = field(metadata=whole())  #: its sequence number
     result: int = field(metadata=whole())  #: a `AnswerResult`
@@ -255,40 +249,26 @@ class Answer:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Parameters:
+class Parameters(Message, kind=67):
     """A part of the parameters that are in use."""
 
-    TYPE: ClassVar[int] = 67
     offset: int = field(metadata=whole())  #: in words
     count: int = field(metadata=whole())
     words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Counts:
+class Counts(Message, kind=68):
     """How many frames the robot accepted, how many each layer refused, and how many of its own found no room."""
 
-    TYPE: ClassVar[int] = 68
     accepted: int = field(metadata=whole())
     refused: NDArray[np.int32] = field(metadata=whole(LAYERS))
     dropped: int = field(metadata=whole())
 
 
-class Message(Protocol):
-    """One of the messages above."""
-
-    TYPE: ClassVar[int]
-
-
-TO_ROBOT: dict[int, type[Message]] = {
-    kind.TYPE: kind
-    for kind in (
-        *(Hello, Keep, SelfTest, Arm, Disarm, Reference, Torques, Read, Write, Commit, AskCounts, Tune),
-        StepBack,
-    )
-}
-TO_HOST: dict[int, type[Message]] = {kind.TYPE: kind for kind in (Welcome, State, Answer, Parameters, Counts)}
-MESSAGES = TO_ROBOT | TO_HOST
+#: those that the robot takes, and those that the host takes
+TO_ROBOT = {kind: message for kind, message in MESSAGES.items() if kind < _FIRST_TO_HOST}
+TO_HOST = {kind: message for kind, message in MESSAGES.items() if kind >= _FIRST_TO_HOST}
 
 SCHEMAS: dict[int, Schema] = {number: schema_of(kind) for number, kind in MESSAGES.items()}
 _DTYPES = {number: schema.dtype("single").newbyteorder("<") for number, schema in SCHEMAS.items()}
