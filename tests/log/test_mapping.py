@@ -53,6 +53,11 @@ def read(folder: Path, table: str, mapping: str, *, name: str = "log.txt") -> Lo
     return Log.read(folder / name, mapping=folder / "mapping.toml")
 
 
+def csv_of(names: str, *columns: np.ndarray) -> str:
+    """Return columns as CSV; NaN is a missing value."""
+    return "\n".join([names, *(",".join(map(repr, row)) for row in np.column_stack(columns).tolist())])
+
+
 def refused(folder: Path, mapping: str) -> str:
     (folder / "mapping.toml").write_text(mapping)
     with pytest.raises(InputError) as caught:
@@ -229,11 +234,8 @@ def test_the_angles_of_speeds_are_their_integrals(tmp_path):
     """By the trapezoid rule over the file's rows; missing in a long hole, and continued after it."""
     t = 0.01 * np.arange(100)
     speed = np.sin(3.0 * t)
-    cells = [
-        "" if k in (20, *range(50, 70)) else f"{float(60.0 * one / (2.0 * np.pi))!r}"
-        for k, one in enumerate(speed)
-    ]
-    rows = "\n".join(f"{time:.2f},{cell},1" for time, cell in zip(t, cells, strict=True))
+    logged = 60.0 * speed / (2.0 * np.pi)
+    logged[[20, *range(50, 70)]] = np.nan
     mapping = """
 [columns]
 t = "t"
@@ -244,7 +246,7 @@ sign = [-1, 1]
 speed = { from = ["a", "b"], unit = "rpm", delay = 0.01 }
 angle = { integral_of = "speed" }
 """
-    log = read(tmp_path, f"t,a,b\n{rows}\n", mapping)
+    log = read(tmp_path, csv_of("t,a,b", t, logged, np.ones(100)), mapping)
     np.testing.assert_allclose(np.diff(log["wheel1"]), 2.0 * np.pi / 60.0 * 0.01, rtol=1e-9)
     np.testing.assert_allclose(log["wheel2_dot"][:15], -speed[1:16], rtol=1e-9)
     # h^2 / 12 times the change of the slope, at most 6, is 5e-5
@@ -303,14 +305,12 @@ def test_rows_out_of_order_are_dropped_but_two_runs_are_not_mixed(tmp_path):
     first, second = 0.005 * np.arange(4001), 0.005 * np.arange(5001)
     second = second[(second < 4.0) | (second > 6.0)]
 
-    def table(t: np.ndarray) -> str:
-        return "t,x\n" + "\n".join(f"{time:.4f},{row}" for row, time in enumerate(t))
-
     mapping = '[file]\nunordered_rows = "drop"\n[columns]\nt = "t"\nx = "x"\n'
     late = first.copy()
     late[700] += 0.5
-    assert len(read(tmp_path, table(late), mapping)) == 4000
-    both = table(np.concatenate([first, second]))
+    assert len(read(tmp_path, csv_of("t,x", late, late), mapping)) == 4000
+    joined = np.concatenate([first, second])
+    both = csv_of("t,x", joined, joined)
     with pytest.raises(InputError, match=r"starts again at row 4002; split the log, or give .file. rows"):
         read(tmp_path, both, mapping)
     cut = mapping.replace("[columns]", "rows = [1, 4001]\n[columns]")
@@ -321,8 +321,7 @@ def test_a_mapping_takes_four_columns_for_a_quaternion(tmp_path):
     t = 0.01 * np.arange(200)
     attitude = np.column_stack([0.1 * np.sin(3.0 * t), 0.2 * np.cos(2.0 * t), 4.0 * t])  # past half a turn
     over = Rotation.from_euler("ZYX", attitude[:, ::-1]) * Rotation.from_euler("x", np.pi)
-    rows = np.column_stack([t, attitude, over.as_quat()]).tolist()
-    table = "t,roll,pitch,yaw,x,y,z,w\n" + "\n".join(",".join(map(repr, row)) for row in rows)
+    table = csv_of("t,roll,pitch,yaw,x,y,z,w", t, attitude, over.as_quat())
     head, tail = '[columns]\nt = "t"\n[attitude]\nturn = 30.0\n', "\n"
     by_angles = read(tmp_path, table, head + 'from = ["roll", "pitch", "yaw"]' + tail)
     four = 'from = ["w", "x", "y", "z"]\nupside_down = true'
@@ -336,13 +335,10 @@ def test_a_mapping_takes_four_columns_for_a_quaternion(tmp_path):
 def test_even_rows_read_sensors_between_and_keep_the_commands_impulse(tmp_path):
     t = np.cumsum(np.random.default_rng(2).uniform(0.008, 0.016, 300))
     u = np.sign(np.sin(9.0 * t))
-    table = "time,a,u\n" + "\n".join(
-        f"{k!r},{2.0 * k!r},{v!r}" for k, v in zip(t.tolist(), u.tolist(), strict=True)
-    )
     mapping = (
         '[time]\nsample_time = 0.01\n[columns]\nt = "time"\nx = "a"\n[input]\nkind = "torque"\nfrom = ["u"]\n'
     )
-    log = read(tmp_path, table, mapping)
+    log = read(tmp_path, csv_of("time,a,u", t, 2.0 * t, u), mapping)
     np.testing.assert_allclose(np.diff(log.t), 0.01, atol=1e-12)
     np.testing.assert_allclose(log["x"], 2.0 * log.t, atol=1e-12)  # a line is read exactly between its rows
     held = np.sum(u[:-1] * np.diff(t))
@@ -402,8 +398,7 @@ def test_without_yaw_and_gyro_the_wheels_give_the_heading(tmp_path, turn):
     c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
     R = rotation(theta, phi, psi) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     roll, pitch = np.arctan2(R[:, 2, 1], R[:, 2, 2]), -np.arcsin(R[:, 2, 0])
-    rows = np.column_stack([t, roll, pitch, speeds])
-    table = "\n".join(["t,a,b,w1,w2,w3", *(",".join(f"{one:.12g}" for one in row) for row in rows)])
+    table = csv_of("t,a,b,w1,w2,w3", t, roll, pitch, speeds)
     mapping = f"""
 [columns]
 t = "t"
