@@ -42,15 +42,15 @@ from tests.support.report_pages import shown_text
 MADE = Provenance(command="ballbot try", files=(), seed=3, versions={"python": "3"})
 
 
+def result(*sections, verdict=(("It", "works."),), undecided=("everything else",), **more) -> Result:
+    """Return a result of these sections."""
+    given = {"title": "a title", "lead": "a lead", "provenance": MADE} | more
+    return Result(**given, verdict=list(verdict), sections=list(sections), undecided=list(undecided))
+
+
 def page(*blocks, **more) -> str:
     """Return a page with one section of these blocks."""
-    given = {
-        "title": "a title",
-        "lead": "a lead",
-        "verdict": [("It", "works.")],
-        "undecided": ["everything else"],
-    }
-    return page_of(Result(**(given | more), sections=[section("A section", *blocks)], provenance=MADE))
+    return page_of(result(section("A section", *blocks), **more))
 
 
 def series(t, *columns, **more) -> TimeSeries:
@@ -181,30 +181,18 @@ def test_runs_of_different_length_share_the_longest_time():
 def test_a_terminal_shows_verdict_tables_and_doubts_of_a_page_but_no_figures():
     figure = Picture(lambda: "<svg/>", "a figure")
     shown = Sheet(("state", "RMSE"), groups=(("", 1), ("with", 1)), rows=[("y", "21.25")], caption="One.")
-    report = Result(
-        title="a title",
-        lead="a lead",
+    report = result(
+        section("Numbers", figure, shown, Bullets(["So."]), Verbatim("K = 1")),
+        section("None", figure),
         verdict=[("It", "works."), ("", "Indeed.")],
-        sections=[
-            section("Numbers", figure, shown, Bullets(["So."]), Verbatim("K = 1")),
-            section("None", figure),
-        ],
-        undecided=["everything else"],
-        provenance=MADE,
     )
     assert printed(report.parts()) == [
         *("Numbers", "One.", "state with RMSE", "y 21.25", "- So.", "K = 1"),
         *("What the data cannot decide", "- everything else", "It: works.", "Indeed."),
     ]
     assert printed(report.parts(brief=True)) == [
-        "One.",
-        "state with RMSE",
-        "y 21.25",
-        "- So.",
-        "What the data cannot decide",
-        "- everything else",
-        "It: works.",
-        "Indeed.",
+        *("One.", "state with RMSE", "y 21.25", "- So."),
+        *("What the data cannot decide", "- everything else", "It: works.", "Indeed."),
     ]
 
 
@@ -215,13 +203,11 @@ def test_a_column_is_in_the_table_and_in_results_json(tmp_path):
         Column(None, lambda row: 2.0 * row[1], key="twice"),
     ]
     rows = [("a", 0.25), ("b", 0.5)]
-    found = Result(
-        title="a title",
-        lead="a lead",
-        verdict=[("", "It works.")],
-        sections=[section("Runs", sheet_of(rows, columns, shaded=lambda row: row[0] == "b"))],
-        undecided=[],
+    found = result(
+        section("Runs", sheet_of(rows, columns, shaded=lambda row: row[0] == "b")),
         data={name: entries_of((name, peak), columns) for name, peak in rows},
+        verdict=[("", "It works.")],
+        provenance=None,
     )
     render(found, tmp_path)
     assert ">500</td>" in shown_text((tmp_path / "report.html").read_text())
@@ -249,14 +235,8 @@ def printed(parts) -> list[str]:
 
 def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
     figure = drawn_picture("one", "a figure", _line)
-    report = Result(
-        title="a title",
-        lead="a lead",
-        verdict=[("It", "works.")],
-        sections=[section("First", figure), details("Second", Paragraph("folded"))],
-        undecided=[],
-        next_step="`ballbot check`",
-        provenance=MADE,
+    report = result(
+        section("First", figure), details("Second", Paragraph("folded")), next_step="`ballbot check`"
     )
     text = page_of(report)
     assert "<dt>Next</dt><dd><code>ballbot check</code></dd>" in text
@@ -278,15 +258,9 @@ def _line() -> Figure:
 
 def test_a_result_leaves_out_what_it_does_not_have():
     friction, motion = section("Friction", Paragraph("Little.")), section("Motion", None, Bullets([]))
-    result = Result(
-        title="A robot",
-        lead="",
-        verdict=[("Friction", "Little."), ("Law", "")],
-        sections=[friction, motion],
-        undecided=["", "The floor."],
+    found = result(
+        friction, motion, verdict=[("Friction", "Little."), ("Law", "")], undecided=["", "The floor."]
     )
-    assert (result.verdict, result.sections, result.undecided) == (
-        [("Friction", "Little.")],
-        [friction],
-        ["The floor."],
-    )
+    assert found.verdict == [("Friction", "Little.")]
+    assert found.sections == [friction]
+    assert found.undecided == ["The floor."]

@@ -5,8 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot import Log
+from ballbot import Log, Robot
+from ballbot.control.interface import Feedback
 from ballbot.log.columns import STATE_NAMES
+from ballbot.workflows.candidates import parse_candidates
 
 Column = Callable[[NDArray[np.float64]], NDArray[np.float64]] | float
 
@@ -76,6 +78,11 @@ def broken(robot):
 
 GAIN = 3
 '''
+
+
+def controllers_of(robot: Robot, *words: str) -> dict[str, Feedback]:
+    """Return what these words of a command line name, by name."""
+    return {one.name: one.controller(robot) for one in parse_candidates(words)}
 
 
 def made_log(

@@ -14,6 +14,7 @@ from ballbot.identification import Identification
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.log import Log
 from ballbot.report.excitation import gain_sentence
+from ballbot.robot.components import scaled_friction
 from ballbot.workflows.excite import (
     Extent,
     Law,
@@ -55,14 +56,7 @@ def designed():
 def test_the_limits_hold_on_the_model_with_any_of_the_frictions(designed):
     """`simulate`, not the batch that the design was made with, at a finer step."""
     for factor in (0.5, 1.5):
-        friction = replace(
-            FRICTION,
-            coulomb=tuple(factor * c for c in FRICTION.coulomb),
-            stribeck=tuple(factor * s for s in FRICTION.stribeck),
-            viscous=tuple(factor * b for b in FRICTION.viscous),
-            rolling=factor * FRICTION.rolling,
-        )
-        plant = Model(alten(friction))
+        plant = Model(alten(scaled_friction(FRICTION, factor)))
         log = simulate(plant, nominal_controller(alten()), designed[0].reference, duration=10.0)
         assert log.ended is None
         peaks = Extent.of(log.states, log.torques)

@@ -9,13 +9,12 @@ from scipy import stats
 from ballbot import Robot
 from ballbot.report.blocks import Cell
 from ballbot.report.comparison import metric_rows
-from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import League, best_two, overall, run_league, standing
 from ballbot.workflows.metrics import score_results
 from ballbot.workflows.statistics import fraction_with_interval, mean_ratio, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
-from tests.support.league_examples import OWN
+from tests.support.league_examples import OWN, controllers_of
 from tests.support.screen import assert_fits_a_screen
 
 #: two short courses on the model, so that a league takes seconds
@@ -47,10 +46,9 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def league(folder) -> League:
     robot = Robot.load(str(folder / "robot.toml"))
-    words = ("none", "full", f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp")
-    controllers = {one.name: one.controller(robot) for one in parse_candidates(words)}
+    own = f"softer={folder}/own.py:Softer", f"limp={folder}/own.py:Limp"
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    return run_league(robot, controllers, courses, seeds=[4, 5])
+    return run_league(robot, controllers_of(robot, "none", "full", *own), courses, seeds=[4, 5])
 
 
 @pytest.mark.slow
@@ -90,8 +88,7 @@ def test_a_push_on_the_twin_is_a_course(tmp_path):
     )
     (tmp_path / "courses.toml").write_text(course.format("calm") + course.format("push") + push)
     courses = choose_courses(str(tmp_path / "courses.toml"), robot, "twin")
-    controllers = {one.name: one.controller(robot) for one in parse_candidates(["none"])}
-    found = run_league(robot, controllers, courses, seeds=[1])
+    found = run_league(robot, controllers_of(robot, "none"), courses, seeds=[1])
     calm, pushed = (found.scores[name, "none"][0] for name in ("calm", "push"))
     assert pushed.peak_position_error > calm.peak_position_error + 0.1  # 8 N s on 20 kg
     assert pushed.settling_time == pytest.approx(1.5, abs=0.01)  # since the push, to the end
@@ -145,9 +142,8 @@ def test_paired_ratio_over_courses_has_one_value_for_each_run():
 def test_equal_controllers_differ_by_nothing(folder):
     """A robot without friction, whose compensation changes rounding alone; the page shows 0, not its digits."""
     robot = alten()
-    controllers = {one.name: one.controller(robot) for one in parse_candidates(("none", "full"))}
     (course,) = choose_courses(str(folder / "courses.toml"), robot, "model")[:1]
-    league = run_league(robot, controllers, [course], seeds=range(1, 4))
+    league = run_league(robot, controllers_of(robot, "none", "full"), [course], seeds=range(1, 4))
     peak = metric_rows(league, course)[0]
     assert isinstance(peak[2], Cell)
     assert peak[2].below.startswith("0 (")
@@ -156,8 +152,7 @@ def test_equal_controllers_differ_by_nothing(folder):
 
 def test_the_best_two_fall_least_and_then_err_least(folder):
     robot = alten(FRICTION)
-    own = parse_candidates(("none", "precise", f"limp={folder}/own.py:Limp"))
-    controllers = {one.name: one.controller(robot) for one in own}
+    controllers = controllers_of(robot, "none", "precise", f"limp={folder}/own.py:Limp")
     courses = choose_courses(str(folder / "courses.toml"), robot, "model")
     league = run_league(robot, controllers, courses, seeds=[1, 2])
     assert best_two(league) == ("precise", "none")

@@ -13,12 +13,11 @@ from ballbot.control.presets import precise_controller
 from ballbot.fitting.run import Threads
 from ballbot.robot import Robot
 from ballbot.twin import Twin
-from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.grid import LoopRobot
 from ballbot.workflows.league import run_league
 from tests.support.control_examples import FRICTION, alten
-from tests.support.league_examples import OWN
+from tests.support.league_examples import OWN, controllers_of
 from tests.support.paths import ROOT
 
 COURSE = '[mine.one]\nreference = "hold"\nduration = 9.0\n'
@@ -90,7 +89,7 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
 def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
     (folder / "bad.py").write_text("import numpy\nno_such_name\n")
     with pytest.raises(InputError) as refusal:
-        parse_candidates([word.format(folder)])[0].controller(alten())
+        controllers_of(alten(), word.format(folder))
     assert sentence in str(refusal.value)
     assert "\n" not in str(refusal.value)
 
@@ -104,10 +103,12 @@ def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
 )
 def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence):
     robot = alten()
-    controllers = {"own": parse_candidates([f"{folder}/own.py:{own}"])[0].controller(robot)}
-    with pytest.raises(InputError) as refusal:
-        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], workers=Threads())
-    assert sentence in str(refusal.value)
+    controllers, courses = (
+        controllers_of(robot, f"{folder}/own.py:{own}"),
+        choose_courses("hold", robot, "model"),
+    )
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        run_league(robot, controllers, courses, seeds=[1], workers=Threads())
 
 
 @pytest.mark.parametrize(
@@ -163,11 +164,11 @@ def test_the_examples_in_the_documents_are_ones(tmp_path):
     (included,) = re.findall(r"```\{literalinclude\} (\S+)\n", text)
     (tmp_path / "mine.py").write_text(python)
     robot = alten()
-    mine = parse_candidates([f"{tmp_path}/mine.py:Mine"])[0]
-    assert mine.name == "mine.py:Mine"
+    controllers = controllers_of(robot, f"{tmp_path}/mine.py:Mine", "none")
+    assert list(controllers) == ["mine.py:Mine", "none"]
     state = np.array([0.1, 0, 0, 0.02, 0, 0, 0, 0, 0, 0])
-    nominal = parse_candidates(["none"])[0].controller(robot).update(0.0, state, np.zeros(10))
-    np.testing.assert_allclose(mine.controller(robot).update(0.0, state, np.zeros(10)), nominal)
+    own, nominal = (one.update(0.0, state, np.zeros(10)) for one in controllers.values())
+    np.testing.assert_allclose(own, nominal)
     shown = [one.name for one in choose_courses(str(page.parent / included), robot, "twin")]
     assert set(shown) > {one.name for one in choose_courses("league", robot, "twin")}
 
@@ -181,7 +182,7 @@ def test_controllers_name_their_estimator_and_a_word_changes_it(tmp_path):
     )
     words = ["precise", "precise@onboard", "none", "none@kalman", "mine=full@kalman", str(file)]
     words += [f"own={own}:Mine", f"other={own}:Mine@onboard"]
-    found = {one.name: estimator_of(one.controller(robot)) for one in parse_candidates(words)}
+    found = {name: estimator_of(one) for name, one in controllers_of(robot, *words).items()}
     assert found == {
         "precise": "kalman",
         "precise@onboard": "onboard",

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import InputError
+from ballbot.log import STATE_NAMES
 from ballbot.report.run import run_verdict
 from ballbot.workflows.metrics import (
     BAND,
@@ -49,8 +50,7 @@ def test_whole_turns_are_no_heading_error(away, turns):
 
 
 def test_truth_counts_where_there_is_one():
-    states = ("x", "y", "theta", "phi", "psi", "x_dot", "y_dot", "theta_dot", "phi_dot", "psi_dot")
-    truth = {f"true_{name}": 0.0 for name in states} | {"true_x": 0.1, "true_psi": -0.2}
+    truth = {f"true_{name}": 0.0 for name in STATE_NAMES} | {"true_x": 0.1, "true_psi": -0.2}
     log = made_log(**truth)
     np.testing.assert_allclose(position_error(log), 0.1)
     np.testing.assert_allclose(heading_error(log), 0.2)
