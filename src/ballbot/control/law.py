@@ -151,7 +151,7 @@ def _followed(law, memory, now, reference, asked):
     if follows_plan(law, memory, reference):
         restart_shaping(memory, asked)
         return planned(law, memory, now.a, reference, asked[2].value)
-    return shape(law, memory, asked, now.state)
+    return shape(law, memory, asked, now)
 
 
 @inlined

@@ -27,6 +27,10 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import Parameter, parameter
 
 
+#: acceleration of the reference beyond which an error tells of the motion and not of a lasting cause [m/s^2]
+_HURRY = 0.2
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IntegralRecord:
     """The sampled integral."""
@@ -63,6 +67,8 @@ def learn_integral(law, memory, now, limited):
     own, sums, a, e = law.integral, memory.integral.sums, now.a, now.e
     if own.on == 0:
         return
+    x, y, _ = now.wanted
+    limited = limited or x.second * x.second + y.second * y.second > _HURRY * _HURRY
     e_x, e_y, e_psi = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1], e[4]
     if e_x * e_x + e_y * e_y > own.dead_band * own.dead_band:
         sums[0] = _stepped(sums[0], own.kept, own.step * e_x, own.limit, limited)

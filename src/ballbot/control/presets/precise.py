@@ -8,6 +8,7 @@ sensors.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,6 +21,7 @@ from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.lean_limit import LeanLimit
+from ballbot.control.parts.part import LawSettings
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.errors import InputError
@@ -34,6 +36,11 @@ PRECISE_TORQUE_WEIGHT = 30.0
 
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
+
+#: of a motion: the share of the torque limit that a steady acceleration needs, its lean [rad], the rate of its lags over
+#: that at which the robot falls, and its largest speed [m/s], also over that of the motors without load
+MOTION_TORQUE, MOTION_LEAN, MOTION_RATE = 0.76, 0.2, 2.2
+MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.7
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
@@ -80,15 +87,23 @@ def precise_controller(
     time, integral_gain = chosen.sample_time, chosen.integral_gain
     if time is None or integral_gain is None:
         raise InputError("The precise controller needs a sampled gain with integral action.")
+    settings = LawSettings(
+        robot=robot,
+        gain=chosen.gain,
+        sample_time=time,
+        compensation=compensation,
+        speed_band=PRECISE_SPEED_BAND * default_speed_band(robot, time),
+        delay=0.0,
+    )
     return Controller(
         robot,
         chosen.gain,
         sample_time=time,
         compensation=compensation,
         torque_limit=grip_torque_limit(robot),
-        speed_band=PRECISE_SPEED_BAND * default_speed_band(robot, time),
+        speed_band=settings.speed_band,
         parts=Parts(
-            shaping=ReferenceShaping(),
+            shaping=fastest_shaping(settings),
             feed_forward=FeedForward(),
             integral=IntegralAction(gain=integral_gain),
             disturbance_observer=DisturbanceObserver(),
@@ -96,6 +111,33 @@ def precise_controller(
         ),
         estimator="kalman",
     )
+
+
+def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
+    """Return the shaping of the fastest motions that torque, lean and motors allow, its numbers rounded.
+
+    InputError if the robot cannot have feed-forward.
+    """
+    robot, needed = settings.robot, FeedForward().numbers(settings)
+    second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
+    acceleration = min(
+        MOTION_TORQUE * (grip_torque_limit(robot) - max(robot.friction.breakaway)) / second,
+        MOTION_LEAN * float(np.linalg.norm(needed.pull, 2)),
+    )
+    # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
+    falling = math.sqrt(second / fourth)
+    rolling = [frictionless_model(robot).wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
+    motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=0).max()
+    return ReferenceShaping(
+        frequency=_rounded(MOTION_RATE * falling),
+        speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
+        acceleration_limit=_rounded(acceleration),
+    )
+
+
+def _rounded(value: float) -> float:
+    """Return a number with three digits, as a person would set it."""
+    return float(f"{value:.3g}")
 
 
 KIND = ControllerKind(
