@@ -50,7 +50,9 @@ _BRAKING = 0.85
 #: rate at which p approaches a target that is near [1/s], and the largest in a sample
 _APPROACH, _LARGEST_APPROACH = 4.0, 0.5
 #: how much more of the torque a disturbance counts
-_RESERVE = 1.5
+_RESERVE = 1.4
+#: lag of the torque against disturbances [s]
+_LASTING = 1.0
 #: least fraction of the limit of acceleration that disturbances leave
 _LEAST_LEFT = 0.2
 #: ratio of the speeds at which l is one and zero
@@ -101,6 +103,8 @@ class ShapingState:
     started: int = field(metadata=whole())
     change: NDArray[np.float64] = field(metadata=number("m/s", 3))
     bend: NDArray[np.float64] = field(metadata=number("m/s^2", 3))
+    #: largest torque of a wheel against lasting disturbances
+    lost: float = field(metadata=number("N m"))
 
 
 class _Limits(NamedTuple):
@@ -134,13 +138,15 @@ def shape(law, memory, wanted, now):
 
 @inlined
 def _left(law, memory, a):
-    """Return the fraction of the torque limit that disturbances leave for a motion."""
+    """Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them."""
     sums, most = memory.integral.sums, 0.0
     lasting = (*turned(a, sums[0], sums[1]), sums[2])
     for i in range(MAX_WHEELS):
         lost = memory.disturbance_observer.estimate[i] + row_times(law.integral.gain[i], lasting)
         most = max(most, abs(lost))
-    return max(_LEAST_LEFT, 1.0 - _RESERVE * most / torque_limit_of(law, memory))
+    own = memory.shaping
+    own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
+    return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / torque_limit_of(law, memory))
 
 
 @inlined

@@ -39,7 +39,7 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 
 #: of a motion: the share of the torque limit that a steady acceleration needs, its lean [rad], the rate of its lags over
 #: that at which the robot falls, and its largest speed [m/s], also over that of the motors without load
-MOTION_TORQUE, MOTION_LEAN, MOTION_RATE = 0.76, 0.2, 2.2
+MOTION_TORQUE, MOTION_LEAN, MOTION_RATE = 0.85, 0.165, 2.3
 MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.7
 
 #: where x, y and psi stand in the state
