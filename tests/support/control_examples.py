@@ -56,10 +56,12 @@ def example_parts(wheel_count: int) -> Parts:
         shaping=ReferenceShaping(
             frequency=4.0,
             speed_limit=0.4,
+            acceleration_limit=0.9,
+            prompt_speed=0.15,
             yaw_frequency=2.5,
             yaw_rate_limit=0.8,
-            acceleration_limit=0.25,
-            yaw_acceleration_limit=0.5,
+            yaw_acceleration_limit=1.5,
+            yaw_prompt_rate=0.3,
         ),
         feed_forward=FeedForward(),
         integral=IntegralAction(

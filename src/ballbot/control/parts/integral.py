@@ -26,9 +26,8 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import Parameter, parameter
 
-
 #: acceleration of the reference beyond which an error tells of the motion and not of a lasting cause [m/s^2]
-_HURRY = 0.2
+_HURRY = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,16 +2,18 @@
 
 For x and y together and for psi alike, a point p with velocity v follows a target, and four lags follow p:
 
-    target = r + (1 - l) (t r' + c r'') - l r'^2/(2 b)        t = 4/w + tau,  c = 6/w^2 + 4 tau/w + tau^2/2
-    p' = v,  |v'| <= a                                        v as large as p can still brake, at most the speed limit
+    target = r + (1 - l) (t r' + c r'') - l (r'^2/(2 b) + t_0 r')    t = 4/w + tau,  c = 6/w^2 + 4 tau/w + tau^2/2
+    p' = v,  |v'| <= a,  |v| <= the speed limit
     s_1' = w (p - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
 
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
-can still stop it, near it at the rate `_APPROACH`; b is somewhat below a.
+can still stop it, near it at the rate `_APPROACH`; b is somewhat below a. What torque a wheel needs against lasting
+disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs.
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
-a robot that is not to overshoot must brake first: then l is one, and s is behind r by what it needs to stop.
+a robot that is not to overshoot must brake first: then l is one, and s is behind r by what it needs to stop, with t_0
+to notice it.
 
 r' and r'' are the reference's changes from sample to sample through lags of `_LAG`, in which the steps of a rounded
 reference vanish. A change faster than the speed limit is a jump, which has no velocity; a change of velocity counts in
@@ -41,20 +43,21 @@ from ballbot.robot.parameters import parameter, parameter_class
 
 #: rounding by which a motion at the limit of speed may exceed it
 _ROUNDING = 1e-3
+# constants that single precision holds exactly, so that the firmware's are these
 #: lag of r' and r'' [s]
-_LAG = 0.05
-#: time in which p notices that r stops [s]
-_NOTICED = 0.1
+_LAG = 0.046875
+#: t_0 [s]
+_NOTICED = 0.09375
 #: deceleration b that p expects of itself, over the limit a
-_BRAKING = 0.85
+_BRAKING = 0.875
 #: rate at which p approaches a target that is near [1/s], and the largest in a sample
 _APPROACH, _LARGEST_APPROACH = 4.0, 0.5
-#: how much more of the torque a disturbance counts
-_RESERVE = 1.4
+#: weight of the torque against disturbances: a motion that changes needs more than its acceleration does
+_RESERVE = 1.5
 #: lag of the torque against disturbances [s]
 _LASTING = 1.0
 #: least fraction of the limit of acceleration that disturbances leave
-_LEAST_LEFT = 0.2
+_LEAST_LEFT = 0.25
 #: ratio of the speeds at which l is one and zero
 _FAST = 1.5
 
@@ -142,8 +145,8 @@ def _left(law, memory, a):
     sums, most = memory.integral.sums, 0.0
     lasting = (*turned(a, sums[0], sums[1]), sums[2])
     for i in range(MAX_WHEELS):
-        lost = memory.disturbance_observer.estimate[i] + row_times(law.integral.gain[i], lasting)
-        most = max(most, abs(lost))
+        lost = row_times(law.integral.gain[i], lasting) + row_times(memory.tuning.integral[i], lasting)
+        most = max(most, abs(memory.disturbance_observer.estimate[i] + lost))
     own = memory.shaping
     own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
     return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / torque_limit_of(law, memory))
@@ -158,7 +161,12 @@ def _shaped(own, memory, left, state, wanted):
         own.frequency, own.decay, own.frequency * h, own.speed, left * own.acceleration, own.prompt
     )
     heading = _Limits(
-        own.yaw_frequency, own.yaw_decay, own.yaw_frequency * h, own.yaw_rate, own.yaw_acceleration, own.yaw_prompt
+        own.yaw_frequency,
+        own.yaw_decay,
+        own.yaw_frequency * h,
+        own.yaw_rate,
+        own.yaw_acceleration,
+        own.yaw_prompt,
     )
     if memory.started == 0:
         _start(memory, state, x, y, psi)

@@ -37,10 +37,10 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the share of the torque limit that a steady acceleration needs, its lean [rad], the rate of its lags over
-#: that at which the robot falls, and its largest speed [m/s], also over that of the motors without load
+#: of a motion: the share of the torque limit that a steady acceleration needs, its lean [rad], and the rate of its lags
+#: over that at which the robot falls; its largest speed [m/s], also over that of the motors without load
 MOTION_TORQUE, MOTION_LEAN, MOTION_RATE = 0.85, 0.165, 2.3
-MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.7
+MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)

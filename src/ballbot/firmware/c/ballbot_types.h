@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "43728376e5a0597596caf10003c3e9c26af44ce67858eaead302935509db344f"
+#define BALLBOT_SCHEMA_DIGEST "4574e5ad274036ca14881a7a79a347a694aa6abf08d6e229fa1fb96a7796aaab"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1131578230, 1705007477, 382398720, 63171010, 1794395366, 2019093226, 1392677717, 165360719 }
+#define BALLBOT_SCHEMA_WORDS { 1165288877, 658519754, 344463994, 2040743846, 346712767, 148300329, 2048899434, 2006362795 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -71,15 +71,18 @@ struct ballbot_shaping_record {
     float yaw_frequency; /* [rad/s] */
     float yaw_decay; /* [1] */
     float yaw_gone; /* [1] */
-    float speed; /* [m] */
-    float turn; /* [rad] */
-    float kink; /* [m] */
-    float turning_kink; /* [rad] */
+    float speed; /* [m/s] */
+    float acceleration; /* [m/s^2] */
+    float prompt; /* [m/s] */
+    float yaw_rate; /* [rad/s] */
+    float yaw_acceleration; /* [rad/s^2] */
+    float yaw_prompt; /* [rad/s] */
     float rate; /* [1/s] */
+    float approach; /* [1/s] */
     float delay; /* [s] */
     float late; /* [1] */
 };
-typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 14u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_shaping_record_has_no_padding[(sizeof(struct ballbot_shaping_record) == 17u * sizeof(float)) ? 1 : -1];
 
 /* What a motion of the flat output needs, linear in its derivatives, heading frame. */
 struct ballbot_feed_forward_record {
@@ -180,7 +183,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1412u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1415u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -231,7 +234,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1509u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1512u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -310,18 +313,20 @@ struct ballbot_tuning_state {
 };
 typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 76u * sizeof(float)) ? 1 : -1];
 
-/* Of x, y and psi: four lags each, p, the last r, its last change, and the filtered change of that. */
+/* Of x, y and psi: four lags each, p, v, the last r, r' and r''. */
 struct ballbot_shaping_state {
     float lags[3][4]; /* [m] */
     float followed[3]; /* [m] */
     float lags_rest[3][4]; /* [m] */
     float followed_rest[3]; /* [m] */
+    float velocity[3]; /* [m/s] */
     float last[3]; /* [m] */
     int32_t started;
-    float change[3]; /* [m] */
-    float bend[3]; /* [m] */
+    float change[3]; /* [m/s] */
+    float bend[3]; /* [m/s^2] */
+    float lost; /* [N m] */
 };
-typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 40u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_shaping_state_has_no_padding[(sizeof(struct ballbot_shaping_state) == 44u * sizeof(float)) ? 1 : -1];
 
 /* The row of a plan that is followed: its state, for how many samples, and the change of its rates. */
 struct ballbot_feed_forward_state {
@@ -389,7 +394,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 558u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 562u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -428,7 +433,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 880u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 884u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

@@ -3,9 +3,13 @@
  *     I' = e - I/T      e the error of x, y [m] and psi [rad], world frame; sampled, within its limits
  *     u += K_I S(psi) I
  *
- * Within the dead band the integrals rest. While a torque or the error is limited they may shrink but not grow.
+ * Within the dead band the integrals rest. While a torque or the error is limited, or the reference accelerates, they may
+ * shrink but not grow.
  */
 #include "parts/parts.h"
+
+/* acceleration of the reference beyond which an error tells of the motion and not of a lasting cause [m/s^2] */
+#define HURRY (0.25f)
 
 void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory,
                              const struct ballbot_sample *now, float torques[], int32_t n)
@@ -48,6 +52,7 @@ void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory
     const struct ballbot_pair e = ballbot_from_heading(now->a, now->e[0], now->e[1]);
     const float e_psi = now->e[4];
 
+    limited = limited || now->x.second * now->x.second + now->y.second * now->y.second > HURRY * HURRY;
     if (e.x * e.x + e.y * e.y > own->dead_band * own->dead_band) {
         sums[0] = stepped(sums[0], own->kept, own->step * e.x, own->limit, limited);
         sums[1] = stepped(sums[1], own->kept, own->step * e.y, own->limit, limited);
