@@ -37,9 +37,12 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the share of the torque limit that a steady acceleration needs, its lean [rad], and the rate of its lags
-#: over that at which the robot falls; its largest speed [m/s], also over that of the motors without load
-MOTION_TORQUE, MOTION_LEAN, MOTION_RATE = 0.85, 0.165, 2.3
+#: of a motion: the share that its steady acceleration needs of the torque that friction, counted a quarter more, leaves;
+#: its lean [rad], and the rate of its lags over that at which the robot falls
+MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 2.3
+#: the least acceleration over that by lean, for motors that friction leaves nothing
+MOTION_LEAST = 0.1
+#: the largest speed of a motion [m/s], also over that of the motors without load
 MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
 #: where x, y and psi stand in the state
@@ -120,10 +123,9 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
     second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
-    acceleration = min(
-        MOTION_TORQUE * (grip_torque_limit(robot) - max(robot.friction.breakaway)) / second,
-        MOTION_LEAN * float(np.linalg.norm(needed.pull, 2)),
-    )
+    left = grip_torque_limit(robot) - MOTION_FRICTION * max(robot.friction.breakaway)
+    by_lean = MOTION_LEAN * float(np.linalg.norm(needed.pull, 2))
+    acceleration = max(min(MOTION_TORQUE * left / second, by_lean), MOTION_LEAST * by_lean)
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
     rolling = [frictionless_model(robot).wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
