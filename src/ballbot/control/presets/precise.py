@@ -37,8 +37,8 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the share that its steady acceleration needs of the torque that friction, counted a quarter more, leaves;
-#: its lean [rad], and the rate of its lags over that at which the robot falls
+#: of a motion: the share of the torque that its steady acceleration needs, once friction, counted a quarter more, has
+#: taken its part; its lean [rad]; the rate of its lags over that at which the robot falls
 MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 2.3
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
