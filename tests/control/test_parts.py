@@ -13,8 +13,12 @@ from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.parts.reference_shaping import ReferenceShaping
-from ballbot.control.presets import design_gain, design_integral_gain
+from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import circle, drive, hold, square
+from ballbot.twin import Scenario
+from ballbot.workflows.courses import choose_courses
+from ballbot.workflows.league import run_league
+from ballbot.workflows.metrics import falls_of
 from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
 
 SAMPLE = 0.005
@@ -105,6 +109,16 @@ def test_feed_forward_makes_a_robot_without_friction_do_the_shaped_motion(robot:
     assert errors["without"] > 2.5 * errors["with"]
     # 0.139 rad s^2/m times 1.2 m/s^2, which a way of 0.5 m does not quite reach
     assert 0.1 < leaned < 0.17
+
+
+@pytest.mark.slow
+def test_on_a_slope_a_motion_is_left_the_torque_that_it_needs():
+    """With the level floor's acceleration the robot falls; the torque that holds it there is 0.86 of 2.2 N m."""
+    robot = Robot.load("alten")
+    robot = robot.replace(friction=Scenario.nominal(robot).friction)
+    controllers = {"precise": precise_controller(robot)}
+    league = run_league(robot, controllers, choose_courses("slope_5", robot, "model"), seeds=range(1, 5))
+    assert falls_of(league.scores["slope_5", "precise"]) == 0
 
 
 def test_integral_action_takes_away_an_error_that_stays():
