@@ -1,7 +1,8 @@
 """Integral action: it removes lasting errors of position and heading.
 
     I' = e - I/T        e the error of x, y and psi, world frame; I is limited, does not grow while a wheel's
-                        torque is at its limit (anti-windup), and is constant while e is in the dead band
+                        torque is at its limit (anti-windup) or the reference accelerates, and is constant while e
+                        is in the dead band
     u += K_I S(psi) I
 
 A tilted floor, an offset of the AHRS's lean and uncompensated friction all cause such an error. The leak 1/T lets I
