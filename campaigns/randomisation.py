@@ -35,7 +35,7 @@ from campaigns.between_logs import UNSEEN, drawn, pair_log
 from campaigns.section import Made, Piece, Section, finished
 from campaigns.twin_logs import NOMINAL, ROBOT
 
-TASKS = ("balance",)
+TASKS = ("balance", "drive")
 #: nothing was developed on these twins, and the spread between logs was not fitted to them
 HELD_OUT = UNSEEN[:10]
 #: what robots a policy is trained on, in words

@@ -66,19 +66,29 @@ from ballbot.mechanics.engine.lanes import (
     stored,
 )
 from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
-from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps, write_state
+from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.tracing import borrowed, lanes, traced
 from ballbot.mechanics.engine.vector import add, dot, rotate_back
-from ballbot.mechanics.equations import LARGEST_LEAN, angle_rates, attitude, body_rates, solve, terms
+from ballbot.mechanics.equations import (
+    LARGEST_LEAN,
+    angle_rates,
+    attitude,
+    balancing_attitude,
+    body_rates,
+    rates_of_angles,
+    solve,
+    terms,
+)
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
-#: row of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end
-_SINKING = SINES
+#: rows of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end, and the rates of
+#: its angles
+_SINKING, _RATES = SINES, SINES + 1
 #: rows of a Kalman filter's work array with what these sensors show
 _WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
@@ -209,9 +219,12 @@ def _floored(out, record, sign):
 
 
 @inlined
-def _truth(selected, work, lane, record, out):
-    """Write a lane's state as it is on its floor."""
-    write_state(selected, work, lane, out)
+def _truth(work, lane, record, out):
+    """Write a lane's state at a sample's end as it is on its floor."""
+    for i in range(7):
+        out[i] = entry(work, STATE + i, lane)
+    for axis in range(3):
+        out[7 + axis] = entry(work, _RATES + axis, lane)
     _floored(out, record, 1.0)
 
 
@@ -535,15 +548,16 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
         record, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
         if record.pitch > 0.0:
             _roll(selected, work, lane, inputs, record, block, first + robot, since)
-        mean, kept = 0.0, 0.0
+        fill(acting, block.wanted[robot])
         if record.lag > 0.0:
             kept = math.exp(-h / record.lag)
             mean = (1.0 - kept) * record.lag / h
+            for i in range(len(acting)):
+                away = block.given[robot, i] - block.wanted[robot, i]
+                acting[i] += mean * away
+                block.given[robot, i] = block.wanted[robot, i] + kept * away
         for i in range(len(acting)):
             speeds[i] = work[(MOTOR + i) * LANES + lane] if record.play > 0.0 else block.speeds[robot, i]
-            away = block.given[robot, i] - block.wanted[robot, i]
-            acting[i] = block.wanted[robot, i] + mean * away
-            block.given[robot, i] = block.wanted[robot, i] + kept * away
             if record.limited == 1:
                 acting[i] = _within_drive(record, acting[i], speeds[i])
         if record.limited == 2:
@@ -678,13 +692,16 @@ def _drive(work, lane, inputs, block, first, sample, noise, changes):
 
 
 def _ends(selected, work, width, plays):
-    """Leave how fast each lane sinks, and its wheels' speeds, in rows that are free between steps: vector code."""
+    """Leave how fast each lane sinks, its angles turn and its wheels, in rows free between steps: vector code."""
     for lane in lanes(0, width):
         P, u = load(selected, work, lane), load_torques(selected, work, lane)
         if plays:
             P, u = wheel_side(P, entry(work, ROTOR, lane)), passed_torques(selected, work, lane)
-        falling, speeds = sinking_with_speeds(selected, P, load_state(selected, work, lane), u)
+        state = load_state(selected, work, lane)
+        a = balancing_attitude((state[2], state[3], state[4]))
+        falling, speeds = sinking_with_speeds(selected, P, state, u)
         put(work, _SINKING, lane, falling)
+        stored(work, _RATES, lane, rates_of_angles(selected, a, body_velocity(state)))
         stored(work, SPEEDS, lane, speeds)
 
 
@@ -720,9 +737,11 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     record, number = _loop_of(inputs, first + robot), first + robot
     lean = max(abs(work[(STATE + 2) * LANES + lane]), abs(work[(STATE + 3) * LANES + lane]))
     truth = block.truths[robot]
-    _truth(selected, work, lane, record, truth)
+    _truth(work, lane, record, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
-    fallen = fallen or math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine
+    # 1 - (theta^2 + phi^2)/2 is at most the product of the cosines
+    near = 1.0 - 0.5 * (truth[2] * truth[2] + truth[3] * truth[3]) < record.fallen_cosine
+    fallen = fallen or (near and math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine)
     if not fallen:
         if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True

@@ -48,7 +48,7 @@ ANGLE = AHEAD + 4
 LOAD = ANGLE + 4  #: torques that load the wheels themselves [N m]
 PASSED = LOAD + 4  #: torques that the gears pass on, and the forces at the other contacts
 SCRATCH = PASSED + 7  #: results of a step's parts for its later parts
-ROWS = SCRATCH + 168  # as many as `play_block` needs with four wheels and a ball that pivots
+ROWS = SCRATCH + 177  # as many as `play_block` needs with four wheels and a ball that pivots
 
 #: lanes that one vector instruction of the widest processors takes; ranges of lanes begin at multiples
 GROUP = 8

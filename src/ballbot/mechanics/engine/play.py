@@ -34,7 +34,6 @@ from ballbot.mechanics.engine.convex import less_response
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
-    GROUP,
     LOAD,
     MOTOR,
     PASSED,
@@ -54,7 +53,7 @@ from ballbot.mechanics.engine.lanes import (
 )
 from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upright
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
-from ballbot.mechanics.engine.vector import add, advanced, inner, scale, subtract
+from ballbot.mechanics.engine.vector import add, advanced, each, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude, solve
 from ballbot.mechanics.friction import NO_TERMS, OwnWheel, dry_friction, friction_shift
 from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wheel
@@ -68,22 +67,24 @@ _EXTRAPOLATED = 30
 #: of two sweeps' changes, above the 0.976 of those
 _LARGEST_RATIO = 0.99
 
-# Scratch rows: the velocities ahead, Y, G, the contacts' speeds before and now, what stays of the disc, the motors, and
-# whether the lane has settled
+# Scratch rows: the velocities ahead, Y, h G, the contacts' speeds before and now, what stays of the disc, the motors,
+# and whether the lane has settled. A sweep is a chain of operations that wait for each other: it divides but once
 _FREE = SCRATCH
 _Y = _FREE + 6
 _G = _Y + 7 * 6
 _BEFORE = _G + 7 * 7
 _SPEEDS = _BEFORE + 7
-_STIFFEST = _SPEEDS + 7
-_MOMENTUM = (
-    _STIFFEST + 1
-)  # of each motor before torque and dry friction, and the momentum that these can take
+_STIFFEST = _SPEEDS + 7  # reciprocal
+_RATE = _STIFFEST + 1  # 1/h
+# of each motor: before dry friction, the momentum that this can take, its speed in the gap
+_MOMENTUM = _RATE + 1
 _DRY = _MOMENTUM + MAX_WHEELS
-_INERTIA = _DRY + MAX_WHEELS
-_LOW = _INERTIA + MAX_WHEELS  # lowest and highest speed relative to its wheel
+_ALONE = _DRY + MAX_WHEELS
+_LOW = _ALONE + MAX_WHEELS  # lowest and highest speed relative to its wheel
 _HIGH = _LOW + MAX_WHEELS
-_SPEED = _HIGH + MAX_WHEELS  # at the step's end
+_WHEEL = _HIGH + MAX_WHEELS  # inertia of the wheel, and the reciprocal one of both
+_TOGETHER = _WHEEL + MAX_WHEELS
+_SPEED = _TOGETHER + MAX_WHEELS  # at the step's end
 _MOVED = _SPEED + MAX_WHEELS
 _CHANGES = _MOVED + 1  # of each force by the last sweep
 _RATIO = _CHANGES + 7  # of these changes to those of the sweep before
@@ -116,9 +117,9 @@ def _contacts_like(selected):
 
 
 @traced
-def _problems(selected, work, first, last):
+def _problems(selected, work, width):
     """Leave the motion without the gears' torques and the floor's friction, and what a force at each contact does."""
-    for lane in lanes(first, last):
+    for lane in lanes(0, width):
         whole, state = load(selected, work, lane), restored(state_like(selected), work, STATE, lane)
         h, P = entry(work, STEP, lane), wheel_side(whole, entry(work, ROTOR, lane))
         a = balancing_attitude((state[2], state[3], state[4]))
@@ -128,29 +129,38 @@ def _problems(selected, work, first, last):
         v_dot, w_dot = solve(free.system, free.f_v, free.f_w)
         v, w = advanced(v_before, v_dot, h), advanced(w_before, w_dot, h)
         Y = responses(selected, P, a, free.system, len(_contacts_like(selected)))
+        G = contact_matrix(selected, P, a, Y)
+        (xx, xy), (_, yy) = G[-2][-2:], G[-1][-2:]
         stored(work, _FREE, lane, v + w)
         stored(work, _Y, lane, Y)
-        stored(work, _G, lane, contact_matrix(selected, P, a, Y))
+        stored(work, _G, lane, each(scale, G, (h,) * len(G)))
+        put(work, _STIFFEST, lane, 1.0 / (h * (greatest(xx, yy) + abs(xy))))
         stored(work, _BEFORE, lane, contact_speeds(selected, P, a, v_before, w_before))
         stored(work, _SPEEDS, lane, contact_speeds(selected, P, a, v, w))
         put(work, _MOVED, lane, where(h > 0.0, 1.0, 0.0))
 
 
 @traced
-def _motors(selected, work, first, last):
-    """Leave the motors' numbers at the step's start."""
-    for lane in lanes(first, last):
+def _motors(selected, work, width):
+    """Leave the motors' numbers at the step's start, after `_problems`."""
+    count = len(_contacts_like(selected))
+    for lane in lanes(0, width):
         whole, h = load(selected, work, lane), entry(work, STEP, lane)
         rotor, half = entry(work, ROTOR, lane), 0.5 * entry(work, PLAY, lane)
         rate = where(h > 0.0, 1.0 / h, 0.0)
         for i, wheel in enumerate(whole.wheels):
             speed, ahead = entry(work, MOTOR + i, lane), entry(work, AHEAD + i, lane)
             torque = entry(work, TORQUE + i, lane) - friction_shift(wheel, speed)
-            put(work, _MOMENTUM + i, lane, rotor * speed + h * torque)
-            put(work, _DRY + i, lane, dry_friction(wheel, speed) * h)
-            put(work, _INERTIA + i, lane, rotor + h * wheel.b)
+            momentum, dry = rotor * speed + h * torque, dry_friction(wheel, speed) * h
+            inertia, beyond = rotor + h * wheel.b, h / entry(work, _G + (count + 1) * i, lane)
+            put(work, _MOMENTUM + i, lane, momentum)
+            put(work, _DRY + i, lane, dry)
+            put(work, _ALONE + i, lane, _braked(momentum, dry) / inertia)
             put(work, _LOW + i, lane, (-half - ahead) * rate)
             put(work, _HIGH + i, lane, (half - ahead) * rate)
+            put(work, _WHEEL + i, lane, beyond)
+            put(work, _TOGETHER + i, lane, 1.0 / (inertia + beyond))
+        put(work, _RATE, lane, rate)
 
 
 def _braked(momentum, dry):
@@ -159,34 +169,32 @@ def _braked(momentum, dry):
 
 
 @traced
-def through_play(wheel, mobility, h, momentum, dry, inertia, low, high):
-    """Return the torque from a motor to its wheel, which would turn at speed `wheel` without it, and the motor's speed.
+def through_play(free, rate, momentum, dry, alone, low, high, wheel, together):
+    """Return the torque from a motor to its wheel, which would turn at speed `free` without it, and the motor's speed.
 
-    In contact at the stop with relative speed c: m rho = N - h T + friction and rho = wheel + h mobility T + c.
+    In contact at the stop with relative speed c, the wheel's inertia being j: m rho = N - h T + friction and
+    rho = free + h T / j + c.
     """
-    alone = _braked(momentum, dry) / inertia
-    relative = least(greatest(alone - wheel, low), high)
-    inverse = 1.0 / mobility
-    together = _braked(momentum + (relative + wheel) * inverse, dry) / (inertia + inverse)
-    touches = relative != alone - wheel
-    torque = (together - relative - wheel) * inverse / h
-    return where(touches, (torque, together), (0.0, alone))
+    relative = least(greatest(alone - free, low), high)
+    speed = _braked(momentum + (relative + free) * wheel, dry) * together
+    touches = relative != alone - free
+    return where(touches, ((speed - relative - free) * wheel * rate, speed), (0.0, alone))
 
 
 @traced
-def _sweep(selected, work, first, last):
+def _sweep(selected, work, width):
     """Solve each contact of each lane once, unless the lane has settled."""
-    for lane in lanes(first, last):
+    for lane in lanes(0, width):
         _sweep_lane(selected, work, lane)
 
 
 def _sweep_lane(selected, work, lane):
     n, count = len(selected.wheels), len(_contacts_like(selected))
     x, y = count - 2, count - 1
-    P, h = load(selected, work, lane), entry(work, STEP, lane)
+    P, rate = load(selected, work, lane), entry(work, _RATE, lane)
     before = [entry(work, row + i, lane) for row in (_SPEEDS, PASSED) for i in range(count)]
     speeds, forces = before[:count], before[count:]
-    g = [[h * entry(work, _G + count * i + j, lane) for j in range(count)] for i in range(count)]
+    g = [[entry(work, _G + count * i + j, lane) for j in range(count)] for i in range(count)]
     most, motors = 0.0, []
 
     def change(contact: int, by) -> None:
@@ -197,16 +205,16 @@ def _sweep_lane(selected, work, lane):
         forces[contact] = forces[contact] + by
 
     for i in range(n):
-        numbers = (entry(work, row + i, lane) for row in (_MOMENTUM, _DRY, _INERTIA, _LOW, _HIGH))
-        alone = speeds[i] - g[i][i] * forces[i]
-        force, motor = through_play(alone, g[i][i] / h, h, *numbers)
+        rows = (_MOMENTUM, _DRY, _ALONE, _LOW, _HIGH, _WHEEL, _TOGETHER)
+        numbers = (entry(work, row + i, lane) for row in rows)
+        force, motor = through_play(speeds[i] - g[i][i] * forces[i], rate, *numbers)
         motors.append(motor)
         change(i, force - forces[i])
     if count == n + 3:  # the ball pivots
         force = forces[n] - speeds[n] / g[n][n]
         change(n, least(greatest(force, -P.pivoting), P.pivoting) - forces[n])
-    stiffest = greatest(g[x][x], g[y][y]) + abs(g[x][y])
-    p, q = forces[x] - speeds[x] / stiffest, forces[y] - speeds[y] / stiffest
+    stiffest = entry(work, _STIFFEST, lane)
+    p, q = forces[x] - speeds[x] * stiffest, forces[y] - speeds[y] * stiffest
     share = least(1.0, P.rolling_force / greatest(root(p * p + q * q), 1e-300))
     by_x, by_y = share * p - forces[x], share * q - forces[y]
     change(x, by_x)
@@ -221,44 +229,49 @@ def _sweep_lane(selected, work, lane):
             put(work, row + i, lane, where(moving, number, entry(work, row + i, lane)))
 
 
+@traced
+def _moving(work, lane):
+    return where(entry(work, _MOVED, lane) > _SETTLED, 1.0, 0.0)
+
+
 @inlined
-def _moves(work, first, last):
-    most = 0.0
-    for lane in range(first, last):
-        most = max(most, entry(work, _MOVED, lane))
-    return most > _SETTLED
+def _any_moves(work, width):
+    count = 0.0
+    for lane in range(width):
+        count += _moving(work, lane)
+    return count > 0.0
 
 
 @traced
-def _extrapolate(selected, work, first, last):
+def _extrapolate(selected, work, width):
     """Make all further changes at once, as if each were the last one times the ratio of the last two."""
     count = len(_contacts_like(selected))
-    for lane in lanes(first, last):
+    for lane in lanes(0, width):
         ratio = least(greatest(entry(work, _RATIO, lane), 0.0), _LARGEST_RATIO)
         more = where(entry(work, _MOVED, lane) > _SETTLED, ratio / (1.0 - ratio), 0.0)
         changes = scale(restored((0.0,) * count, work, _CHANGES, lane), more)
         forces, speeds = (restored((0.0,) * count, work, row, lane) for row in (PASSED, _SPEEDS))
         G = restored(((0.0,) * count,) * count, work, _G, lane)
-        by = tuple(entry(work, STEP, lane) * inner(row, changes) for row in G)
+        by = tuple(inner(row, changes) for row in G)
         stored(work, PASSED, lane, add(forces, changes))
         stored(work, _SPEEDS, lane, add(speeds, by))
 
 
 @traced
-def _start_from_last_forces(selected, work, first, last):
+def _start_from_last_forces(selected, work, width):
     """Let the forces of the step before act: the guess that the sweeps begin with."""
     count = len(_contacts_like(selected))
     for i in range(count):
-        for lane in lanes(first, last):
+        for lane in lanes(0, width):
             forces = restored((0.0,) * count, work, PASSED, lane)
             by = inner(restored((0.0,) * count, work, _G + count * i, lane), forces)
-            put(work, _SPEEDS + i, lane, entry(work, _SPEEDS + i, lane) + entry(work, STEP, lane) * by)
+            put(work, _SPEEDS + i, lane, entry(work, _SPEEDS + i, lane) + by)
 
 
 @traced
-def _ends(selected, work, first, last):
+def _ends(selected, work, width):
     """Make the velocities under the forces found the state; past the largest lean a lane stays where it is."""
-    for lane in lanes(first, last):
+    for lane in lanes(0, width):
         state, h = restored(state_like(selected), work, STATE, lane), entry(work, STEP, lane)
         contacts, velocities = _contacts_like(selected), state_like(selected)[5:]
         forces = restored(contacts, work, PASSED, lane)
@@ -290,18 +303,17 @@ def _play_code_of(selected: Exact | Thesis | Pivoting, kind: type) -> int:
     # tuples with the same numbers are equal, whatever their kind
     @c_code("void(CPointer(float64), int64)")
     def address(work, width):
-        for first in range(0, width, GROUP):
-            last = min(first + GROUP, width)
-            _problems(selected, work, first, last)
-            _motors(selected, work, first, last)
-            _start_from_last_forces(selected, work, first, last)
-            for sweep in range(_SWEEPS):
-                if not _moves(work, first, last):
-                    break
-                _sweep(selected, work, first, last)
-                if sweep % 3 == 2 and sweep < _EXTRAPOLATED:
-                    _extrapolate(selected, work, first, last)
-            _ends(selected, work, first, last)
+        # all lanes together: most settle by the same sweep, and while one waits for its numbers, others go on
+        _problems(selected, work, width)
+        _motors(selected, work, width)
+        _start_from_last_forces(selected, work, width)
+        for sweep in range(_SWEEPS):
+            if not _any_moves(work, width):
+                break
+            _sweep(selected, work, width)
+            if sweep % 3 == 2 and sweep < _EXTRAPOLATED:
+                _extrapolate(selected, work, width)
+        _ends(selected, work, width)
 
     return address
 
