@@ -39,7 +39,7 @@ PRECISE_SPEED_BAND = 1.0 / 3.0
 
 #: of a motion: the share of the torque that its steady acceleration needs, once friction, counted a quarter more, has
 #: taken its part; its lean [rad]; the rate of its lags over that at which the robot falls
-MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 2.3
+MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 1.92
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
 #: the largest speed of a motion [m/s], also over that of the motors without load
