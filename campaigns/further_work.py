@@ -2,8 +2,8 @@
 
 .venv/bin/python -m campaigns.evidence further_work
 
-The resonance is on the twin, the rest on the compiled loop; motors that take speeds run it one sample of their driver
-at a time. Runs that are finished are kept in build/further_work.
+The resonance is on the twin, the rest on the compiled loop and on the nominal twin; motors that take speeds run both
+one sample of their driver at a time. Runs that are finished are kept in build/further_work.
 """
 
 import math
@@ -26,6 +26,7 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
+from ballbot.twin.twin import Twin
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import Score, falls_of, score, values_of
 from campaigns.section import Section, finished
@@ -34,8 +35,9 @@ ALTEN = Robot.load("alten")
 NOMINAL = Scenario.nominal(ALTEN)
 #: the robot with the friction of the scenario, as well known as can be
 KNOWN = ALTEN.replace(friction=NOMINAL.friction)
-SEEDS = tuple(range(700, 720))
+SEEDS, TWIN_SEEDS = tuple(range(700, 720)), tuple(range(1, 4))
 COURSES: Mapping[str, tuple[Reference, float]] = {"hold": (hold(), 26.0), "square": (square(), 32.0)}
+_PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin", "workflows")
 #: scores of a course by its name
 Scores = Mapping[str, Sequence[Score]]
 
@@ -50,7 +52,7 @@ LADDERS = {
 }
 #: between the peaks of the residuals without play and with it; see the section on what the thesis observed
 NOTCH = Notch(frequency=30.0)
-RESONANT_SEEDS, RESONANT_DURATION = (1, 2, 3), 10.0
+RESONANT_SEEDS, RESONANT_DURATION = tuple(range(1, 11)), 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,7 +86,7 @@ def resonance() -> list[list[str]]:
         for words, ladder in LADDERS.items()
         for weight in ladder
     }
-    made = finished("further_work", stiff_run, runs, workers=Processes(count=1))
+    made = finished("further_work", stiff_run, runs, packages=_PACKAGES, workers=Processes(count=1))
     rows = []
     for words, ladder in LADDERS.items():
         for weight in ladder:
@@ -94,7 +96,7 @@ def resonance() -> list[list[str]]:
     return rows
 
 
-# --- play and rolling friction, on the compiled loop ---
+# --- play and rolling friction ---
 
 #: in words, the play [deg] and the factors on the rolling friction that is compensated and on the ball's speed below
 #: which its direction is a ramp
@@ -106,30 +108,49 @@ CHANGES = {
 }
 
 
-def loop_scores(run: tuple[str, str], seeds: Sequence[int] = SEEDS) -> Scores:
-    """Run the soft or the precise controller, named with one of the changes, on the compiled loop."""
-    name, words = run
-    play, share, wider = CHANGES[words]
+@dataclass(frozen=True, kw_only=True)
+class Changed:
+    """Runs of the soft or the precise controller, named with one of the changes, on the compiled loop or the twin."""
+
+    name: str
+    words: str
+    twin: bool = False
+    seeds: tuple[int, ...] = SEEDS
+
+
+def changed_scores(runs: Changed) -> Scores:
+    """Run the courses."""
+    play, share, wider = CHANGES[runs.words]
     controller = (
-        nominal_controller(KNOWN, compensation="full") if name == "soft" else precise_controller(KNOWN)
+        nominal_controller(KNOWN, compensation="full") if runs.name == "soft" else precise_controller(KNOWN)
     )
     record = controller.record["compensation"]
     record["rolling"] *= share
     record["rolling_steepness"] /= wider
-    plant = LoopRobot.of(KNOWN, replace(NOMINAL, backlash=math.radians(play)), known=KNOWN)
+    scenario = replace(NOMINAL, backlash=math.radians(play))
+    plant = (
+        TwinRobot(robot=ALTEN, scenario=scenario, known=KNOWN)
+        if runs.twin
+        else LoopRobot.of(KNOWN, scenario, known=KNOWN)
+    )
     conditions = [
         Condition(plant=plant, reference=lambda made=made: made, duration=duration, seed=seed, course=course)
         for course, (made, duration) in COURSES.items()
-        for seed in seeds
+        for seed in runs.seeds
     ]
     table = run_grid(grid_runs({"": controller}, conditions), workers=Threads(count=1), threads=1)
     return {course: table.of("", course) for course in COURSES}
 
 
 def play_and_rolling() -> list[list[str]]:
-    """Return a row for each change and controller."""
-    runs = {f"{name}, {words}": (name, words) for words in CHANGES for name in ("soft", "precise")}
-    made = finished("further_work", loop_scores, runs, workers=Processes(count=1))
+    """Return a row for each change and controller, on the loop and on the twin."""
+    pairs = [(words, name) for words in CHANGES for name in ("soft", "precise")]
+    runs = {f"{name}, {words}": Changed(name=name, words=words) for words, name in pairs}
+    runs |= {
+        f"twin: {name}, {words}": Changed(name=name, words=words, twin=True, seeds=TWIN_SEEDS)
+        for words, name in pairs
+    }
+    made = finished("further_work", changed_scores, runs, packages=_PACKAGES, workers=Processes(count=1))
     return [_row(words, scores) for words, scores in made.items()]
 
 
@@ -201,24 +222,33 @@ class SpeedDriven:
         return np.clip(asked, -limit, limit)
 
 
-def speed_run(course: tuple[str, int]) -> Score:
-    """Follow a course, named with a seed, by the nominal gain without compensation through speeds."""
-    name, seed = course
+def speed_run(course: tuple[str, int, bool]) -> Score:
+    """Follow a course, named with a seed, on the loop or the twin, by the nominal gain without compensation."""
+    name, seed, twin = course
     reference, duration = COURSES[name]
     sensors = replace(NOMINAL.sensors, sample_time=DRIVER)
     fast = replace(NOMINAL, sensors=sensors, speed_window=2)
     board = Board("onboard")
-    plant = SensedPlant(true_model(KNOWN, fast), imperfections_of(fast, known=KNOWN), estimator=board)
+    plant = (
+        Twin(ALTEN, fast, estimator=board)
+        if twin
+        else SensedPlant(true_model(KNOWN, fast), imperfections_of(fast, known=KNOWN), estimator=board)
+    )
     driven = SpeedDriven(board, nominal_controller(KNOWN, compensation="none"))
     return score(simulate(plant, driven, reference, duration=duration, seed=seed))
 
 
 def speeds() -> list[list[str]]:
-    """Return a row of the nominal gain through speeds."""
-    runs = {f"speeds, {name}, {seed}": (name, seed) for seed in SPEED_SEEDS for name in COURSES}
-    made = finished("further_work", speed_run, runs, workers=Processes(count=1))
-    scores = {name: [made[f"speeds, {name}, {seed}"] for seed in SPEED_SEEDS] for name in COURSES}
-    return [_row("soft without compensation, through speeds", scores)]
+    """Return a row of the nominal gain through speeds, on the loop and on the twin."""
+    rows = []
+    for plant, seeds in (("", SPEED_SEEDS), ("twin: ", TWIN_SEEDS)):
+        runs = {
+            f"{plant}speeds, {name}, {seed}": (name, seed, bool(plant)) for seed in seeds for name in COURSES
+        }
+        made = finished("further_work", speed_run, runs, packages=_PACKAGES, workers=Processes(count=1))
+        scores = {name: [made[f"{plant}speeds, {name}, {seed}"] for seed in seeds] for name in COURSES}
+        rows.append(_row(f"{plant}soft without compensation, through speeds", scores))
+    return rows
 
 
 # --- the section ---
@@ -246,7 +276,8 @@ def campaign() -> Section:
         f"10 Hz. Resonance: the twin of that name, {len(RESONANT_SEEDS)} seeds, {RESONANT_DURATION:g} s of hold by the "
         "precise controller with other torque weights, named by their gain of x; its own is the third without "
         f"notch. Play and rolling friction: the compiled loop, {len(SEEDS)} seeds. Speeds: the same loop at "
-        f"{1 / DRIVER:g} Hz, the rate of the drivers' PI loop, {len(SPEED_SEEDS)} seeds.",
+        f"{1 / DRIVER:g} Hz, the rate of the drivers' PI loop, {len(SPEED_SEEDS)} seeds. Of all three, "
+        f"{len(TWIN_SEEDS)} seeds on the nominal twin.",
         columns=["", *(f"{course}, {number}" for course in COURSES for number in numbers), "falls"],
         rows=[*resonance(), *play_and_rolling(), *speeds()],
         after="A run that fell enters no mean. What follows is in [Control](../control.md#the-thesiss-further-work).",
