@@ -6,29 +6,12 @@ import pytest
 from ballbot import Log
 from ballbot.errors import InputError
 from ballbot.identification.excitation import chatter_findings, check_excitation
-from ballbot.identification.prediction import Predictor
-from ballbot.identification.quantities import Layout, read_bounds, scale_between
+from ballbot.identification.quantities import read_bounds, scale_between
 from ballbot.identification.windows import cut_windows
 from tests.support.control_examples import alten
-from tests.support.identification_examples import TRUTH, balancing_log
 from tests.support.log_examples import smooth_log
 
-NONE = Layout(wheel_count=3).without_friction(TRUTH[None])
-
-
-PREDICTOR = Predictor(robot=alten(), step=1e-3)
-
-
 # --- windows ---
-
-
-@pytest.mark.slow
-def test_true_friction_predicts_a_simulated_log_to_rounding():
-    # torques of row k act from t_k to t_(k+1): one row off would leave errors of 1e-3 rad
-    windows = cut_windows([balancing_log(duration=5.0)], wheel_count=3, duration=0.25)
-    residuals = PREDICTOR.residuals(TRUTH[None], windows, every=1)
-    assert np.abs(residuals).max() < 1e-9  # rounding, grown by at most e^(5.2 * 0.25)
-    assert np.abs(PREDICTOR.residuals(NONE, windows, every=1)).max() > 1e-2
 
 
 def test_gaps_missing_values_and_falls_are_passed_over():
