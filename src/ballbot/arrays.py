@@ -22,6 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
 _FLOAT = np.dtype(np.float64)
 #: numbers up to which a product of vectors is taken, before it would be spread over threads
 _FEW = 1000
@@ -37,7 +41,7 @@ def real_array(
     what: str,  # what it is, as the message of an error begins
     *,
     finite: bool = True,  # whether every number must be finite
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return an array as compiled code takes it.
 
     InputError if the array has another shape, is not of real numbers, or holds a value that is not finite.
@@ -63,7 +67,7 @@ def real_array(
     return array
 
 
-def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> NDArray[np.int64]:
+def index_array(value: ArrayLike, what: str, *, count: int, length: int) -> Ints:
     """Return `length` indices (length,) of `count` rows as compiled code takes them, contiguous int64.
 
     InputError if they are not so many whole numbers from 0 to count - 1.
@@ -131,7 +135,7 @@ def whole_number(value: object, what: str, *, least: int) -> int:
     return number
 
 
-def _converted(value: ArrayLike, what: str) -> NDArray[np.float64]:
+def _converted(value: ArrayLike, what: str) -> Floats:
     try:
         array = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
@@ -142,7 +146,7 @@ def _converted(value: ArrayLike, what: str) -> NDArray[np.float64]:
     return np.require(array, _FLOAT, ["C", "A", "W"])
 
 
-def _is_finite(array: NDArray[np.float64]) -> bool:
+def _is_finite(array: Floats) -> bool:
     # for a few numbers a sum of squares costs a fifth of isfinite; if it overflows, the numbers themselves decide
     if array.size <= _FEW and math.isfinite(np.vdot(array, array)):
         return True

@@ -78,7 +78,10 @@ def test_files_are_whole_and_the_same_each_time_with_the_load(given, tmp_path, c
     ("change", "sentence"),
     [
         (lambda text: text.replace('robot = "', 'robot = "other '), "was designed for the robot 'other "),
-        (lambda text: text.replace("yaw_frequency = 12.0", "yaw_frequency = 1e9"), "can have up to 10000 rad/s"),
+        (
+            lambda text: text.replace("yaw_frequency = 12.0", "yaw_frequency = 1e9"),
+            "can have up to 10000 rad/s",
+        ),
     ],
 )
 def test_controller_that_cannot_be_exported_is_refused(given, tmp_path, capsys, change, sentence):

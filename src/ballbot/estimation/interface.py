@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ballbot.arrays import real_array
+from ballbot.arrays import Bools, Floats, real_array
 from ballbot.errors import InputError, suggest
 
 #: a larger value is not a valid measurement: angles [rad], speeds [rad/s]
@@ -22,7 +22,7 @@ class Fix:
     Either part may be missing, as None or as NaN. A deviation is a standard deviation, above 0.
     """
 
-    position: NDArray[np.float64] | None = None  #: (2,) x, y of the ball's centre, world frame [m]
+    position: Floats | None = None  #: (2,) x, y of the ball's centre, world frame [m]
     heading: float | None = None  #: psi, world frame; whole turns do not matter [rad]
     position_deviation: float = 0.005  #: [m]
     heading_deviation: float = 0.02  #: [rad]
@@ -40,13 +40,13 @@ class Fix:
 class Reading:
     """The readings of all sensors at one instant; n is the number of wheels. A value that is missing is NaN."""
 
-    wheel_angles: NDArray[np.float64]  #: (n,) encoder angles, relative to the body [rad]
-    wheel_speeds: NDArray[np.float64]  #: (n,) speeds derived from them [rad/s]
-    gyro: NDArray[np.float64]  #: (3,) angular velocity of the body, body frame [rad/s]
+    wheel_angles: Floats  #: (n,) encoder angles, relative to the body [rad]
+    wheel_speeds: Floats  #: (n,) speeds derived from them [rad/s]
+    gyro: Floats  #: (3,) angular velocity of the body, body frame [rad/s]
     #: (3,) theta, phi, psi as the AHRS has them; psi may begin again after a turn [rad]
-    attitude: NDArray[np.float64]
+    attitude: Floats
     #: (3,) specific force of an accelerometer, body frame [m/s^2]
-    acceleration: NDArray[np.float64] | None = None
+    acceleration: Floats | None = None
     fix: Fix | None = None  #: rarely available
 
     @property
@@ -56,26 +56,24 @@ class Reading:
         return all(all_known(values) for values in needed)
 
 
-def known(values: ArrayLike) -> NDArray[np.bool_]:
+def known(values: ArrayLike) -> Bools:
     """Return which of a sensor's values (...) are valid: finite, and within a sensor's range."""
     return np.abs(values) <= _LARGEST
 
 
-def all_known(values: NDArray[np.float64]) -> bool:
+def all_known(values: Floats) -> bool:
     """Return whether all of a sensor's values (...) are valid."""
     # a small sum of squares is four times as fast to check; that of a NaN is not small
     return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
 
 
-def checked_reading(
-    reading: Reading, wheel_count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def checked_reading(reading: Reading, wheel_count: int) -> tuple[Floats, Floats, Floats, Floats]:
     """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN if a value is missing.
 
     InputError if a shape is wrong, or values are not numbers.
     """
 
-    def checked(name: str, count: int) -> NDArray[np.float64]:
+    def checked(name: str, count: int) -> Floats:
         return real_array(getattr(reading, name), (count,), f"{name} of a reading", finite=False)
 
     n = wheel_count
@@ -89,7 +87,7 @@ class Estimator(Protocol):
         """Reset: the robot stands still at (x, y) [m] when the next reading comes."""
         ...
 
-    def update(self, reading: Reading) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,): x, y, theta, phi, psi and their rates, world frame."""
         ...
 
@@ -109,15 +107,13 @@ class EstimationErrors:
     position_drift: float  #: change of the position's error within a minute [m]; NaN if the run is shorter
 
 
-def state_errors(
-    t: NDArray[np.float64], states: NDArray[np.float64], truth: NDArray[np.float64]
-) -> EstimationErrors:
+def state_errors(t: Floats, states: Floats, truth: Floats) -> EstimationErrors:
     """Return the errors of estimated states (N, 10) against the true ones (N, 10), at even times t (N,) [s]."""
     error = states - truth
     rows = round(_MINUTE * (len(t) - 1) / float(t[-1] - t[0]))
     drift = error[rows:, :2] - error[:-rows, :2]
 
-    def size(errors: NDArray[np.float64]) -> float:
+    def size(errors: Floats) -> float:
         return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
 
     return EstimationErrors(

@@ -15,8 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
@@ -89,13 +90,13 @@ class KalmanFilter:
         self._shown = self._column[SHOWN : SHOWN + NUMBERS]
         self._shown[:] = np.nan
         self._column[_TRIANGLE] = first_covariance(self.noise)[LOWER_TRIANGLE]
-        self._angles: NDArray[np.float64] | None = None
+        self._angles: Floats | None = None
         self._without_angles = 0  # samples since the encoders last had all angles
         self._gyro = np.zeros(3)
         self._pivoting = 0.0
         self._heading = Heading()
 
-    def update(self, reading: Reading) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,), all NaN until a reading is whole.
 
         Encoder angles, gyro and attitude are used, and what other `SENSORS` show. InputError if the reading is of
@@ -151,13 +152,13 @@ class KalmanFilter:
         return abs(self._pivoting) > self.noise.pivoting_limit
 
     @property
-    def _P(self) -> NDArray[np.float64]:
+    def _P(self) -> Floats:
         """Covariance (14, 14) of the states."""
         P = np.zeros((STATES, STATES))
         P[LOWER_TRIANGLE] = self._column[_TRIANGLE]
         return P + np.tril(P, -1).T
 
-    def _state(self) -> NDArray[np.float64]:
+    def _state(self) -> Floats:
         x = self._x
         rate = self._gyro - x[BIAS : BIAS + 3]
         attitude = attitude_of_swing(x[G : G + 2], float(x[PSI]))
@@ -200,7 +201,7 @@ def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> Fil
     )
 
 
-def filter_row(robot: Robot, *, sample_time: float) -> NDArray[np.float64]:
+def filter_row(robot: Robot, *, sample_time: float) -> Floats:
     """Return a robot's filter as the compiled loop reads it: model, lower triangle of P, and how pivoting is found."""
     noise = FilterNoise.of(robot)
     model = filter_model(robot, sample_time=sample_time, noise=noise)
@@ -210,7 +211,7 @@ def filter_row(robot: Robot, *, sample_time: float) -> NDArray[np.float64]:
     )
 
 
-def first_covariance(noise: FilterNoise) -> NDArray[np.float64]:
+def first_covariance(noise: FilterNoise) -> Floats:
     """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
     P = np.zeros((STATES, STATES))
     P[X, X] = P[X + 1, X + 1] = noise.start_position**2

@@ -49,8 +49,8 @@ from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.mechanics.engine.compiled import c_code, compiled
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
@@ -122,14 +122,14 @@ class FilterModel(NamedTuple):
 
     sample_time: float  #: h [s]
     radius: float  #: r_b [m]
-    lever: NDArray[np.float64]  #: (2, 3) C [m]
-    pull: NDArray[np.float64]  #: (2, 2) Lambda [m/s^2]
+    lever: Floats  #: (2, 3) C [m]
+    pull: Floats  #: (2, 2) Lambda [m/s^2]
     forgotten: float  #: 1 - exp(-h / tau) of the slow lean error
     gyro_variance: float  #: of a sample [rad^2/s^2]
-    walk: NDArray[np.float64]  #: (14,) variance that each state gains in a sample by itself
-    variances: NDArray[np.float64]  #: (NUMBERS,) of each seen number; of a fix as it comes
+    walk: Floats  #: (14,) variance that each state gains in a sample by itself
+    variances: Floats  #: (NUMBERS,) of each seen number; of a fix as it comes
 
-    def row(self) -> NDArray[np.float64]:
+    def row(self) -> Floats:
         """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
         return np.concatenate([np.ravel(part) for part in self])
 
@@ -500,7 +500,7 @@ def _sample(code, work):
     sample_block(code, work, 1)
 
 
-def sample(work: NDArray[np.float64]) -> None:
+def sample(work: Floats) -> None:
     """Take a single filter, the first lane of a block's work array, over a sample."""
     _sample(sample_code(), work)
 

@@ -13,8 +13,8 @@ It cannot measure slip, the play between encoder and wheel, or the drift of its 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Reading, all_known, checked_reading, known
@@ -41,7 +41,7 @@ class OnboardState:
         self.sample_time = sample_time
         self._ball_from_wheels = transforms(robot).T_obw
         self._position = np.zeros(2)
-        self._velocity: NDArray[np.float64] | None = None
+        self._velocity: Floats | None = None
         self._gyro, self._attitude = np.zeros(3), np.zeros(3)
         self._heading = Heading()
 
@@ -51,7 +51,7 @@ class OnboardState:
         self._velocity = None
         self._heading = Heading()
 
-    def update(self, reading: Reading) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,), all NaN until a reading is complete.
 
         Wheel speeds, gyro and attitude are used, and no fix. InputError if the reading has the wrong number of wheels.
@@ -76,9 +76,7 @@ class OnboardState:
         self._velocity = velocity
         return np.concatenate((self._position, attitude, velocity, angle_rates(attitude, gyro)))
 
-    def _rolling(
-        self, speeds: NDArray[np.float64], gyro: NDArray[np.float64], attitude: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _rolling(self, speeds: Floats, gyro: Floats, attitude: Floats) -> Floats:
         """Return v (2,) [m/s] of the ball."""
         theta, phi, psi = attitude
         ball_rate = rotation(theta, phi, psi) @ (self._ball_from_wheels @ speeds + gyro)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.control.records import (
     MAX_WHEELS,
     Number,
@@ -34,13 +35,11 @@ class ReadingRecord:
     """The readings of all sensors at one instant; a value that is missing is NaN."""
 
     encoders_valid: int = field(metadata=whole())  #: whether the counts are there
-    wheel_counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))  #: of the encoders; may wrap around
-    wheel_speeds: NDArray[np.float64] = field(metadata=number("rad/s", MAX_WHEELS))
-    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))  #: body frame
-    attitude: NDArray[np.float64] = field(
-        metadata=number("rad", 3)
-    )  #: theta, phi, psi; psi may begin again after a turn
-    fix_position: NDArray[np.float64] = field(metadata=number("m", 2))  #: world frame
+    wheel_counts: Ints = field(metadata=whole(MAX_WHEELS))  #: of the encoders; may wrap around
+    wheel_speeds: Floats = field(metadata=number("rad/s", MAX_WHEELS))
+    gyro: Floats = field(metadata=number("rad/s", 3))  #: body frame
+    attitude: Floats = field(metadata=number("rad", 3))  #: theta, phi, psi; psi may begin again after a turn
+    fix_position: Floats = field(metadata=number("m", 2))  #: world frame
     fix_heading: float = field(metadata=number("rad"))
     fix_position_deviation: float = field(metadata=number("m"))  #: standard deviation
     fix_heading_deviation: float = field(metadata=number("rad"))  #: standard deviation
@@ -60,7 +59,7 @@ class OnboardRecord:
 
     sample_time: float = field(metadata=number("s"))
     radius: float = field(metadata=number("m"))  #: of the ball
-    ball_from_wheels: NDArray[np.float64] = field(metadata=number("1", 3, MAX_WHEELS))  #: T_obw
+    ball_from_wheels: Floats = field(metadata=number("1", 3, MAX_WHEELS))  #: T_obw
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,11 +67,11 @@ class OnboardMemory:
     """What the on-board state remembers."""
 
     started: int = field(metadata=whole())
-    position: NDArray[np.float64] = field(metadata=number("m", 2))
-    position_rest: NDArray[np.float64] = field(metadata=number("m", 2))  #: what rounding has taken from it
-    velocity: NDArray[np.float64] = field(metadata=number("m/s", 2))
-    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))
-    attitude: NDArray[np.float64] = field(metadata=number("rad", 3))
+    position: Floats = field(metadata=number("m", 2))
+    position_rest: Floats = field(metadata=number("m", 2))  #: what rounding has taken from it
+    velocity: Floats = field(metadata=number("m/s", 2))
+    gyro: Floats = field(metadata=number("rad/s", 3))
+    attitude: Floats = field(metadata=number("rad", 3))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,19 +80,17 @@ class KalmanRecord:
 
     sample_time: float = field(metadata=number("s"))
     radius: float = field(metadata=number("m"))  #: of the ball
-    ball_turn: NDArray[np.float64] = field(
-        metadata=number("rad", 3, MAX_WHEELS)
-    )  #: T_obw of one encoder count
-    lever: NDArray[np.float64] = field(metadata=number("m", 2, 3))  #: C
-    pull: NDArray[np.float64] = field(metadata=number("m/s^2", 2, 2))  #: Lambda
+    ball_turn: Floats = field(metadata=number("rad", 3, MAX_WHEELS))  #: T_obw of one encoder count
+    lever: Floats = field(metadata=number("m", 2, 3))  #: C
+    pull: Floats = field(metadata=number("m/s^2", 2, 2))  #: Lambda
     forgotten: float = field(metadata=number("1"))  #: 1 - exp(-h / tau) of the slow lean error
     gyro_variance: float = field(metadata=number("rad^2/s^2"))
-    walk: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
+    walk: Floats = field(metadata=number("square of the state", STATES))
     #: of what the sensors show every sample
-    variances: NDArray[np.float64] = field(metadata=number("square of what is shown", FIRST["fix"]))
-    start_variances: NDArray[np.float64] = field(metadata=number("square of the state", STATES))
+    variances: Floats = field(metadata=number("square of what is shown", FIRST["fix"]))
+    start_variances: Floats = field(metadata=number("square of the state", STATES))
     #: of a with g, and of psi with psi_a
-    start_covariances: NDArray[np.float64] = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
+    start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
     pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
     pivoting_limit: float = field(metadata=number("rad/s"))
 
@@ -104,14 +101,14 @@ class KalmanMemory:
 
     started: int = field(metadata=whole())  #: 1; 0 before the first whole reading, -1 if the state is lost
     missed: int = field(metadata=whole())  #: samples since the encoders last had all counts
-    wheel_counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
-    gyro: NDArray[np.float64] = field(metadata=number("rad/s", 3))
+    wheel_counts: Ints = field(metadata=whole(MAX_WHEELS))
+    gyro: Floats = field(metadata=number("rad/s", 3))
     pivoting: float = field(metadata=number("rad/s"))
-    x: NDArray[np.float64] = field(metadata=number("state", STATES))
-    rest: NDArray[np.float64] = field(metadata=number("state", STATES))  #: what rounding has taken from it
+    x: Floats = field(metadata=number("state", STATES))
+    rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
     sine: float = field(metadata=number("1"))  #: of the heading x[psi], as it was given last
     cosine: float = field(metadata=number("1"))
-    P: NDArray[np.float64] = field(metadata=number("product of two states", STATES, STATES))  #: covariance
+    P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance
 
 
 def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:

@@ -12,6 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
 from ballbot.control.law import LAW, MEMORY, HeadingMemory
 from ballbot.control.records import (
@@ -84,11 +85,11 @@ class SafetyState:
     stop_wheel: int = field(metadata=whole())
     missing: int = field(metadata=whole())
     watched: int = field(metadata=whole())
-    imu: NDArray[np.float64] = field(metadata=number("rad/s, rad", 6))
+    imu: Floats = field(metadata=number("rad/s, rad", 6))
     imu_unchanged: int = field(metadata=whole())
     counts_valid: int = field(metadata=whole())
-    counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
-    pushed: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+    counts: Ints = field(metadata=whole(MAX_WHEELS))
+    pushed: Ints = field(metadata=whole(MAX_WHEELS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +101,7 @@ class SelfTestState:
     wheel: int = field(metadata=whole())
     sample: int = field(metadata=whole())
     #: of the encoders when the push began
-    counts: NDArray[np.int64] = field(metadata=whole(MAX_WHEELS))
+    counts: Ints = field(metadata=whole(MAX_WHEELS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,11 +115,11 @@ class ImuCheckState:
     still: int = field(metadata=whole())
     moved: int = field(metadata=whole())
     #: of the samples in which it was still
-    attitude_sum: NDArray[np.float64] = field(metadata=number("rad", 3))
+    attitude_sum: Floats = field(metadata=number("rad", 3))
     #: attitude when it was last held upright
-    rest: NDArray[np.float64] = field(metadata=number("rad", 3))
+    rest: Floats = field(metadata=number("rad", 3))
     #: by the gyro since then, as a quaternion
-    turned: NDArray[np.float64] = field(metadata=number("1", 4))
+    turned: Floats = field(metadata=number("1", 4))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,10 +135,10 @@ class RunState:
     #: of the last update, microseconds modulo 2^32
     time: int = field(metadata=whole())
     #: the state that was estimated
-    estimate: NDArray[np.float64] = field(metadata=number("state", 10))
+    estimate: Floats = field(metadata=number("state", 10))
     #: the last one that was not refused
-    reference: NDArray[np.float64] = field(metadata=number("state", 10))
-    torques: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
+    reference: Floats = field(metadata=number("state", 10))
+    torques: Floats = field(metadata=number("N m", MAX_WHEELS))
 
 
 PARAMETERS = Schema(

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, logsumexp
 
+from ballbot.arrays import Floats, Ints
 from ballbot.fitting.intervals import Uncertainty
 from ballbot.fitting.uncertainty import WindowEquations, leverage_corrected
 
@@ -45,19 +46,13 @@ class LogSpread:
     """Posterior of tau and theta from the logs of one robot."""
 
     factor: float  #: root of the mean of tau^2
-    covariance: NDArray[np.float64]  #: of theta (p, p)
+    covariance: Floats  #: of theta (p, p)
     #: of theta, less the covariance without variation between logs (p, p)
-    added: NDArray[np.float64]
+    added: Floats
     p_value: float  #: of differences as large by chance alone (Cochran's Q); 1 for a single log
 
 
-def spread(
-    estimates: NDArray[np.float64],
-    covariances: NDArray[np.float64],
-    sizes: NDArray[np.float64],
-    *,
-    degrees: float,
-) -> LogSpread:
+def spread(estimates: Floats, covariances: Floats, sizes: Floats, *, degrees: float) -> LogSpread:
     """Return the variation of a robot's parameters between its k logs, one or more.
 
     `estimates` (k, p) have the covariances (k, p, p) within each log. `sizes` (p,) are the square roots of the diagonal
@@ -80,22 +75,18 @@ def spread(
     )
 
 
-def log_evidence(
-    y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64], *, degrees: float
-) -> float:
+def log_evidence(y: Floats, C: Floats, D: Floats, *, degrees: float) -> float:
     """Return the log-likelihood of a robot's logs, up to a constant; y is (k, p) and C (k, p, p)."""
     return float(np.asarray(logsumexp(_prior(degrees) + _given(_TAU, y, C, D)[2])))
 
 
-def _prior(degrees: float) -> NDArray[np.float64]:
+def _prior(degrees: float) -> Floats:
     """Return the logarithm of the prior probability of each tau on the grid."""
     density = -degrees * np.log(_TAU) - 0.5 * degrees / _TAU**2
     return density - np.asarray(logsumexp(density))
 
 
-def _given(
-    tau: NDArray[np.float64], y: NDArray[np.float64], C: NDArray[np.float64], D: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def _given(tau: Floats, y: Floats, C: Floats, D: Floats) -> tuple[Floats, Floats, Floats]:
     """Return V (g, p, p), the sum of (y_k - m)^T W_k (y_k - m) and the log likelihood (g,) at each value of tau."""
     # with fewer windows than parameters C_k is singular; the ridge makes it invertible
     ridge = _RIDGE * np.eye(y.shape[1]) * np.diagonal(C, axis1=1, axis2=2)[:, None]
@@ -113,12 +104,12 @@ def _given(
 class LogEstimates:
     """The estimate from each of k logs by itself, scaled, with its covariance within that log."""
 
-    points: NDArray[np.float64]  #: (k, p)
-    covariances: NDArray[np.float64]  #: (k, p, p); NaN for parameters without a standard error
+    points: Floats  #: (k, p)
+    covariances: Floats  #: (k, p, p); NaN for parameters without a standard error
 
 
 def log_estimates(
-    within: Uncertainty, equations: WindowEquations, block_log: NDArray[np.int64], *, widen: float
+    within: Uncertainty, equations: WindowEquations, block_log: Ints, *, widen: float
 ) -> LogEstimates:
     """Return the estimate from each log by itself, to first order about the estimate from all logs.
 
@@ -150,9 +141,7 @@ def log_estimates(
     return LogEstimates(points=points, covariances=covariances)
 
 
-def _step(
-    equations: WindowEquations, columns: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _step(equations: WindowEquations, columns: NDArray[np.intp]) -> tuple[Floats, Floats]:
     """Return the Gauss-Newton step of the parameters at `columns`, and the inverse of its matrix."""
     H = equations.matrices[:, columns[:, None], columns].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))

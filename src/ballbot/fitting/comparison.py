@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from ballbot.arrays import Floats
 from ballbot.fitting.uncertainty import block_length, resampled_means
 
 #: with fewer runs there is no interval
@@ -33,7 +33,7 @@ LEAST_RUNS = 8
 Verdict = Literal["better", "worse", "undecided"]
 
 
-def verdicts(interval: NDArray[np.float64]) -> tuple[Verdict, ...]:
+def verdicts(interval: Floats) -> tuple[Verdict, ...]:
     """Return the verdicts of intervals (2, k) on ratios of the second model's errors to the first's."""
     return tuple(
         "better" if lower > 1.0 else "worse" if upper < 1.0 else "undecided" for lower, upper in interval.T
@@ -47,13 +47,8 @@ _LEAST_BLOCKS = 4
 
 
 def ratio_interval(
-    numerator: NDArray[np.float64],
-    denominator: NDArray[np.float64],
-    *,
-    overlap: int = 1,
-    seed: int = 0,
-    power: float = 1.0,
-) -> NDArray[np.float64]:
+    numerator: Floats, denominator: Floats, *, overlap: int = 1, seed: int = 0, power: float = 1.0
+) -> Floats:
     """Return the ends (2, k) of the interval on (mean of numerator / mean of denominator)^power.
 
     Both are positive, (runs, k), in the order of time. `overlap` neighbouring runs share part of the log. The power is
@@ -70,7 +65,7 @@ def ratio_interval(
     return np.exp(power * (np.log(above / below) + np.array([-half, half])))
 
 
-def _bootstrap_block(influence: NDArray[np.float64], overlap: int) -> int:
+def _bootstrap_block(influence: Floats, overlap: int) -> int:
     """Return the length of a block from the influence (runs, k) of each run on the ratio."""
     runs = len(influence)
     products = np.sum(influence[1:] * influence[:-1], axis=0)
@@ -91,9 +86,9 @@ _LEAST = 1e-9
 class HorizonErrors:
     """Errors of several models' forecasts at each horizon, from every start in the order of time."""
 
-    horizons: NDArray[np.float64]  #: (h,) [s], whole samples
+    horizons: Floats  #: (h,) [s], whole samples
     #: (models, starts, h, k), predicted less measured; NaN if a forecast has no value
-    differences: NDArray[np.float64]
+    differences: Floats
     overlap: int = 1  #: how many neighbouring forecasts share part of the log
 
     @property
@@ -102,17 +97,17 @@ class HorizonErrors:
         return self.differences.shape[1]
 
     @property
-    def rmse(self) -> NDArray[np.float64]:
+    def rmse(self) -> Floats:
         """Root mean square errors (models, h, k)."""
         return np.sqrt((self.differences**2).mean(axis=1))
 
     @property
-    def ratio(self) -> NDArray[np.float64]:
+    def ratio(self) -> Floats:
         """RMSE of the second model over that of the first (h, k); above 1, the first is better."""
         first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
-    def ratio_interval(self, *, seed: int = 0) -> NDArray[np.float64]:
+    def ratio_interval(self, *, seed: int = 0) -> Floats:
         """Return the 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
         shape = self.differences.shape[2:]
         if self.starts < LEAST_RUNS * self.overlap:
@@ -121,6 +116,6 @@ class HorizonErrors:
         ends = ratio_interval(second, first, overlap=self.overlap, seed=seed, power=0.5)
         return ends.reshape(2, *shape)
 
-    def _squares(self) -> NDArray[np.float64]:
+    def _squares(self) -> Floats:
         """Return the squared errors, each at least `_LEAST` squared."""
         return np.maximum(self.differences**2, _LEAST**2)

@@ -25,8 +25,8 @@ from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.uncertainty import WindowEquations
 
@@ -35,7 +35,7 @@ class Iterate(Protocol):
     """A point of a descent, with what its experiment has computed there."""
 
     @property
-    def point(self) -> NDArray[np.float64]:
+    def point(self) -> Floats:
         """The parameters (p,), scaled."""
         ...
 
@@ -52,19 +52,19 @@ At = TypeVar("At", bound=Iterate)
 class Linearized:
     """Gauss-Newton equations of w blocks about a point; zero for parameters that are held."""
 
-    H: NDArray[np.float64]  #: (w, p, p)
-    B: NDArray[np.float64]  #: (w, n, p)
-    A: NDArray[np.float64]  #: (w, n, n)
-    g: NDArray[np.float64]  #: (w, p)
-    a: NDArray[np.float64]  #: (w, n)
+    H: Floats  #: (w, p, p)
+    B: Floats  #: (w, n, p)
+    A: Floats  #: (w, n, n)
+    g: Floats  #: (w, p)
+    a: Floats  #: (w, n)
 
     @cached_property
-    def response(self) -> NDArray[np.float64]:
+    def response(self) -> Floats:
         """Derivatives of the best states by the parameters (w, n, p)."""
         return np.negative(np.linalg.solve(self.A, self.B), dtype=np.float64)
 
     @cached_property
-    def shift(self) -> NDArray[np.float64]:
+    def shift(self) -> Floats:
         """Step of the states at constant parameters (w, n)."""
         return np.negative(np.linalg.solve(self.A, self.a[..., None])[..., 0], dtype=np.float64)
 
@@ -94,7 +94,7 @@ class Experiment(Protocol[At]):
         ...
 
     @property
-    def block_log(self) -> NDArray[np.int64]:
+    def block_log(self) -> Ints:
         """Which log each block is of (w,)."""
         ...
 
@@ -108,15 +108,15 @@ class Experiment(Protocol[At]):
         """Which parameters act through others."""
         ...
 
-    def part(self, blocks: NDArray[np.int64]) -> Experiment[At]:
+    def part(self, blocks: Ints) -> Experiment[At]:
         """Return the experiment of some of the blocks."""
         ...
 
-    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def costs(self, points: Floats) -> Floats:
         """Return the costs (sets,) at points (sets, p), blocks' states as measured."""
         ...
 
-    def begin(self, point: NDArray[np.float64], near: At | None = None) -> At:
+    def begin(self, point: Floats, near: At | None = None) -> At:
         """Return the first iterate of a descent, its states settled near the measured ones or those of `near`."""
         ...
 
@@ -124,7 +124,7 @@ class Experiment(Protocol[At]):
         """Return the equations about an iterate."""
         ...
 
-    def advance(self, at: At, about: Linearized, step: NDArray[np.float64]) -> At:
+    def advance(self, at: At, about: Linearized, step: Floats) -> At:
         """Return the iterate after a step (p,), with the states settled there."""
         ...
 
@@ -151,15 +151,15 @@ _SETTLING_STEPS, _SHORTER = 3, 0.3
 class BlockErrors:
     """The parameters and states of an iterate, and the errors there."""
 
-    point: NDArray[np.float64]  #: (p,), scaled
-    states: NDArray[np.float64]  #: (w, n), deviations from their expected values, in standard deviations
-    errors: NDArray[np.float64]  #: (m,)
-    squares: NDArray[np.float64]  #: (w,), sum of each block, including its states' deviations
+    point: Floats  #: (p,), scaled
+    states: Floats  #: (w, n), deviations from their expected values, in standard deviations
+    errors: Floats  #: (m,)
+    squares: Floats  #: (w,), sum of each block, including its states' deviations
     cost: float  #: half the logarithm of the mean square, including the states'
 
 
 #: from parameters (p,) in SI units, states (w, n) and the numbers of these blocks (w,) to the blocks' rows (m, ...)
-RowsOfBlocks = Callable[[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]], NDArray[np.float64]]
+RowsOfBlocks = Callable[[Floats, Floats, Ints], Floats]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,13 +172,13 @@ class Residuals:
 
     coordinates: ParameterSpace  #: the parameters, with their bounds
     errors_of: RowsOfBlocks  #: errors (m,)
-    block: NDArray[np.int64]  #: (m,) the block of each error, from 0, rising
-    block_log: NDArray[np.int64]  #: (w,) the log of each block
+    block: Ints  #: (m,) the block of each error, from 0, rising
+    block_log: Ints  #: (w,) the log of each block
     derivatives_of: RowsOfBlocks | None = None  #: of the errors by the parameters (m, p)
-    numbers: NDArray[np.int64] | None = None  #: (w,) of the blocks in the experiment that this is a part of
+    numbers: Ints | None = None  #: (w,) of the blocks in the experiment that this is a part of
     #: of finite differences by a block's states (n,), in their standard deviations
-    state_steps: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    state_weight: NDArray[np.float64] | float = 0.0  #: of each block (w,)
+    state_steps: Floats = field(default_factory=lambda: np.zeros(0))
+    state_weight: Floats | float = 0.0  #: of each block (w,)
     dependences: tuple[Dependence, ...] = ()  #: which parameters act through others
 
     @property
@@ -186,7 +186,7 @@ class Residuals:
         """How many errors the cost counts."""
         return len(self.block)
 
-    def part(self, blocks: NDArray[np.int64]) -> Residuals:
+    def part(self, blocks: Ints) -> Residuals:
         """Return the experiment of some of the blocks, rising."""
         kept = np.isin(self.block, blocks)
         return replace(
@@ -197,15 +197,15 @@ class Residuals:
             state_weight=np.broadcast_to(self.state_weight, len(self.block_log))[blocks],
         )
 
-    def costs(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def costs(self, points: Floats) -> Floats:
         """Return the costs (sets,) at points (sets, p), with the states at their expected values."""
         return np.array([self._at(point, self._expected).cost for point in points])
 
-    def begin(self, point: NDArray[np.float64], near: BlockErrors | None = None) -> BlockErrors:
+    def begin(self, point: Floats, near: BlockErrors | None = None) -> BlockErrors:
         """Return the first iterate of a descent, with the best states."""
         return self._settled(self._at(point, self._expected if near is None else near.states))
 
-    def advance(self, at: BlockErrors, about: Linearized, step: NDArray[np.float64]) -> BlockErrors:
+    def advance(self, at: BlockErrors, about: Linearized, step: Floats) -> BlockErrors:
         """Return the iterate after a step (p,), with the states settled there."""
         return self._settled(self._at(at.point + step, at.states + about.shift + about.response @ step))
 
@@ -223,15 +223,15 @@ class Residuals:
         return self.linearize(at).equations
 
     @property
-    def _numbers(self) -> NDArray[np.int64]:
+    def _numbers(self) -> Ints:
         return np.arange(len(self.block_log)) if self.numbers is None else self.numbers
 
     # a simulation that diverges has infinite errors, and the step that led there is rejected
     @np.errstate(over="ignore", invalid="ignore")
-    def _errors(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _errors(self, values: Floats, states: Floats) -> Floats:
         return self.errors_of(values, states, self._numbers)
 
-    def _derivatives(self, values: NDArray[np.float64], states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _derivatives(self, values: Floats, states: Floats) -> Floats:
         """Return the derivatives of the errors by the parameters (m, p), zero for those that are held."""
         if self.derivatives_of is not None:
             return self.derivatives_of(values, states, self._numbers)
@@ -246,21 +246,19 @@ class Residuals:
         return J
 
     @property
-    def _expected(self) -> NDArray[np.float64]:
+    def _expected(self) -> Floats:
         return np.zeros((len(self.block_log), len(self.state_steps)))
 
     @property
-    def _weight(self) -> NDArray[np.float64]:
+    def _weight(self) -> Floats:
         """The squared error (w,) that one standard deviation of a state counts as."""
         return np.broadcast_to(np.square(self.state_weight), len(self.block_log))
 
-    def _at(self, point: NDArray[np.float64], states: NDArray[np.float64]) -> BlockErrors:
+    def _at(self, point: Floats, states: Floats) -> BlockErrors:
         return self._with(point, states, self._errors(self.coordinates.physical(point), states))
 
     @np.errstate(over="ignore", invalid="ignore")  # as in `_errors`
-    def _with(
-        self, point: NDArray[np.float64], states: NDArray[np.float64], errors: NDArray[np.float64]
-    ) -> BlockErrors:
+    def _with(self, point: Floats, states: Floats, errors: Floats) -> BlockErrors:
         deviations = self._weight * np.sum(states**2, axis=1)
         squares = np.bincount(self.block, errors**2, len(states)) + deviations
         mean = float(squares.sum()) / len(errors)
@@ -279,7 +277,7 @@ class Residuals:
             share = np.where(better[:, None], 1.0, _SHORTER * share)
         return at
 
-    def _linearized(self, at: BlockErrors, J: NDArray[np.float64]) -> Linearized:
+    def _linearized(self, at: BlockErrors, J: Floats) -> Linearized:
         """Return the equations with derivatives J (m, p) by the scaled parameters."""
         values, weight = self.coordinates.physical(at.point), np.exp(-2.0 * at.cost)
         S, begins = np.zeros((len(at.errors), 0)), np.flatnonzero(np.diff(self.block, prepend=-1))
@@ -287,7 +285,7 @@ class Residuals:
             change = (self._errors(values, at.states + step) - at.errors) / step.sum()
             S = np.column_stack([S, change])
 
-        def sums(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+        def sums(left: Floats, right: Floats) -> Floats:
             return weight * np.add.reduceat(left[:, :, None] * right[:, None, :], begins, axis=0)
 
         errors, prior = at.errors[:, None], weight * self._weight[:, None]
@@ -301,12 +299,12 @@ class Residuals:
 
 
 def residuals_without_states(
-    residuals_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    residuals_of: Callable[[Floats], Floats],
     *,
     parameters: Sequence[FitParameter],
-    block: NDArray[np.int64],
-    block_log: NDArray[np.int64] | None = None,
-    derivatives_of: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None,
+    block: Ints,
+    block_log: Ints | None = None,
+    derivatives_of: Callable[[Floats], Floats] | None = None,
     dependences: tuple[Dependence, ...] = (),
 ) -> Residuals:
     """Return the plain least-squares experiment of a function from parameters (p,), SI units, to m residuals.
@@ -315,7 +313,7 @@ def residuals_without_states(
     `block_log` (w,) is given, and derivatives (m, p) are finite differences unless `derivatives_of` is given.
     """
 
-    def of_blocks(function: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> RowsOfBlocks:
+    def of_blocks(function: Callable[[Floats], Floats]) -> RowsOfBlocks:
         return lambda values, _, blocks: function(values)[np.isin(block, blocks)]
 
     return Residuals(

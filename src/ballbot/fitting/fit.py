@@ -29,10 +29,10 @@ from threading import Lock
 from typing import Generic, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import lsq_linear
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import At, BlockErrors, Experiment, Residuals
@@ -81,7 +81,7 @@ class Descended(Generic[At]):
     history: tuple[float, ...]  #: the cost after each step
 
     @property
-    def point(self) -> NDArray[np.float64]:
+    def point(self) -> Floats:
         """The parameters (p,), scaled."""
         return self.end.point
 
@@ -96,7 +96,7 @@ class Descended(Generic[At]):
         return self.experiment.equations(self.end)
 
     @cached_property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """Clustered standard errors (p,) of the free parameters, scaled; NaN without influence, or if all are lost."""
         normal, free = self.equations, self.experiment.coordinates.free
         varied = free & (normal.matrix.diagonal() > 0.0) & np.isfinite(normal.matrix).all()
@@ -105,12 +105,12 @@ class Descended(Generic[At]):
 
 def descend(
     experiment: Experiment[At],
-    begin: NDArray[np.float64] | At,
+    begin: Floats | At,
     *,
-    free: NDArray[np.bool_],
+    free: Bools,
     most_steps: int,
     most_renewals: int = MOST_RENEWALS,
-    moved: NDArray[np.float64] | None = None,
+    moved: Floats | None = None,
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
 ) -> Descended[At]:
@@ -160,15 +160,7 @@ def descend(
     return Descended(experiment=experiment, end=at, history=tuple(history))
 
 
-def _step(
-    H: NDArray[np.float64],
-    g: NDArray[np.float64],
-    point: NDArray[np.float64],
-    *,
-    free: NDArray[np.bool_],
-    fixed: NDArray[np.float64],
-    radius: float,
-) -> NDArray[np.float64]:
+def _step(H: Floats, g: Floats, point: Floats, *, free: Bools, fixed: Floats, radius: float) -> Floats:
     """Return the step (p,): `fixed`, and the best step of the free parameters within bounds and trust region."""
     step, columns = fixed.copy(), np.flatnonzero(free & (H.diagonal() > 0.0))
     if len(columns):
@@ -196,7 +188,7 @@ def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELS
     return bool((np.abs(best.point - other.point) > errors * best.errors).any())
 
 
-def at_bound(point: NDArray[np.float64]) -> NDArray[np.bool_]:
+def at_bound(point: Floats) -> Bools:
     """Return which scaled parameters (p,) are at a bound."""
     return (point <= _AT_BOUND) | (point >= 1.0 - _AT_BOUND)
 
@@ -216,9 +208,9 @@ _SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
 class SearchResult:
     """Result of a search."""
 
-    best: NDArray[np.float64]  #: (p,), scaled to 0 .. 1
+    best: Floats  #: (p,), scaled to 0 .. 1
     history: tuple[float, ...] = ()  #: best cost after each generation
-    other: NDArray[np.float64] | None = None  #: (p,), the best end in another basin
+    other: Floats | None = None  #: (p,), the best end in another basin
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -245,9 +237,7 @@ class FitOptions:
 DEFAULT_OPTIONS = FitOptions()
 
 
-def search(
-    experiment: Experiment[At], starts: NDArray[np.float64], *, options: FitOptions, run: Run
-) -> SearchResult:
+def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, run: Run) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
     if options.search == "genetic":
         return genetic(experiment, generations=options.generations, population=options.population, run=run)
@@ -257,7 +247,7 @@ def search(
 
 
 def multistart(
-    experiment: Experiment[At], starts: Sequence[NDArray[np.float64]], *, most_steps: int, run: Run
+    experiment: Experiment[At], starts: Sequence[Floats], *, most_steps: int, run: Run
 ) -> SearchResult:
     """Descend from scaled starts (p,) side by side, and return the best end; the stage is "search"."""
     steps = min(_SEARCH_STEPS, most_steps)
@@ -270,7 +260,7 @@ def multistart(
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(experiment: Experiment[At], begin: NDArray[np.float64]) -> Descended[At]:
+    def descent(experiment: Experiment[At], begin: Floats) -> Descended[At]:
         reported = replace(run, progress=report)
         return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
@@ -286,7 +276,7 @@ def genetic(experiment: Experiment[At], *, generations: int, population: int, ru
     coordinates = experiment.coordinates
     free, fixed = coordinates.free, coordinates.scaled(coordinates.nominal)
 
-    def points(drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def points(drawn: Floats) -> Floats:
         complete = np.tile(fixed, (len(drawn), 1))
         complete[:, free] = drawn
         return np.where(free, coordinates.from_search(complete), complete)
@@ -302,12 +292,7 @@ def genetic(experiment: Experiment[At], *, generations: int, population: int, ru
 
 
 def evolve(
-    cost_of: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    *,
-    size: int,
-    generations: int,
-    population: int,
-    run: Run,
+    cost_of: Callable[[Floats], Floats], *, size: int, generations: int, population: int, run: Run
 ) -> SearchResult:
     """Minimise a cost over the unit cube of `size` coordinates, one batch a generation.
 
@@ -352,7 +337,7 @@ _COMPARED_STEPS = 8
 class OtherOptimum:
     """Another optimum of the same fit."""
 
-    values: NDArray[np.float64]  #: (p,), SI units
+    values: Floats  #: (p,), SI units
     rise: float  #: of the cost over that of the estimate, before the states were renewed
 
 
@@ -361,38 +346,38 @@ class Fit(Generic[At]):
     """A fitted experiment, and the parameters that its data determine."""
 
     finished: Descended[At]
-    no_influence: NDArray[np.bool_]  #: (p,), free parameters that the residuals do not depend on
-    refused: NDArray[np.bool_]  #: (p,), other parameters that the data do not excite
+    no_influence: Bools  #: (p,), free parameters that the residuals do not depend on
+    refused: Bools  #: (p,), other parameters that the data do not excite
     other: OtherOptimum | None  #: another optimum, if there is one near
     searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
-    groups: NDArray[np.int64] | None = None  #: (w,), of blocks that should agree, from 0
+    groups: Ints | None = None  #: (w,), of blocks that should agree, from 0
     most_profiles: int = MOST_PROFILES  #: see `FitOptions`
     run: Run = DEFAULT_RUN  #: its seed is the bootstrap's
 
     @property
-    def values(self) -> NDArray[np.float64]:
+    def values(self) -> Floats:
         """The parameters (p,), SI units."""
         return self.finished.experiment.coordinates.physical(self.finished.point)
 
     @property
-    def unknown(self) -> NDArray[np.bool_]:
+    def unknown(self) -> Bools:
         """Which parameters (p,) get no value."""
         return self.no_influence | self.refused
 
     @property
-    def at_bound(self) -> NDArray[np.bool_]:
+    def at_bound(self) -> Bools:
         """Which other parameters (p,) are at a bound."""
         free = self.finished.experiment.coordinates.free
         return free & ~self.unknown & at_bound(self.finished.point)
 
     @property
-    def estimated(self) -> NDArray[np.bool_]:
+    def estimated(self) -> Bools:
         """Which parameters (p,) have a standard error."""
         free = self.finished.experiment.coordinates.free
         return free & ~self.unknown & ~at_bound(self.finished.point)
 
     @cached_property
-    def scaled_covariance(self) -> NDArray[np.float64]:
+    def scaled_covariance(self) -> Floats:
         """Covariance (p, p) clustered by block, as a jackknife over blocks gives it; NaN without a standard error."""
         blocks = self.finished.equations
         kept = self.estimated & (blocks.matrix.diagonal() > 0.0)
@@ -452,13 +437,13 @@ class Fit(Generic[At]):
         )
 
     @property
-    def covariance(self) -> NDArray[np.float64]:
+    def covariance(self) -> Floats:
         """`scaled_covariance` in SI units (p, p)."""
         slopes = self.finished.experiment.coordinates.slopes(self.finished.point)
         return self.scaled_covariance * np.outer(slopes, slopes)
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """Standard errors (p,), SI units; NaN for a parameter without one."""
         return np.sqrt(self.covariance.diagonal())
 
@@ -470,14 +455,14 @@ class Fit(Generic[At]):
 
 def fit(
     experiment: Experiment[At],
-    starts: NDArray[np.float64],
+    starts: Floats,
     *,
-    also: NDArray[np.float64] | None = None,
-    earlier: NDArray[np.float64] | None = None,
+    also: Floats | None = None,
+    earlier: Floats | None = None,
     options: FitOptions = DEFAULT_OPTIONS,
-    search_blocks: NDArray[np.int64] | None = None,
-    refused: NDArray[np.bool_] | None = None,
-    groups: NDArray[np.int64] | None = None,
+    search_blocks: Ints | None = None,
+    refused: Bools | None = None,
+    groups: Ints | None = None,
     run: Run = DEFAULT_RUN,
 ) -> Fit[At]:
     """Search, fit by Gauss-Newton, hold the parameters without influence, and fit the others again.
@@ -531,12 +516,7 @@ def fit(
 
 
 def _optima(
-    experiment: Experiment[At],
-    start: NDArray[np.float64],
-    also: NDArray[np.float64] | None,
-    *,
-    most_steps: int,
-    run: Run,
+    experiment: Experiment[At], start: Floats, also: Floats | None, *, most_steps: int, run: Run
 ) -> tuple[Descended[At], OtherOptimum | None]:
     """Return the end of the descent from the better of two points (p,), before renewal, and the other optimum."""
     free = experiment.coordinates.free
@@ -554,9 +534,7 @@ def _optima(
     return finished, OtherOptimum(values=experiment.coordinates.physical(high.point), rise=rise)
 
 
-def _as_before(
-    experiment: Experiment[At], point: NDArray[np.float64], no_influence: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+def _as_before(experiment: Experiment[At], point: Floats, no_influence: Bools) -> Floats:
     """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well."""
     own = experiment.coordinates.scaled(experiment.coordinates.nominal)
     before = np.where(no_influence, own, point)
@@ -571,9 +549,7 @@ _EFFECT_CONFIDENCE = 0.999
 _CLEARLY_PRESENT = 4.0
 
 
-def unidentifiable(
-    fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RUN
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def unidentifiable(fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RUN) -> tuple[Bools, Bools]:
     """Return which free parameters (p,) act only through others that are zero within chance, and these others (p,)."""
     coordinates, names = fit.experiment.coordinates, np.array(fit.experiment.coordinates.names)
     dependent, through = (np.zeros(len(names), dtype=bool) for _ in range(2))
@@ -585,13 +561,7 @@ def unidentifiable(
     return dependent, through
 
 
-def _has_effect(
-    fit: Descended[At],
-    through: NDArray[np.bool_],
-    dependent: NDArray[np.bool_],
-    most_steps: int,
-    run: Run,
-) -> bool:
+def _has_effect(fit: Descended[At], through: Bools, dependent: Bools, most_steps: int, run: Run) -> bool:
     """Return whether the fit with parameters `through` is better than without by more than chance explains."""
     amounts, normal, free = fit.point * through, fit.equations, fit.experiment.coordinates.free
     if not amounts.any():
@@ -626,8 +596,8 @@ _HELD_OUT_STEPS = 8
 
 
 def held_out_squares(
-    experiment: Residuals, end: BlockErrors, groups: Sequence[NDArray[np.int64]], *, folds: int
-) -> NDArray[np.float64]:
+    experiment: Residuals, end: BlockErrors, groups: Sequence[Ints], *, folds: int
+) -> Floats:
     """Return the mean square error (w,) of each block by a fit that did not see it.
 
     The fit is repeated without each of `folds` parts of the groups of blocks; `end` is the end of the fit to all.
@@ -658,7 +628,7 @@ def _quantile(blocks: int, parameters: int) -> float:
     return float(special.stdtrit(max(blocks - parameters, 1), 0.5 + 0.5 * CONFIDENCE))
 
 
-def _roots(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def _roots(covariance: Floats) -> Floats:
     """Return standard errors (p,); NaN if a variance is not positive, as of a short, ill-posed fit."""
     variances = covariance.diagonal()
     return np.sqrt(np.where(variances > 0.0, variances, np.nan))
@@ -671,7 +641,7 @@ _AT_LIMIT = 0.2
 
 
 def profile(
-    fit: Descended[At], index: int, *, free: NDArray[np.bool_], error: float, rise: float
+    fit: Descended[At], index: int, *, free: Bools, error: float, rise: float
 ) -> tuple[float | None, float | None]:
     """Return the 95 % limits of one parameter, scaled; None on a side where the data set none before the bound.
 

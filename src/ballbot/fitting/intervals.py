@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from ballbot.arrays import Floats, Ints
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.uncertainty import correlation
 from ballbot.results import key
@@ -57,32 +57,32 @@ class Uncertainty:
     """Uncertainty of p estimated parameters."""
 
     coordinates: ParameterSpace
-    point: NDArray[np.float64]  #: (p,), the estimate, scaled
-    covariance: NDArray[np.float64]  #: (p, p), clustered, scaled; NaN for parameters without a standard error
-    bootstrap: NDArray[np.float64]  #: (p,), bootstrap standard errors, scaled
+    point: Floats  #: (p,), the estimate, scaled
+    covariance: Floats  #: (p, p), clustered, scaled; NaN for parameters without a standard error
+    bootstrap: Floats  #: (p,), bootstrap standard errors, scaled
     intervals: Mapping[str, Interval]  #: of 95 %, by label
 
     @property
-    def scaled_errors(self) -> NDArray[np.float64]:
+    def scaled_errors(self) -> Floats:
         """Standard errors (p,), scaled; NaN if a variance is not positive."""
         variances = self.covariance.diagonal()
         return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
     @property
-    def standard_errors(self) -> NDArray[np.float64]:
+    def standard_errors(self) -> Floats:
         """Standard errors (p,), SI units."""
         return self.scaled_errors * self.coordinates.slopes(self.point)
 
     @property
-    def correlation(self) -> NDArray[np.float64]:
+    def correlation(self) -> Floats:
         """The correlation matrix (p, p)."""
         return correlation(self.covariance)
 
-    def with_variation(self, added: NDArray[np.float64]) -> Uncertainty:
+    def with_variation(self, added: Floats) -> Uncertainty:
         """Return the uncertainty with an added covariance (p, p), scaled; an unknown error stays unknown."""
         return replace(self, covariance=self.covariance + added, intervals=self.widened(added.diagonal()))
 
-    def widened(self, added: NDArray[np.float64]) -> dict[str, Interval]:
+    def widened(self, added: Floats) -> dict[str, Interval]:
         """Return all intervals, widened about the estimate by added variances (p,), scaled."""
         space, intervals = self.coordinates, {}
         for index, label in enumerate(space.labels):
@@ -110,18 +110,18 @@ MOST_PROFILES = 2
 class Errors:
     """Two standard errors of each parameter (p,), scaled; NaN for parameters that are not estimated."""
 
-    point: NDArray[np.float64]  #: the estimate
-    clustered: NDArray[np.float64]
-    bootstrap: NDArray[np.float64]
+    point: Floats  #: the estimate
+    clustered: Floats
+    bootstrap: Floats
     quantile: float  #: t, Student's for 95 %
 
     @property
-    def half_width(self) -> NDArray[np.float64]:
+    def half_width(self) -> Floats:
         """Half widths of the intervals (p,), by the larger error."""
         return self.quantile * np.fmax(self.clustered, self.bootstrap)
 
     @property
-    def doubtful(self) -> NDArray[np.int64]:
+    def doubtful(self) -> Ints:
         """The indices of parameters to profile, the most doubtful first."""
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = np.abs(np.log(self.bootstrap / self.clustered)) / math.log(LARGEST_RATIO)

@@ -12,8 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
+
+from ballbot.arrays import Floats, Ints
 
 #: least degrees of freedom (blocks less parameters) of a test
 _LEAST_FREEDOM = 5
@@ -23,18 +24,18 @@ _LEAST_FREEDOM = 5
 class LinearFit:
     """Parameters (p,) of a linear model."""
 
-    values: NDArray[np.float64]
-    covariance: NDArray[np.float64]  #: (p, p)
-    residuals: NDArray[np.float64]  #: (n,), measured less fitted
-    blocks: NDArray[np.int64]  #: (p,), number of blocks in which each parameter's column is not zero
+    values: Floats
+    covariance: Floats  #: (p, p)
+    residuals: Floats  #: (n,), measured less fitted
+    blocks: Ints  #: (p,), number of blocks in which each parameter's column is not zero
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Floats:
         """Standard errors (p,)."""
         return np.sqrt(np.maximum(self.covariance.diagonal(), 0.0))
 
     @property
-    def half_widths(self) -> NDArray[np.float64]:
+    def half_widths(self) -> Floats:
         """Half widths of the 95 % intervals (p,)."""
         return special.stdtrit(np.maximum(self.blocks - 1, 1), 0.975) * self.errors
 
@@ -49,9 +50,7 @@ class LinearFit:
         return float(special.fdtrc(count, freedom, wald * freedom / (count * (blocks - 1))))
 
 
-def fit_linear(
-    design: NDArray[np.float64], values: NDArray[np.float64], blocks: NDArray[np.int64]
-) -> LinearFit:
+def fit_linear(design: Floats, values: Floats, blocks: Ints) -> LinearFit:
     """Fit values (n,) by the columns of `design` (n, p), with errors clustered by `blocks` (n,)."""
     solution = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     _, block = np.unique(blocks, return_inverse=True)

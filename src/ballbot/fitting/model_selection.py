@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.fitting.uncertainty import resamples
 
 #: bootstrap draws, and the confidence of the interval
@@ -41,9 +41,7 @@ class Gain:
         return {"share": self.share, "interval_95": [self.lower, self.upper]}
 
 
-def gain_between(
-    squares: NDArray[np.float64], others: NDArray[np.float64], groups: Sequence[NDArray[np.int64]]
-) -> Gain:
+def gain_between(squares: Floats, others: Floats, groups: Sequence[Ints]) -> Gain:
     """Return the gain of one model over another.
 
     `squares` and `others` (w, k) are sums of squared errors of each window and state, of this model and of the other;
@@ -59,12 +57,12 @@ def gain_between(
     return Gain(share=float(share), lower=float(lower), upper=float(upper))
 
 
-def neighbours(rows: Sequence[int], *, block: int) -> list[NDArray[np.int64]]:
+def neighbours(rows: Sequence[int], *, block: int) -> list[Ints]:
     """Return the rows in blocks of `block` neighbours."""
     return [np.array(rows[first : first + block], dtype=np.int64) for first in range(0, len(rows), block)]
 
 
-def _error_ratio(squares: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+def _error_ratio(squares: Floats, others: Floats) -> Floats:
     """Return the geometric mean over states (..., k) of the ratios of root mean square errors."""
     tiny = np.finfo(float).tiny
     return np.exp(0.5 * np.log((squares + tiny) / (others + tiny)).mean(axis=-1))

@@ -15,7 +15,8 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballbot.arrays import Bools, Floats, Ints
 
 #: see the module's text
 Scale = Literal["amount", "ratio", "signed"]
@@ -68,42 +69,42 @@ class ParameterSpace:
         return tuple(parameter.name for parameter in self.parameters)
 
     @cached_property
-    def nominal(self) -> NDArray[np.float64]:
+    def nominal(self) -> Floats:
         """The values before estimation (p,)."""
         return np.array([parameter.default for parameter in self.parameters], dtype=float)
 
     @cached_property
-    def lower(self) -> NDArray[np.float64]:
+    def lower(self) -> Floats:
         """The lower bounds (p,)."""
         return np.array([parameter.bounds[0] for parameter in self.parameters], dtype=float)
 
     @cached_property
-    def upper(self) -> NDArray[np.float64]:
+    def upper(self) -> Floats:
         """The upper bounds (p,)."""
         return np.array([parameter.bounds[1] for parameter in self.parameters], dtype=float)
 
     @cached_property
-    def first(self) -> NDArray[np.int64]:
+    def first(self) -> Ints:
         """The index (p,) of the parameter whose value each one has: its own, or the first of a quantity in `alike`."""
         names = self.names
         return np.array([names.index(name) if name in self.alike else i for i, name in enumerate(names)])
 
     @cached_property
-    def free(self) -> NDArray[np.bool_]:
+    def free(self) -> Bools:
         """Which parameters (p,) a fit varies: those whose bounds differ; the first of a quantity in `alike`."""
         return (self.upper > self.lower) & (self.first == np.arange(len(self.parameters)))
 
     @cached_property
-    def logarithmic(self) -> NDArray[np.bool_]:
+    def logarithmic(self) -> Bools:
         """Which parameters (p,) are scaled logarithmically."""
         return np.array([parameter.scale == "ratio" for parameter in self.parameters])
 
     @cached_property
-    def sqrt_scaled(self) -> NDArray[np.bool_]:
+    def sqrt_scaled(self) -> Bools:
         """Which parameters (p,) a random search samples more densely near zero."""
         return np.array([parameter.scale == "amount" for parameter in self.parameters])
 
-    def physical(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    def physical(self, scaled: Floats) -> Floats:
         """Return parameters (..., p) in SI units from scaled ones (..., p)."""
         low = np.where(self.logarithmic, self.lower, 1.0)
         ratio = np.where(self.logarithmic, self.upper / low, 1.0)
@@ -111,7 +112,7 @@ class ParameterSpace:
         linear = self.lower + scaled * (self.upper - self.lower)
         return np.clip(np.where(self.logarithmic, low * ratio**scaled, linear), self.lower, self.upper)
 
-    def scaled(self, physical: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scaled(self, physical: Floats) -> Floats:
         """Return scaled parameters (..., p) from those in SI units, clipped to the bounds."""
         values = np.clip(physical, self.lower, self.upper)
         wide = self.upper > self.lower
@@ -121,7 +122,7 @@ class ParameterSpace:
         log = np.log(np.where(self.logarithmic, values, 1.0) / low) / width_log
         return np.where(self.logarithmic, log, (values - self.lower) / width)
 
-    def from_search(self, drawn: NDArray[np.float64]) -> NDArray[np.float64]:
+    def from_search(self, drawn: Floats) -> Floats:
         """Return scaled parameters from those of a random search, z = y^2 for amounts."""
         return np.where(self.sqrt_scaled, drawn**2, drawn)
 
@@ -135,7 +136,7 @@ class ParameterSpace:
             self.scaled(np.where(np.arange(len(self.parameters)) == index, physical, self.nominal))[index]
         )
 
-    def slopes(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    def slopes(self, scaled: Floats) -> Floats:
         """Return dp/dz (..., p), the factor from an error of a scaled parameter to one in SI units."""
         low = np.where(self.logarithmic, self.lower, 1.0)
         rate = np.log(np.where(self.logarithmic, self.upper / low, 1.0))

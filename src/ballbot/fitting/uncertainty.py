@@ -28,7 +28,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballbot.arrays import Bools, Floats, Ints
 
 #: a parameter has no influence if its standard error, all others known, exceeds this share of its range
 NO_INFLUENCE = 0.5
@@ -38,16 +39,16 @@ NO_INFLUENCE = 0.5
 class WindowEquations:
     """Normal equations of the scaled parameters, window by window, their states eliminated; zero for held ones."""
 
-    matrices: NDArray[np.float64]  #: J^T J of each window (w, p, p)
-    scores: NDArray[np.float64]  #: J^T r of each window (w, p); their sum is the gradient
+    matrices: Floats  #: J^T J of each window (w, p, p)
+    scores: Floats  #: J^T r of each window (w, p); their sum is the gradient
 
     @cached_property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The sum of the matrices, H (p, p)."""
         return self.matrices.sum(axis=0)
 
 
-def covariance(equations: WindowEquations, estimated: NDArray[np.bool_]) -> NDArray[np.float64]:
+def covariance(equations: WindowEquations, estimated: Bools) -> Floats:
     """Return the clustered covariance (p, p) in scaled coordinates; NaN for parameters not `estimated` (p,)."""
     columns = np.flatnonzero(estimated)
     result = np.full((len(estimated), len(estimated)), np.nan)
@@ -60,7 +61,7 @@ def covariance(equations: WindowEquations, estimated: NDArray[np.bool_]) -> NDAr
     return result
 
 
-def leverage_corrected(equations: WindowEquations, estimated: NDArray[np.bool_]) -> WindowEquations:
+def leverage_corrected(equations: WindowEquations, estimated: Bools) -> WindowEquations:
     """Return the equations with the scores of errors instead of residuals, (I - H_w H^-1)^-1 g_w.
 
     The scores of parameters that are not `estimated` (p,) do not change.
@@ -79,7 +80,7 @@ def leverage_corrected(equations: WindowEquations, estimated: NDArray[np.bool_])
     return replace(equations, scores=scores)
 
 
-def without_influence(equations: WindowEquations) -> NDArray[np.bool_]:
+def without_influence(equations: WindowEquations) -> Bools:
     """Return which parameters (p,) hardly influence the residuals, even with all others known."""
     H = equations.matrix.diagonal()
     spread = np.sqrt((equations.scores**2).sum(axis=0))
@@ -87,7 +88,7 @@ def without_influence(equations: WindowEquations) -> NDArray[np.bool_]:
     return (H < 1.0) | (spread > NO_INFLUENCE * H)
 
 
-def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+def correlation(covariance: Floats) -> Floats:
     """Return the correlation matrix (p, p) of a covariance, with NaN where it has NaN."""
     variance = covariance.diagonal()
     deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
@@ -106,7 +107,7 @@ def correlation(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def _inverse(H: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inverse(H: Floats) -> Floats:
     """Return H^-1, in which directions that the data do not determine are very uncertain."""
     scale = 1.0 / np.sqrt(H.diagonal())
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
@@ -122,12 +123,12 @@ def block_length(count: int) -> int:
     return max(1, round(count ** (1.0 / 3.0)))
 
 
-def _block_starts(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.int64]:
+def _block_starts(count: int, *, block: int, repeats: int, seed: int) -> Ints:
     """Return the first members (repeats, blocks) of blocks drawn from `count` neighbours."""
     return np.random.default_rng(seed).integers(count, size=(repeats, -(-count // block)))
 
 
-def resamples(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.float64]:
+def resamples(count: int, *, block: int, repeats: int, seed: int) -> Floats:
     """Return how often each of `count` neighbours is drawn in each of the repeats, (repeats, count)."""
     starts = _block_starts(count, block=block, repeats=repeats, seed=seed)
     rows = ((starts[:, :, None] + np.arange(block)) % count).reshape(repeats, -1)[:, :count]
@@ -136,9 +137,7 @@ def resamples(count: int, *, block: int, repeats: int, seed: int) -> NDArray[np.
     return drawn
 
 
-def resampled_means(
-    values: NDArray[np.float64], *, block: int, repeats: int, seed: int
-) -> NDArray[np.float64]:
+def resampled_means(values: Floats, *, block: int, repeats: int, seed: int) -> Floats:
     """Return the column means (repeats, k) of rows drawn anew from `values` (n, k), whole blocks at a time."""
     ends = np.cumsum(np.vstack([np.zeros_like(values[:1]), values, values[: block - 1]]), axis=0)
     sums = ends[block:] - ends[:-block]
@@ -150,9 +149,7 @@ def resampled_means(
 REPEATS = 1000
 
 
-def bootstrap(
-    equations: WindowEquations, estimated: NDArray[np.bool_], *, seed: int, repeats: int = REPEATS
-) -> NDArray[np.float64]:
+def bootstrap(equations: WindowEquations, estimated: Bools, *, seed: int, repeats: int = REPEATS) -> Floats:
     """Return the shifts (repeats, p), scaled, of the estimate by resamples; NaN for parameters not `estimated` (p,).
 
     `equations` are about the estimate, of windows in the order of time, which are drawn in blocks of `block_length`.
@@ -195,9 +192,7 @@ class Discrepancy:
         return float(np.sqrt(self.ratio)) if self.significant else 1.0
 
 
-def discrepancy(
-    equations: WindowEquations, groups: NDArray[np.int64], estimated: NDArray[np.bool_], *, seed: int
-) -> Discrepancy:
+def discrepancy(equations: WindowEquations, groups: Ints, estimated: Bools, *, seed: int) -> Discrepancy:
     """Test whether all groups (w,) of windows, from 0, agree on the parameters `estimated` (p,), by their scores.
 
     At the estimate the scores of all windows sum to zero. If the model is right, so do those of any group within

@@ -30,6 +30,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.fitting.experiment import Dependence, Linearized
 from ballbot.fitting.run import Executor, Threads
 from ballbot.fitting.uncertainty import WindowEquations
@@ -37,7 +38,6 @@ from ballbot.identification.prediction import Predictor
 from ballbot.identification.quantities import Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats, Ints
 
 T = TypeVar("T")
 _STATES = len(STATE_NAMES)

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.findings import Finding, error, warning
 from ballbot.fitting.least_squares import fit_linear
@@ -21,7 +22,7 @@ from ballbot.identification.axis.motion import inverse_model, motion_of
 from ballbot.identification.driveline import BALL_NAMES, LIMITED, Sweep
 from ballbot.identification.upside_down import encoder_speeds
 from ballbot.log import Log
-from ballbot.log.columns import Floats, torque_names, wheel_speed_names
+from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.signals import longest_repeat
 from ballbot.robot import Robot
 from ballbot.simulation.upside_down import ClampedBall

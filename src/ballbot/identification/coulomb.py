@@ -18,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.identification.quantities import Layout
-from ballbot.log.columns import Floats
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key, left_out, reported
 from ballbot.robot.friction_law import FrictionLaw

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
@@ -25,7 +26,7 @@ from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
-from ballbot.log.columns import Floats, Ints, wheel_angle_names
+from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline

@@ -23,13 +23,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, texts, warning
 from ballbot.identification.prediction import ball_spin
 from ballbot.identification.quantities import BY_NAME, Coordinates
 from ballbot.identification.windows import Windows
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import Bools, Floats, wheel_speed_names
+from ballbot.log.columns import wheel_speed_names
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import turning_points
 from ballbot.mechanics.model import Model

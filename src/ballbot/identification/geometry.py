@@ -33,6 +33,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.fitting.experiment import BlockErrors, residuals_without_states
@@ -49,7 +50,7 @@ from ballbot.identification.turning import (
     poses_turning,
 )
 from ballbot.log import Log
-from ballbot.log.columns import Floats, Ints, wheel_angle_names
+from ballbot.log.columns import wheel_angle_names
 from ballbot.log.pose import read_poses
 from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.results import key, reported

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, warning
 from ballbot.identification.excitation import chatter_findings
@@ -25,7 +26,6 @@ from ballbot.identification.result import Identification
 from ballbot.identification.result_findings import prediction_findings
 from ballbot.identification.windows import COMPARISONS, standstill_torques
 from ballbot.log import STATE_NAMES, Log, LogLike, as_log
-from ballbot.log.columns import Floats
 from ballbot.log.pose import measured_wheel_speeds, without_encoder_lag
 from ballbot.mechanics.model import Model
 from ballbot.results import key

@@ -14,6 +14,7 @@ from itertools import product
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import Fit, FitOptions, fit
@@ -67,7 +68,7 @@ from ballbot.log import STATE_NAMES, Log, LogsLike
 from ballbot.log.checks import CheckedLogs, checked_logs
 from ballbot.log.checks.physics import torque_scale_errors
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import Bools, Floats, Ints, torque_names
+from ballbot.log.columns import torque_names
 from ballbot.log.fingerprints import fingerprint
 from ballbot.log.pose import without_encoder_lag
 from ballbot.mechanics.model import Model

@@ -29,11 +29,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import Span, Windows, common_sample_time, cut_windows
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import Floats, wheel_speed_names
+from ballbot.log.columns import wheel_speed_names
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms

@@ -21,10 +21,10 @@ from typing import ClassVar
 import numpy as np
 
 from ballbot.arguments import names_listed
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
-from ballbot.log.columns import Floats
 from ballbot.robot import Body, Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia

@@ -23,6 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import every
 from ballbot.findings import Finding, finding_results
 from ballbot.fitting.fit import OtherOptimum
@@ -36,7 +37,6 @@ from ballbot.identification.stated_uncertainty import ends_without_error
 from ballbot.identification.variation import Variation
 from ballbot.identification.windows import Span
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats, Ints
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits

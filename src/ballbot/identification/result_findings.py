@@ -11,12 +11,12 @@ from itertools import combinations
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import every
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.identification.quantities import FRICTION, QUANTITIES, Coordinates
-from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.parameters import MAX_WHEELS
 
 #: beyond this correlation, the logs determine the sum or ratio of two parameters but not each

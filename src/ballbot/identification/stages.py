@@ -31,13 +31,13 @@ from typing import cast
 import numpy as np
 from scipy.special import chdtrc
 
+from ballbot.arrays import Floats
 from ballbot.control.overcompensation import stated_covariance
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
 from ballbot.findings import Finding, warning
 from ballbot.fitting.intervals import HALF_WIDTH, Interval, Uncertainty
 from ballbot.identification.quantities import Coordinates, Layout
-from ballbot.log.columns import Floats
 from ballbot.robot import Robot
 
 #: that of three standard deviations. At two, one comparison in twenty would be a false alarm, and one in nine if a

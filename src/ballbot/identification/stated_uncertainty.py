@@ -13,11 +13,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.fitting.intervals import HALF_WIDTH, Uncertainty
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
 from ballbot.identification.quantities import FRICTION, Layout
-from ballbot.log.columns import Floats
 from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME, Correlation
 from ballbot.robot.parameters import Value, value_of

@@ -28,7 +28,7 @@ import scipy
 from scipy.interpolate import CubicHermiteSpline
 from scipy.special import ellipk, stdtrit
 
-from ballbot.arrays import real_array
+from ballbot.arrays import Floats, real_array
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, error, finding, finding_results, note, warning
 from ballbot.fitting.experiment import Residuals, residuals_without_states
@@ -37,7 +37,7 @@ from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
-from ballbot.log.columns import Floats, unit_of
+from ballbot.log.columns import unit_of
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import plus_minus

@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from scipy import fft
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
-from ballbot.log.columns import Bools, Floats, Ints
 from ballbot.log.pose import Poses
 
 GYRO_NAMES = ("gyro_x", "gyro_y", "gyro_z")

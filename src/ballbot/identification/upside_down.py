@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
@@ -35,7 +36,7 @@ from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common_sample_time
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import Floats, torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot

@@ -31,6 +31,7 @@ from typing import cast
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import every
 from ballbot.files import read_toml
 from ballbot.findings import Finding, warning
@@ -38,7 +39,6 @@ from ballbot.fitting.between_logs import LogEstimates, spread
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import Discrepancy, WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import BY_NAME, Coordinates
-from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key
 

@@ -24,10 +24,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
-from ballbot.log.columns import Floats, Ints, torque_names
+from ballbot.log.columns import torque_names
 from ballbot.log.mapping import DutyTable, read_mapping
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.robot import Robot

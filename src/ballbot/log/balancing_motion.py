@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.log.columns import Bools, Floats, torque_names
+from ballbot.arrays import Bools, Floats
+from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, across_a_gap, near, smooth
 from ballbot.robot import Robot

@@ -10,16 +10,13 @@ from collections.abc import Iterable, Sequence
 from itertools import count, takewhile
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, nearest
 from ballbot.state import POSITION_NAMES as POSITION_NAMES
 from ballbot.state import STATE_NAMES as STATE_NAMES
 from ballbot.state import torque_names as torque_names
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 #: columns (N,) by name
 Columns = dict[str, Floats]
 

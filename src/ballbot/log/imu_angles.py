@@ -17,7 +17,8 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
-from ballbot.log.columns import ATTITUDE_NAMES, Columns, Floats
+from ballbot.arrays import Floats
+from ballbot.log.columns import ATTITUDE_NAMES, Columns
 from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion

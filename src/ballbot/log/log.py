@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.log.columns import (
     STATE_NAMES,
     TRUE_PREFIX,
-    Bools,
     Columns,
-    Floats,
     mark_missing,
     missing_words,
     numbered_names,

@@ -87,7 +87,7 @@ from typing import Annotated, Literal, TypeVar
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat, PositiveFloat
 
-from ballbot.arrays import rows_between
+from ballbot.arrays import Floats, rows_between
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
@@ -97,7 +97,6 @@ from ballbot.log.columns import (
     KNOWN_NAMES,
     MAX_WHEELS,
     Columns,
-    Floats,
     check_column_names,
     factor_to,
     mark_missing,

@@ -25,15 +25,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import (
-    ATTITUDE_NAMES,
-    STATE_NAMES,
-    Bools,
-    Floats,
-    wheel_angle_names,
-    wheel_speed_names,
-)
+from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.formats import read_columns
 from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log

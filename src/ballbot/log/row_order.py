@@ -13,9 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import format_duration
+from ballbot.arrays import Bools, Floats, format_duration
 from ballbot.errors import InputError
-from ballbot.log.columns import Bools, Columns, Floats
+from ballbot.log.columns import Columns
 from ballbot.log.wrapping import continuous_clock
 from ballbot.summary import counted
 

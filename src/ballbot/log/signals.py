@@ -25,9 +25,8 @@ from math import factorial
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.arrays import rows_between
+from ballbot.arrays import Bools, Floats, rows_between
 from ballbot.errors import InputError
-from ballbot.log.columns import Bools, Floats
 
 _LOCAL_DEGREE = 3
 #: rows fitted at once; more would take much memory and not less time

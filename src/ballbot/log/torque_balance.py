@@ -29,8 +29,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.log.balancing_motion import EVERY, Motion, as_complex, as_plane
-from ballbot.log.columns import Floats, torque_names
+from ballbot.log.columns import torque_names
 from ballbot.log.log import Log
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.log.signals import INTERVAL, local_fit

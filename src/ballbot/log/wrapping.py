@@ -10,8 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.findings import Finding, note
-from ballbot.log.columns import Floats
 from ballbot.summary import counted
 
 #: a step of a heading that stays within one turn is the end of the turn if it is larger [rad]: a robot does not turn so

@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.arrays import Floats
 from ballbot.findings import Finding, finding_results, texts
 from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned

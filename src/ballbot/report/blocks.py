@@ -41,10 +41,10 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.files import check_regular, sha256_of
 from ballbot.findings import Finding
-from ballbot.log.columns import Floats
 from ballbot.printable import printable, printable_line
 from ballbot.report.series import TimeSeries
 from ballbot.rounding import digits

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans

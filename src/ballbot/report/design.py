@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
 from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.lqr import frictionless_model
@@ -17,7 +18,6 @@ from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats
 from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import (
     Block,

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.arrays import Floats
 from ballbot.findings import Finding, texts
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
@@ -24,7 +25,6 @@ from ballbot.identification.holdout import FrictionAtHorizon
 from ballbot.identification.quantities import BY_NAME
 from ballbot.identification.result import LawCandidate, LawSelection, represents_sentence
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, details, section, sheet_of

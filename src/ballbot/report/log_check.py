@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, every
 from ballbot.findings import Finding, note
 from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
-from ballbot.log.columns import Floats, unit_of
+from ballbot.log.columns import unit_of
 from ballbot.log.mapping_search.placement import Placement
 from ballbot.log.pose import with_position, with_rates
 from ballbot.log.proposal import Proposal, answer_lines

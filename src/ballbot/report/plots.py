@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
 from ballbot.control.margins import loop_margins
 from ballbot.errors import InputError
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
 from ballbot.report.bench import curve_figure

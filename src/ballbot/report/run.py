@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, Floats, torque_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.blocks import (
     Animation,

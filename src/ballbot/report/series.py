@@ -15,7 +15,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ballbot.log.columns import Bools, Floats
+from ballbot.arrays import Bools, Floats
 from ballbot.printable import printable_line
 from ballbot.viewer.packing import packed
 

@@ -22,8 +22,9 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from ballbot.arrays import Floats
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats, unit_of
+from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
 
+from ballbot.arrays import Bools, Floats
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats
 from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.series import IN_TURN, Line, TimeSeries

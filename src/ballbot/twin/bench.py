@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
@@ -29,7 +29,7 @@ Bench = Literal["stand", "upside_down"]
 
 def bench_torques(
     robot: Robot, scenario: Scenario, *, bench: Bench, duration: float, seed: int = 0
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return torques (N, n) [N m]: the thesis's sweep on the stand, upside down a multisine that stirs the ball."""
     sample_time = scenario.sensors.sample_time
     times = sample_time * np.arange(sample_count(duration, sample_time), dtype=np.float64)
@@ -41,7 +41,7 @@ def bench_torques(
 def run_bench(
     robot: Robot,
     scenario: Scenario,
-    torques: NDArray[np.float64],
+    torques: Floats,
     *,
     bench: Bench,
     seed: int = 0,

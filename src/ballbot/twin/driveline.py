@@ -20,8 +20,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.mechanics.engine.compiled import compiled_alone
 from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
 from ballbot.robot import Robot
@@ -53,7 +53,7 @@ class Shafts:
         if self.returning:
             self.turn_back()
 
-    def angles(self) -> NDArray[np.float64]:
+    def angles(self) -> Floats:
         """Return the motors' angles (n,) at the wheel [rad]."""
         return self._hinges + self._turned if self.returning else self._hinges
 
@@ -122,7 +122,7 @@ class TwinDriveline:
         self._torques[:] = 0.0
         self._limited = False
 
-    def command(self, torques: NDArray[np.float64]) -> None:
+    def command(self, torques: Floats) -> None:
         """Set the torques (n,) [N m] to hold from now on; clipped to the torque limit."""
         limit = self._limits.torque_limit
         self._command = np.minimum(np.maximum(torques, -limit), limit)
@@ -168,7 +168,7 @@ class Load:
         for i in range(self._count):
             self._wheel_of[engine.geoms_below(f"roller {i + 1}.")] = i
 
-    def __call__(self, sizes: NDArray[np.float64]) -> None:
+    def __call__(self, sizes: Floats) -> None:
         """Scale the sizes (n,) by each wheel's force."""
         forces = self._engine.pressures(self._wheel_of, self._count)
         sizes *= 1.0 - self._fraction + self._per_newton * forces

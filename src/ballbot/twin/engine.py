@@ -11,6 +11,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, missing_package
 from ballbot.mechanics.geometry import body_rates_matrix
 
@@ -35,12 +36,12 @@ class Engine:
         self._step = mujoco.mj_step  # pyright: ignore[reportAttributeAccessIssue]
         self.timestep = float(self.model.opt.timestep)
         #: generalised positions and velocities, MuJoCo's order
-        self.qpos: NDArray[np.float64] = self.data.qpos
-        self.qvel: NDArray[np.float64] = self.data.qvel
+        self.qpos: Floats = self.data.qpos
+        self.qvel: Floats = self.data.qvel
         #: dry friction of each degree of freedom [N m]
-        self.dry_friction: NDArray[np.float64] = self.model.dof_frictionloss
+        self.dry_friction: Floats = self.model.dof_frictionloss
         #: torques of the motors [N m]
-        self.torques: NDArray[np.float64] = self.data.ctrl
+        self.torques: Floats = self.data.ctrl
 
     def reset(self) -> None:
         """Set the state of the document, at rest, without the solver's last solution."""
@@ -50,7 +51,7 @@ class Engine:
         """Advance by one timestep."""
         self._step(self.model, self.data)
 
-    def pressures(self, groups: NDArray[np.intp], count: int) -> NDArray[np.float64]:
+    def pressures(self, groups: NDArray[np.intp], count: int) -> Floats:
         """Return the sums (count,) of the last step's normal forces [N] over `count` groups of geoms.
 
         `groups` has the group of each geom, or -1; a contact belongs to the group of either of its geoms.
@@ -73,7 +74,7 @@ class Engine:
         return float(self.model.body(body).invweight0[0])
 
     @property
-    def floor_friction(self) -> NDArray[np.float64]:
+    def floor_friction(self) -> Floats:
         """A view (5,) of the friction of the first contact pair, the ball on the floor."""
         return self.model.pair_friction[0]
 
@@ -88,19 +89,19 @@ class Engine:
             share * spec[1][place],
         )
 
-    def external_force(self, body: str) -> NDArray[np.float64]:
+    def external_force(self, body: str) -> Floats:
         """Return a view (6,) of the force [N] at a body's centre of mass and the torque [N m], world frame."""
         return self.data.xfrc_applied[self.model.body(body).id]
 
-    def center_of_mass(self, body: str) -> NDArray[np.float64]:
+    def center_of_mass(self, body: str) -> Floats:
         """Return a view (3,) of the position of a body's centre of mass at the last step's start [m]."""
         return self.data.xipos[self.model.body(body).id]
 
-    def position(self, joint: str) -> NDArray[np.float64]:
+    def position(self, joint: str) -> Floats:
         """Return a view of a joint's coordinates in `qpos`; of a free joint (7,): place, then quaternion wxyz."""
         return self.data.joint(joint).qpos
 
-    def velocity(self, joint: str) -> NDArray[np.float64]:
+    def velocity(self, joint: str) -> Floats:
         """Return a view of a joint's coordinates in `qvel`; of a free joint (6,): velocity, then angular velocity."""
         return self.data.joint(joint).qvel
 
@@ -169,7 +170,7 @@ def _evenly_spaced(indices: list[int], count: int) -> slice:
     return slice(first, first + count * step, step)
 
 
-def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDArray[np.float64]:
+def attitude_of(quaternion_wxyz: Floats, *, near_psi: float) -> Floats:
     """Return theta, phi, psi (3,) [rad] of R = Rx(theta) Ry(phi) Rz(psi), psi within half a turn of `near_psi`."""
     w, x, y, z = quaternion_wxyz.tolist()
     theta = math.atan2(2 * (w * x - y * z), 1 - 2 * (x * x + y * y))
@@ -178,12 +179,12 @@ def attitude_of(quaternion_wxyz: NDArray[np.float64], *, near_psi: float) -> NDA
     return np.array([theta, phi, near_psi + math.remainder(psi - near_psi, 2 * math.pi)])
 
 
-def body_rate(state: NDArray[np.float64]) -> NDArray[np.float64]:
+def body_rate(state: Floats) -> Floats:
     """Return w = B(Phi) Phi_dot (3,) [rad/s], body frame, of a state (10,)."""
     return body_rates_matrix(*state[2:5]) @ state[7:10]
 
 
-def rotated(quaternion_wxyz: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+def rotated(quaternion_wxyz: Floats, vector: Floats) -> Floats:
     """Return a vector (3,), given in a body's frame, in the frame that the body's unit quaternion refers to."""
     w, axis = float(quaternion_wxyz[0]), quaternion_wxyz[1:]
     twice = 2.0 * np.cross(axis, vector)

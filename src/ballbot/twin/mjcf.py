@@ -46,8 +46,8 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -126,12 +126,7 @@ def _mobility(robot: Robot) -> float:
 
 
 def _add_wheel(
-    body: ET.Element,
-    index: int,
-    frame: NDArray[np.float64],
-    robot: Robot,
-    scenario: Scenario,
-    parts: WheelParts,
+    body: ET.Element, index: int, frame: Floats, robot: Robot, scenario: Scenario, parts: WheelParts
 ) -> None:
     """Add a wheel to the body: its index from 0 on, its frame (3, 3) and its parts."""
     name = f"wheel {index + 1}"
@@ -184,12 +179,7 @@ def _add_shafts(root: ET.Element, robot: Robot, scenario: Scenario, compliance: 
 
 
 def _roller(
-    wheel: ET.Element,
-    name: str,
-    center: NDArray[np.float64],
-    angle: float,
-    scenario: Scenario,
-    parts: WheelParts,
+    wheel: ET.Element, name: str, center: Floats, angle: float, scenario: Scenario, parts: WheelParts
 ) -> None:
     turn = (np.cos(angle / 2), 0.0, 0.0, np.sin(angle / 2))
     element = add(wheel, "body", name=name, pos=center, quat=turn)
@@ -230,7 +220,7 @@ def twin_mjcf(robot: Robot, scenario: Scenario, *, mounting: Mounting = "floor")
     return ET.tostring(root, encoding="unicode")
 
 
-def floor_normal(scenario: Scenario) -> NDArray[np.float64]:
+def floor_normal(scenario: Scenario) -> Floats:
     """Return the unit normal (3,) of the floor, R_x(tilt_x) R_y(tilt_y) e_z, in the world's frame."""
     about_x, about_y = scenario.floor_tilt
     cx, sx, cy, sy = math.cos(about_x), math.sin(about_x), math.cos(about_y), math.sin(about_y)

@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.files import read_text
 from ballbot.printable import printable_line
@@ -152,7 +152,7 @@ def _recognized(model, data, *, gear_ratio: float) -> tuple[dict[str, Value], tu
 _ELEMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
-def _inertia_about(model, data, body: int, point: NDArray[np.float64]) -> NDArray[np.float64]:
+def _inertia_about(model, data, body: int, point: Floats) -> Floats:
     """Return the inertia (3, 3) of a body with all that it carries about a point, in the world's axes."""
     xx, yy, zz, xy, xz, yz, *moment, mass = data.crb[body].tolist()
     about = data.subtree_com[model.body_rootid[body]]  # MuJoCo's own point
@@ -180,8 +180,8 @@ def _ball(model) -> tuple[int, float]:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Hinge:
     joint: int
-    axis: NDArray[np.float64]  #: (3,)
-    position: NDArray[np.float64]  #: (3,) of its middle from the ball's centre [m]
+    axis: Floats  #: (3,)
+    position: Floats  #: (3,) of its middle from the ball's centre [m]
 
     @property
     def distance(self) -> float:
@@ -192,7 +192,7 @@ class _Hinge:
         return math.acos(float(self.position[2]) / self.distance)
 
 
-def _wheels(model, data, center: NDArray[np.float64], ball_radius: float) -> list[_Hinge]:
+def _wheels(model, data, center: Floats, ball_radius: float) -> list[_Hinge]:
     """Return three or four wheels, in the document's order."""
     hinges = np.flatnonzero(model.jnt_type == _HINGE).tolist()
     turning = set(model.jnt_bodyid[hinges].tolist())
@@ -228,7 +228,7 @@ def _is_along_meridian(wheel: _Hinge) -> bool:
     return size > _ASLANT and abs(float(wheel.axis @ across)) < _ASLANT * size
 
 
-def _size(model, data, wheel: _Hinge, center: NDArray[np.float64], ball_radius: float) -> dict[str, Value]:
+def _size(model, data, wheel: _Hinge, center: Floats, ball_radius: float) -> dict[str, Value]:
     """Return the radius of a wheel, and its rollers if it has any."""
     body, gap = int(model.jnt_bodyid[wheel.joint]), wheel.distance - ball_radius
     rollers = [
@@ -349,10 +349,10 @@ def robot_urdf(robot: Robot) -> str:
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _rotation(quaternion_wxyz: NDArray[np.float64]) -> Rotation:
+def _rotation(quaternion_wxyz: Floats) -> Rotation:
     return Rotation.from_quat(np.roll(quaternion_wxyz, -1))
 
 
-def _origin(element: ET.Element, position: NDArray[np.float64], turn: Rotation) -> None:
+def _origin(element: ET.Element, position: Floats, turn: Rotation) -> None:
     angles = turn.as_euler("xyz")
     add(element, "origin", xyz=position, rpy=angles)

@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.robot import Robot, Rollers
 from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
@@ -35,11 +35,11 @@ class WheelParts:
     roller_mass: float  #: of one roller [kg]
     roller_inertia: tuple[float, float, float]  #: about its centre; y along its own axis [kg m^2]
     roller_half_length: float  #: half axis of the ellipsoid along the roller's axis [m]
-    roller_centers: NDArray[np.float64]  #: (rows * per_row, 3) wheel frame [m]
-    roller_angles: NDArray[np.float64]  #: (rows * per_row,) azimuth about the axle [rad]
+    roller_centers: Floats  #: (rows * per_row, 3) wheel frame [m]
+    roller_angles: Floats  #: (rows * per_row,) azimuth about the axle [rad]
     center_distance: float  #: from the ball's centre to the wheel's [m]
 
-    def inertia(self) -> NDArray[np.float64]:
+    def inertia(self) -> Floats:
         """Return the inertia (3, 3) [kg m^2] of the whole locked wheel about its centre, wheel frame."""
         total = np.diag(self.hub_inertia)
         for center, angle in zip(self.roller_centers, self.roller_angles, strict=True):
@@ -49,7 +49,7 @@ class WheelParts:
             total = total + self.roller_mass * point_inertia(center)
         return total
 
-    def first_moment(self) -> NDArray[np.float64]:
+    def first_moment(self) -> Floats:
         """Return mass times centre of mass (3,) [kg m], wheel frame; zero but for a single roller."""
         return self.roller_mass * self.roller_centers.sum(axis=0)
 
@@ -64,11 +64,11 @@ class BodyParts:
     """The body without its wheels."""
 
     mass: float  #: [kg]
-    center_of_mass: NDArray[np.float64]  #: (3,) from the ball's centre, body frame [m]
-    inertia: NDArray[np.float64]  #: (3, 3) about its centre of mass, body frame [kg m^2]
+    center_of_mass: Floats  #: (3,) from the ball's centre, body frame [m]
+    inertia: Floats  #: (3, 3) about its centre of mass, body frame [kg m^2]
 
 
-def wheel_frames(robot: Robot) -> NDArray[np.float64]:
+def wheel_frames(robot: Robot) -> Floats:
     """Return R_body_wheel (n, 3, 3): columns are the wheel frames' axes in the body frame.
 
     x points from the wheel to the contact (-n_i), y along the rolling direction t_i, z along the hinge. The
@@ -119,7 +119,7 @@ def wheel_parts(robot: Robot, rollers: Rollers, *, point: bool, mass_fraction: f
     offset = (rollers.rows - 1) * rollers.row_spacing / 2
     pitch = 2 * np.pi / rollers.per_row
     turns = [np.arange(rollers.per_row, dtype=np.float64) + row / 2 for row in range(rollers.rows)]
-    angles: NDArray[np.float64] = pitch * np.concatenate(turns)
+    angles: Floats = pitch * np.concatenate(turns)
     heights = np.repeat(np.linspace(-offset, offset, rollers.rows), rollers.per_row)
     return WheelParts(
         hub_mass=hub_mass,
@@ -177,6 +177,6 @@ def body_parts(robot: Robot, wheel: WheelParts) -> BodyParts:
     return BodyParts(mass=mass, center_of_mass=center_of_mass, inertia=inertia)
 
 
-def point_inertia(position: NDArray[np.float64]) -> NDArray[np.float64]:
+def point_inertia(position: Floats) -> Floats:
     """Return the inertia (3, 3) about the origin of 1 kg at a position (3,)."""
     return np.dot(position, position) * np.eye(3) - np.outer(position, position)

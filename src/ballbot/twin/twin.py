@@ -13,9 +13,9 @@ from collections import deque
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ballbot.arrays import positive_number, real_array
+from ballbot.arrays import Floats, positive_number, real_array
 from ballbot.estimation.interface import Estimator
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.geometry import angle_rates, quaternion_of, rotation, transforms
@@ -52,7 +52,7 @@ class TimingModel:
         self._late = 0  # steps by which the last instant was later than its place
         self._random = random
 
-    def acting(self, torques: NDArray[np.float64]) -> NDArray[np.float64]:
+    def acting(self, torques: Floats) -> Floats:
         """Return the torques (n,) that act while these were computed."""
         self._waiting.append(torques)
         return self._waiting.popleft()
@@ -127,7 +127,7 @@ class Disturbances:
             self._engine.floor_friction[2:] = floor_friction(self._robot, now)[2:]
 
 
-def _up(quaternion_wxyz: NDArray[np.float64]) -> NDArray[np.float64]:
+def _up(quaternion_wxyz: Floats) -> Floats:
     """Return the body's z axis (3,) in the world's frame."""
     w, x, y, z = quaternion_wxyz.tolist()
     return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
@@ -238,7 +238,7 @@ class Twin:
         self._advance(held)
         return self._measure()
 
-    def _place(self, state: NDArray[np.float64]) -> None:
+    def _place(self, state: Floats) -> None:
         """Write a state (10,) into the engine, with random wheel angles and play."""
         radius = self.robot.ball.radius
         x, y, theta, phi, psi = state[:5].tolist()
@@ -256,7 +256,7 @@ class Twin:
         self._driveline.speeds[:] = transforms(self.robot).T_owb @ (z - body_rate(state))
         self._shafts.reset(self._random)
 
-    def _advance(self, torques: NDArray[np.float64]) -> None:
+    def _advance(self, torques: Floats) -> None:
         """Advance by one sample with the torques (n,) held and noise added."""
         noise = self.scenario.torque_noise * self._random.standard_normal(self.robot.wheel_count)
         steps = self._substeps
@@ -286,13 +286,13 @@ class Twin:
             ended=self._why_ended(t, truth),
         )
 
-    def _truth(self) -> NDArray[np.float64]:
+    def _truth(self) -> Floats:
         attitude = attitude_of(self._body_pose[3:], near_psi=self._psi)
         self._psi = float(attitude[2])
         rates = angle_rates(attitude, self._body_velocity[3:])
         return np.concatenate((self._ball_position[:2], attitude, self._ball_velocity[:2], rates))
 
-    def _why_ended(self, t: float, truth: NDArray[np.float64]) -> str | None:
+    def _why_ended(self, t: float, truth: Floats) -> str | None:
         limit = self.scenario.fallen_lean
         upright = math.cos(truth[2]) * math.cos(truth[3])  # cosine of the lean
         if not math.isfinite(upright):

@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.identification.turning import (
@@ -49,7 +50,6 @@ from ballbot.identification.turning import (
     poses_turning,
 )
 from ballbot.log import Log
-from ballbot.log.columns import Bools, Floats
 from ballbot.log.pose import Poses, read_poses
 from ballbot.results import key, left_out
 from ballbot.rounding import digits, percent, plus_minus

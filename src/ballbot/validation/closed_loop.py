@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.run import simulate_one
 from ballbot.mechanics.model import Model
 from ballbot.summary import counted

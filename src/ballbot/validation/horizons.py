@@ -12,9 +12,9 @@ from typing import Self
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.fitting.comparison import HorizonErrors, verdicts
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats
 from ballbot.validation.models import (
     FINEST,
     Case,

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -160,24 +160,19 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
     return [range(int(rows[0]), int(rows[-1]) + 1) for rows in parts if len(rows) > 1]
 
 
-def window_starts(parts: Sequence[range], *, samples: int, every: int) -> NDArray[np.int64]:
+def window_starts(parts: Sequence[range], *, samples: int, every: int) -> Ints:
     """Return rows (starts,), `every` rows apart, from which `samples` steps stay within one of `parts`."""
     starts = [np.arange(part.start, part.stop - samples, every) for part in parts]
     return np.concatenate([*starts, np.empty(0)]).astype(np.int64)
 
 
-def rows_after(starts: NDArray[np.int64], samples: int) -> NDArray[np.int64]:
+def rows_after(starts: Ints, samples: int) -> Ints:
     """Return the rows (starts, samples) that follow each start: start + 1 .. start + samples."""
     return starts[:, None] + np.arange(1, samples + 1)
 
 
 def forecast(
-    models: Sequence[Model],
-    log: Log,
-    starts: NDArray[np.int64],
-    samples: int,
-    *,
-    initial: Floats | None = None,
+    models: Sequence[Model], log: Log, starts: Ints, samples: int, *, initial: Floats | None = None
 ) -> Floats:
     """Simulate each model from each start with the torques measured from there on.
 
@@ -261,7 +256,7 @@ class Case:
     seed: int = 0  #: random seed of the noise
 
     @cached_property
-    def steps(self) -> tuple[NDArray[np.int64], Floats]:
+    def steps(self) -> tuple[Ints, Floats]:
         """Rows (steps,) from which one step stays within the parts, and both models' next states (2, steps, 10)."""
         starts = window_starts(self.parts, samples=1, every=1)
         return starts, forecast(self.models.both, self.log, starts, 1)[:, :, 0]
@@ -310,18 +305,14 @@ class ErrorPair:
     """The errors of two models over the same runs, in the order of time; states in the log's order and units."""
 
     by_run: Floats  #: (runs, 2, 10) e of (4.1) of the first model and the second in each run
-    samples: NDArray[np.int64]  #: (runs,) n, the samples of each run
+    samples: Ints  #: (runs,) n, the samples of each run
     means: Floats  #: (runs, 10) of what was measured
     squares: Floats  #: (runs, 10) its mean squares
     overlap: int = 1  #: number of neighbouring runs that share rows of the log
 
     @staticmethod
     def of_runs(
-        measured: Sequence[Floats],
-        first: Sequence[Floats],
-        second: Sequence[Floats],
-        *,
-        overlap: int = 1,
+        measured: Sequence[Floats], first: Sequence[Floats], second: Sequence[Floats], *, overlap: int = 1
     ) -> ErrorPair:
         """Return the errors of runs given as measured states and both models', each (n, 10) of its own length."""
         runs = list(zip(measured, first, second, strict=True))

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Bools, Floats
 from ballbot.summary import counted
 from ballbot.validation.models import (
     Case,

@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.findings import Finding, note
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
-from ballbot.log.columns import Floats, wheel_speed_names
+from ballbot.log.columns import wheel_speed_names
 from ballbot.results import to_results
 from ballbot.validation.models import Case, Comparison, ErrorPair, by_state, in_heading_frame
 from ballbot.validation.statistics import (
@@ -200,7 +200,7 @@ class SpeedEffect:
         return int(np.argmax(np.abs(self.torques) / self.half_widths))
 
 
-def speed_effect(torque: Floats, speed: Floats, blocks: NDArray[np.int64]) -> SpeedEffect:
+def speed_effect(torque: Floats, speed: Floats, blocks: Ints) -> SpeedEffect:
     """Return one wheel's mean residual torque (n,) against its earlier speed (n,), without rows of NaN."""
     known = np.isfinite(speed)
     torque, speed, blocks = torque[known], speed[known], blocks[known]

@@ -38,11 +38,10 @@ from typing import Literal
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy import linalg, special
 from scipy.signal import spectrogram
 
-from ballbot.log.columns import Bools, Floats
+from ballbot.arrays import Bools, Floats, Ints
 
 
 def slices(lengths: Sequence[int]) -> Iterator[slice]:
@@ -77,7 +76,7 @@ def lagged(values: Floats, segments: Sequence[int], *, lag: int) -> Floats:
     return before
 
 
-def blocks_of(segments: Sequence[int], *, length: int) -> NDArray[np.int64]:
+def blocks_of(segments: Sequence[int], *, length: int) -> Ints:
     """Return the number (n,) of each row's block of about `length` neighbouring rows within its segment."""
     numbers, first = [], 0
     for count in segments:
@@ -102,7 +101,7 @@ def holm(p_values: Floats, *, level: float) -> Bools:
     return significant.reshape(np.shape(p_values))
 
 
-def indicators(bins: NDArray[np.int64], count: int) -> Floats:
+def indicators(bins: Ints, count: int) -> Floats:
     """Return columns (n, count) of ones where a row's bin (n,) is the column's, else zeros."""
     return (bins[:, None] == np.arange(count)).astype(np.float64)
 

@@ -17,10 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
-from ballbot.log.columns import Floats
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.validation.models import Case, Comparison, Trajectories, by_model, by_state, keys_of, stretches
@@ -60,7 +59,7 @@ class WholeLog(Comparison):
         return np.sort(self.runs, axis=1)[:, np.array(_RANKS) - 1].swapaxes(0, 1)
 
     @property
-    def sides(self) -> NDArray[np.int64]:
+    def sides(self) -> Ints:
         """Where the log's numbers lie (2, 3, 10): -1 below a model's range, 0 inside, 1 above."""
         lower, _, upper = self.ranges
         return np.where(self.measured < lower, -1, np.where(self.measured > upper, 1, 0))

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
@@ -36,7 +36,7 @@ def push_force(
     force: tuple[float, float],
     height: float,  # above the ball's centre along the body's axis
     attitude: Sequence[float],  # theta and phi first [rad]
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the generalised force (5,) of a horizontal force (2,) [N] on the body at a height [m]."""
     theta, phi = attitude[0], attitude[1]
     f_x, f_y = force
@@ -53,7 +53,7 @@ class ModelBody:
         self._plant = ModelPlant(Model(robot))
         self._slope = (0.0, 0.0)
 
-    def reset(self, state: NDArray[np.float64]) -> Measurement:
+    def reset(self, state: Floats) -> Measurement:
         """Start from a state (10,)."""
         self._ball = np.array([1.0, 0.0, 0.0, 0.0])
         self._last = self._plant.reset(state)
@@ -66,7 +66,7 @@ class ModelBody:
         self._slope = slope
 
     def step(
-        self, torques: NDArray[np.float64], duration: float, force: tuple[float, float], height: float
+        self, torques: Floats, duration: float, force: tuple[float, float], height: float
     ) -> Measurement:
         """Hold torques (n,) and a push for a duration [s]."""
         before = self._last.truth
@@ -84,7 +84,7 @@ class ModelBody:
             self._ball = integrated_rotation(turn, first=self._ball)[-1]
         return self._last
 
-    def ball(self) -> NDArray[np.float64]:
+    def ball(self) -> Floats:
         """Return the ball's orientation (4,), world from ball, wxyz."""
         return self._ball
 
@@ -107,7 +107,7 @@ class TwinBody:
         self._force = BodyForce(self._twin.engine)
         self._quaternion = self._twin.engine.position("ball")[3:]
 
-    def reset(self, state: NDArray[np.float64]) -> Measurement:
+    def reset(self, state: Floats) -> Measurement:
         """Start from a state (10,)."""
         self._turned = np.array([1.0, 0.0, 0.0, 0.0])
         self._wheels = np.zeros(self.robot.wheel_count)
@@ -127,7 +127,7 @@ class TwinBody:
         self._last = self._carried(self._twin.reset(state))
 
     def step(
-        self, torques: NDArray[np.float64], duration: float, force: tuple[float, float], height: float
+        self, torques: Floats, duration: float, force: tuple[float, float], height: float
     ) -> Measurement:
         """Hold torques (n,) and a push for a duration [s]."""
         self._force.clear()
@@ -142,7 +142,7 @@ class TwinBody:
         )
         return self._last
 
-    def ball(self) -> NDArray[np.float64]:
+    def ball(self) -> Floats:
         """Return the ball's orientation (4,), world from ball, wxyz."""
         return np.array(quaternion_product(self._quaternion.tolist(), self._turned.tolist()))
 

@@ -16,9 +16,9 @@ from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
@@ -204,7 +204,7 @@ class RobotOnFloor:
         self.push = (share * push.force[0], share * push.force[1])
         self.push_height, self._push_left = push.height, push.duration
 
-    def advance(self, duration: float, reference: NDArray[np.float64], *, motors: bool) -> None:
+    def advance(self, duration: float, reference: Floats, *, motors: bool) -> None:
         """Run the samples that begin within a duration [s], with a reference (10,) for this robot."""
         self._due += duration
         while self.ended is None and self._due > 1e-6:
@@ -229,7 +229,7 @@ class RobotOnFloor:
         if self.ended is not None:
             self.torques, self.push = np.zeros_like(self.torques), (0.0, 0.0)
 
-    def frame(self, reference: NDArray[np.float64]) -> list[float]:
+    def frame(self, reference: Floats) -> list[float]:
         """Return the values of `robot_names` now."""
         measured, robot = self.measured, self.body.robot
         friction = np.zeros_like(self.torques)
@@ -394,7 +394,7 @@ class World:
             robot.advance(duration, self._reference(robot), motors=self.settings.motors)
         self.t += duration
 
-    def _reference(self, robot: RobotOnFloor) -> NDArray[np.float64]:
+    def _reference(self, robot: RobotOnFloor) -> Floats:
         reference = _MOTIONS[self.settings.motion](self.t - self._motion_start).copy()
         reference[:2] += robot.home
         reference[[0, 1, 4]] += self._place

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.checks.kinematics import other_wheels
@@ -37,7 +37,7 @@ from ballbot.robot import Robot
 INTERVAL, LONGEST = 0.02, 600.0
 _QUATERNION = ("ball_w", "ball_x", "ball_y", "ball_z")
 
-Columns = dict[str, NDArray[np.float64]]
+Columns = dict[str, Floats]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +156,7 @@ def _posed(log: Log, robot: Robot) -> tuple[Log, list[str]]:
     return log, notes
 
 
-def _times(log: Log) -> tuple[NDArray[np.float64], float]:
+def _times(log: Log) -> tuple[Floats, float]:
     """Return the times to show (K,), from the log's first to its last, and their interval [s]."""
     span = float(log.t[-1] - log.t[0])
     if len(log) < 2:
@@ -165,17 +165,13 @@ def _times(log: Log) -> tuple[NDArray[np.float64], float]:
     return log.t[0] + span / steps * np.arange(steps + 1), span / steps
 
 
-def _between(
-    times: NDArray[np.float64], t: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _between(times: Floats, t: Floats, values: Floats) -> Floats:
     """Return values at other times, on lines between those that are known."""
     known = np.isfinite(values)
     return np.interp(times, t[known], values[known])
 
 
-def _rows_at(
-    times: NDArray[np.float64], t: NDArray[np.float64], table: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _rows_at(times: Floats, t: Floats, table: Floats) -> Floats:
     return np.column_stack([_between(times, t, column) for column in table.T])
 
 
@@ -184,20 +180,20 @@ def _has(log: Log, names: Sequence[str]) -> bool:
     return all(name in log and bool(np.isfinite(log[name]).all()) for name in names)
 
 
-def _attitude(log: Log) -> NDArray[np.float64]:
+def _attitude(log: Log) -> Floats:
     """Return theta, phi and psi (N, 3) in every row."""
     angles = (log["theta"], log["phi"], log["psi"])
     return np.column_stack([_between(log.t, log.t, angle) for angle in angles])
 
 
-def _body_rates(log: Log) -> NDArray[np.float64]:
+def _body_rates(log: Log) -> Floats:
     """Return the body's angular velocity w (N, 3), body frame, from the angles' differences."""
     angles = _attitude(log)
     rates = np.gradient(angles, log.t, axis=0) if len(log) > 1 else np.zeros_like(angles)
     return np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
 
 
-def _rolling_rates(log: Log, robot: Robot) -> NDArray[np.float64]:
+def _rolling_rates(log: Log, robot: Robot) -> Floats:
     """Return the angular velocity Omega (N, 3) of a ball that rolls along the log's position, world frame."""
     if len(log) < 2:
         return np.zeros((len(log), 3))
@@ -206,7 +202,7 @@ def _rolling_rates(log: Log, robot: Robot) -> NDArray[np.float64]:
     return np.column_stack((-y_dot, x_dot, np.zeros(len(log)))) / robot.ball.radius
 
 
-def _integrated(log: Log, rates: NDArray[np.float64]) -> NDArray[np.float64]:
+def _integrated(log: Log, rates: Floats) -> Floats:
     """Return what rates (N, k) add up to from row to row (N - 1, k), by the trapezoidal rule."""
     return 0.5 * (rates[1:] + rates[:-1]) * np.diff(log.t)[:, None]
 
@@ -227,11 +223,11 @@ def quaternion_product(second: Quaternion, first: Quaternion) -> Quaternion:
 
 
 def integrated_rotation(
-    turns: NDArray[np.float64],  # (n, 3) Rotation vectors [rad] in the world frame
+    turns: Floats,  # (n, 3) Rotation vectors [rad] in the world frame
     *,
     # (4,) Orientation before them, without rotation by default
-    first: Sequence[float] | NDArray[np.float64] = (1.0, 0.0, 0.0, 0.0),
-) -> NDArray[np.float64]:
+    first: Sequence[float] | Floats = (1.0, 0.0, 0.0, 0.0),
+) -> Floats:
     """Return the orientations after small turns, one after the other.
 
     Returns
@@ -253,7 +249,7 @@ def integrated_rotation(
     return quaternions * np.concatenate(([1.0], np.cumprod(np.where(flips, -1.0, 1.0))))[:, None]
 
 
-def _wheel_angles(log: Log, robot: Robot, rolling: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+def _wheel_angles(log: Log, robot: Robot, rolling: Floats) -> tuple[Floats, str]:
     """Return the wheels' angles (N, n) from the log's start, and their source; `rolling` is that of the ball (N, 3)."""
     names = wheel_angle_names(robot.wheel_count)
     if _has(log, names):
@@ -264,7 +260,7 @@ def _wheel_angles(log: Log, robot: Robot, rolling: NDArray[np.float64]) -> tuple
     return np.concatenate((np.zeros((1, robot.wheel_count)), np.cumsum(steps, axis=0))), "from the position"
 
 
-def _references(log: Log, times: NDArray[np.float64]) -> Columns:
+def _references(log: Log, times: Floats) -> Columns:
     if not all(name in log and np.isfinite(log[name]).any() for name in ("ref_x", "ref_y")):
         return {}
     references = {name: _between(times, log.t, log[name]) for name in ("ref_x", "ref_y")}
@@ -274,7 +270,7 @@ def _references(log: Log, times: NDArray[np.float64]) -> Columns:
 
 
 def _forces(
-    log: Log, robot: Robot, times: NDArray[np.float64], interval: float, notes: list[str]
+    log: Log, robot: Robot, times: Floats, interval: float, notes: list[str]
 ) -> tuple[Columns, list[Signal]]:
     """Return torques and friction as columns, and the signals of torques and wheel speeds."""
     columns: Columns = {}
@@ -308,7 +304,7 @@ def _banded(name: str, short: str, unit: str, column: str) -> Signal:
     return Signal(name=name, short=short, unit=unit, columns=(f"{column}_low", f"{column}_high"))
 
 
-def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray[np.float64]) -> Columns:
+def _friction(log: Log, robot: Robot, rates: Floats, times: Floats) -> Columns:
     """Return the friction of each wheel [N m] and of the floor on the ball [N], if the robot file has any."""
     if not any((*robot.friction.viscous, *robot.friction.breakaway, robot.friction.rolling)):
         return {}
@@ -327,9 +323,7 @@ def _friction(log: Log, robot: Robot, rates: NDArray[np.float64], times: NDArray
     }
 
 
-def _extremes(
-    times: NDArray[np.float64], interval: float, t: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extremes(times: Floats, interval: float, t: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Return the least and the greatest of the values that hold within each interval from the times on."""
     last = len(t) - 1
     first = np.clip(np.searchsorted(t, times + 1e-9 * interval, side="right") - 1, 0, last)
@@ -339,12 +333,12 @@ def _extremes(
     return values[rows].min(axis=1), values[rows].max(axis=1)
 
 
-def _signals(log: Log, columns: Columns, times: NDArray[np.float64]) -> tuple[Columns, list[Signal]]:
+def _signals(log: Log, columns: Columns, times: Floats) -> tuple[Columns, list[Signal]]:
     """Return the signals that follow from the pose: distance, lean, heading, speed."""
     derived: Columns = {}
     signals = []
 
-    def add(name: str, short: str, unit: str, column: str, values: NDArray[np.float64]) -> None:
+    def add(name: str, short: str, unit: str, column: str, values: Floats) -> None:
         derived[column] = values
         signals.append(Signal(name=name, short=short, unit=unit, columns=(column,)))
 

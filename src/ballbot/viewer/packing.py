@@ -11,12 +11,14 @@ import base64
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
+
 _MISSING = 65535
 #: a value may be off by this share of the column's unit (m, rad, N m, mm, degrees): below what a picture shows
 RESOLUTION = 1e-4
 
 
-def packed(values: NDArray[np.float64], *, resolution: float = RESOLUTION) -> dict[str, object]:
+def packed(values: Floats, *, resolution: float = RESOLUTION) -> dict[str, object]:
     """Return a column (K,) as the page reads it, each value within `resolution` or a float's own."""
     known = values[np.isfinite(values)]
     offset = float(known.min()) if known.size else 0.0

@@ -23,8 +23,8 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import Floats
 from ballbot.progress import ProgressCallback
 from ballbot.vision.seam import SeamTable, crossed, fit_rotation, matched, piece_of
 from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, moved

@@ -40,8 +40,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, suggest
-from ballbot.log.columns import Floats
 
 #: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
 _POINTS = 4096

@@ -19,8 +19,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import Bools, Floats
 from ballbot.vision.seam import SeamPoints
 from ballbot.vision.view import View
 

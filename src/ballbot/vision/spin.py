@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, note
 from ballbot.identification.turning import Clock, MotionFit, Turning, fit_in_blocks, match_turning
 from ballbot.log import Log
-from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.geometry import transforms
 from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_stage
 from ballbot.results import key, left_out, reported

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from ballbot.log.columns import Bools, Floats
+from ballbot.arrays import Bools, Floats
 from ballbot.progress import Progress, ProgressCallback
 from ballbot.vision.seam import SeamFit, SeamPoints, SeamTable, fit_rotation
 from ballbot.vision.seam_pixels import SeamFinder

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.files import check_regular
-from ballbot.log.columns import Floats
 
 #: containers round times to a millisecond; times within this of even steps are taken as even [s]
 _ROUNDING = 1.1e-3

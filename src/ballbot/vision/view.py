@@ -25,8 +25,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import Bools, Floats
 
 #: range of the closeness: from a distant telephoto lens to one that almost touches the ball
 CLOSENESS = (0.004, 0.6)

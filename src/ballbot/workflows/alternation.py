@@ -18,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import Floats
 from ballbot.results import reported
 from ballbot.summary import counted
 from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation

@@ -17,7 +17,7 @@ from typing import TypeVar, cast, get_args
 
 import numpy as np
 
-from ballbot.arrays import checked_sample_time
+from ballbot.arrays import Floats, checked_sample_time
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.presets import KINDS, nominal_controller
@@ -25,7 +25,6 @@ from ballbot.control.source import named_controller
 from ballbot.errors import InputError, suggest
 from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.files import sha256_of
-from ballbot.log.columns import Floats
 from ballbot.printable import shell_line
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.user_files import error_text, user_module

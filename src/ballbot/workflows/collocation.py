@@ -22,8 +22,8 @@ import numpy as np
 from scipy.interpolate import BPoly
 from scipy.ndimage import gaussian_filter1d
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError, missing_package
-from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.arrays import angle_accelerations
 from ballbot.mechanics.engine.lanes import unpacked
 from ballbot.mechanics.engine.smooth import acceleration

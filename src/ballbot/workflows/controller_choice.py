@@ -20,14 +20,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ballbot.arrays import whole_number
+from ballbot.arrays import Floats, whole_number
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots

@@ -28,13 +28,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
 from ballbot.errors import InputError, every
 from ballbot.file_formats import read_results, without_format
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES, Log
-from ballbot.log.columns import Floats, torque_names
+from ballbot.log.columns import torque_names
 from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of

@@ -28,7 +28,7 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.arrays import positive_number
+from ballbot.arrays import Floats, positive_number
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference, sampled_reference, square
 from ballbot.errors import InputError
@@ -40,7 +40,6 @@ from ballbot.identification.prediction import Predictor, windows_for
 from ballbot.identification.quantities import Coordinates, scale_between
 from ballbot.identification.windows import cut_windows
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.results import left_out, to_results

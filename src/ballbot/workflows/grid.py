@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, TypeVar
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
@@ -25,7 +26,6 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run, Threads
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress

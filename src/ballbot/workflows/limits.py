@@ -28,12 +28,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ballbot.arrays import Bools, Floats
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.references import hold
 from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
-from ballbot.log.columns import Bools, Floats
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model

@@ -16,9 +16,9 @@ from typing import Literal, TypedDict
 import numpy as np
 from scipy.fft import dst
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.columns import Bools, Floats
 from ballbot.results import to_results
 
 #: time [s] after the start, or after a jump of the reference, from which errors count. The nominal closed loop

@@ -14,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.arrays import positive_number, real_array
+from ballbot.arrays import Floats, positive_number, real_array
 from ballbot.control.controller import Controller, grip_torque_limit
 from ballbot.control.references import Reference, read_poses, sampled_reference, write_reference
 from ballbot.errors import InputError, every
 from ballbot.fitting.run import ALL_CORES, Executor
 from ballbot.log import Log
-from ballbot.log.columns import Floats
 from ballbot.results import left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import percent

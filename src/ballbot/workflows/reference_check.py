@@ -20,10 +20,10 @@ import numpy as np
 from scipy.linalg import solve_banded
 from scipy.ndimage import gaussian_filter1d
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
-from ballbot.log.columns import Floats
 from ballbot.mechanics.floor import rolling_friction
 from ballbot.mechanics.friction import dry_friction_size
 from ballbot.mechanics.model import Model

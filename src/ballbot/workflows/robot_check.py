@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import KINDS
 from ballbot.control.references import as_reference, is_reference_file
@@ -25,7 +26,7 @@ from ballbot.findings import Finding, finding_results, stop_on_errors
 from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
-from ballbot.log.columns import STATE_NAMES, Floats, torque_names, unit_of
+from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot

@@ -24,7 +24,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from ballbot.arrays import MOST_TRIALS
+from ballbot.arrays import MOST_TRIALS, Bools, Floats
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
@@ -34,7 +34,6 @@ from ballbot.errors import InputError
 from ballbot.files import parse_toml
 from ballbot.fitting.fit import evolve
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.log.columns import Bools, Floats
 from ballbot.progress import Progress
 from ballbot.results import key, left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot

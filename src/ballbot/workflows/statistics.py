@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import bdtr, betaincinv, stdtrit
 
-from ballbot.log.columns import Floats
+from ballbot.arrays import Floats
 
 CONFIDENCE = 0.95
 

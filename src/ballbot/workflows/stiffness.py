@@ -18,6 +18,7 @@ from itertools import dropwhile, product, takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
 from ballbot.control.margins import sensitivity_peak
@@ -30,7 +31,6 @@ from ballbot.control.presets import (
 )
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.log.columns import Floats
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, run_trials
 

@@ -21,6 +21,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding, finding, finding_results, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
@@ -39,7 +40,6 @@ from ballbot.identification.axis.motion import (
     with_gravity,
 )
 from ballbot.identification.axis.record import AxisRecord
-from ballbot.log.columns import Floats, Ints
 from ballbot.progress import Progress
 from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
 

@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ballbot.arrays import Floats, Ints
 from ballbot.fitting.parameter import FitParameter, Scale
-from ballbot.log.columns import Floats, Ints
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.friction import NO_TERMS
 from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move

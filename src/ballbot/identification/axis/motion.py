@@ -16,11 +16,11 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.least_squares import LinearFit, fit_linear
 from ballbot.identification.axis.model import AxisModel
 from ballbot.identification.axis.record import LEAST_PART, AxisRecord
-from ballbot.log.columns import Bools, Floats, Ints
 
 _ORDER = 4
 #: cut-off frequencies of the position and of the regression's columns, over the bandwidth of the motion

@@ -19,10 +19,10 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.arrays import positive_number, real_array
+from ballbot.arrays import Bools, Floats, positive_number, real_array
 from ballbot.errors import InputError, either, suggest
 from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Bools, Columns, Floats, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
 from ballbot.log.signals import unwrapped
 

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding, finding
 from ballbot.log.checks.table import CHECKS, judged
-from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, Bools, Floats, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, wheel_angle_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.pose import wheel_speeds_of_states
 from ballbot.log.signals import WIDTH, Smooth, across_a_gap, balancing_rows, encoder_step, even_rows, smooth

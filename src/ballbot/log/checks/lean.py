@@ -21,10 +21,10 @@ from itertools import product
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.findings import Finding
 from ballbot.log.balancing_motion import Complex, Motion, as_complex, as_plane, block_sums, clarity
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import Floats
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 

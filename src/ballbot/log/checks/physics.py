@@ -16,12 +16,13 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import nnls
 
+from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.findings import Finding
 from ballbot.log.balancing_motion import EVERY, motion_of
 from ballbot.log.checks.lean import check_lean_axes
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import STATE_NAMES, Floats, torque_names
+from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.log.log import Log
 from ballbot.log.mapping_search.commands import CommandOrder, assign, by_wheel
 from ballbot.log.signals import INTERVAL

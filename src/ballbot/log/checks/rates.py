@@ -12,9 +12,10 @@ from itertools import combinations
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.findings import Finding
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, Floats, numbered_names
+from ballbot.log.columns import POSITION_NAMES, STATE_NAMES, numbered_names
 from ballbot.log.log import Log
 
 COMPARED_TIME = 0.5  #: [s] over which an angle's change and its rate's integral are compared

@@ -20,10 +20,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.findings import Finding
 from ballbot.log.checks.kinematics import smoothed_motion
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import Bools, Floats, wheel_angle_names
+from ballbot.log.columns import wheel_angle_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL, Smooth
 

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import nearest
 from ballbot.findings import Finding
 from ballbot.log.checks.table import CHECKS, judged
@@ -25,8 +26,6 @@ from ballbot.log.columns import (
     POSITION_NAMES,
     STATE_NAMES,
     TRUE_PREFIX,
-    Bools,
-    Floats,
     torque_names,
     unit_of,
     wheel_angle_names,

@@ -11,17 +11,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from ballbot.arrays import check_table, format_bytes
+from ballbot.arrays import Floats, check_table, format_bytes
 from ballbot.errors import InputError, either, nearest
 from ballbot.files import LARGEST_TABLE, check_regular
-from ballbot.log.columns import (
-    Columns,
-    Floats,
-    check_column_names,
-    has_native_names,
-    mark_missing,
-    native_columns,
-)
+from ballbot.log.columns import Columns, check_column_names, has_native_names, mark_missing, native_columns
 from ballbot.log.formats.json import read_json_table
 from ballbot.log.formats.mat import read_mat, write_mat
 from ballbot.log.formats.mcap import read_mcap, write_mcap

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns, Floats
+from ballbot.log.columns import Columns
 
 #: a matrix has a log's columns if it has so many rows, and so many times more than columns
 _LONG, _LONGER = 50, 5

@@ -16,9 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns, Floats, unit_of
+from ballbot.log.columns import Columns, unit_of
 from ballbot.log.formats.json import flattened
 from ballbot.log.formats.ros import Topics, joined, read_bag
 

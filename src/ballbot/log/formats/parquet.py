@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.arrays import check_table
+from ballbot.arrays import Floats, check_table
 from ballbot.errors import InputError
 from ballbot.files import write_bytes
-from ballbot.log.columns import Columns, Floats, unit_of
+from ballbot.log.columns import Columns, unit_of
 
 
 def read_parquet_table(path: Path) -> Columns:

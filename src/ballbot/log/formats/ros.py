@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import Columns, Floats
+from ballbot.log.columns import Columns
 from ballbot.log.formats.json import flattened
 
 _NAMES, _VALUES = "/ballbot/names", "/ballbot/values"

@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import NonNegativeInt, PositiveInt
 
-from ballbot.arrays import check_table
+from ballbot.arrays import Floats, check_table
 from ballbot.errors import InputError
 from ballbot.files import LARGEST_TABLE, read_text, write_text
-from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, Floats, mark_missing, native_columns
+from ballbot.log.columns import KNOWN_NAMES, UNIT_OF, Columns, mark_missing, native_columns
 from ballbot.summary import counted
 
 if TYPE_CHECKING:

@@ -25,10 +25,11 @@ from itertools import permutations, product
 import numpy as np
 from scipy.optimize import nnls
 
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.balancing_motion import Motion, motion_of
-from ballbot.log.columns import FACTORS, Bools, Floats
+from ballbot.log.columns import FACTORS
 from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,

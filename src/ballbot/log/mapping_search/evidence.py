@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import ndtr, softmax
 
-from ballbot.log.columns import Floats
+from ballbot.arrays import Floats
 
 #: below this confidence a conclusion is undetermined
 CONFIDENT = 0.9

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.arrays import Bools, Floats
 from ballbot.log.balancing_motion import block_sums
-from ballbot.log.columns import FACTORS, Bools, Columns, Floats
+from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import integral_of, less_half_a_turn
 from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations

@@ -24,8 +24,9 @@ from typing import Literal
 
 import numpy as np
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.log.columns import FACTORS, UNIT_OF, Floats, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, UNIT_OF, unit_at_the_end, unit_spelled
 from ballbot.log.formats.text import ForeignTable
 from ballbot.log.imu_angles import QUATERNION_ANGLES, quaternion_angles
 

@@ -56,8 +56,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
+from ballbot.arrays import Bools, Floats
 from ballbot.log.balancing_motion import block_sums, clarity
-from ballbot.log.columns import Bools, Floats
 from ballbot.log.mapping_search.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,

@@ -14,7 +14,8 @@ from itertools import product
 
 import numpy as np
 
-from ballbot.log.columns import FACTORS, Floats
+from ballbot.arrays import Floats
+from ballbot.log.columns import FACTORS
 from ballbot.log.mapping_search.evidence import probabilities
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot

@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.control.lqr import lqr
 from ballbot.mechanics.model import LinearModel
 from ballbot.report.series import Line, Panel, TimeSeries
@@ -29,10 +29,10 @@ TURN, PAUSE = 0.5, 4.0
 class BallMovement:
     """The same controller on a ball with friction and on one without: rotation vectors (N, 3), robot's frame [rad]."""
 
-    t: NDArray[np.float64]  #: (N,) [s]
-    reference: NDArray[np.float64]
-    with_friction: NDArray[np.float64]
-    without_friction: NDArray[np.float64]
+    t: Floats  #: (N,) [s]
+    reference: Floats
+    with_friction: Floats
+    without_friction: Floats
 
     @property
     def off_axis_with_friction(self) -> float:
@@ -64,9 +64,7 @@ def ball_movement(robot: Robot) -> BallMovement:
     return BallMovement(t=t, reference=reference, with_friction=with_friction, without_friction=without)
 
 
-def _rotations(
-    ball: ClampedBall, friction: Friction, reference: NDArray[np.float64], h: float
-) -> NDArray[np.float64]:
+def _rotations(ball: ClampedBall, friction: Friction, reference: Floats, h: float) -> Floats:
     """Return the rotations (N, 3) under u = K [rotation that is missing; -Omega]."""
     n = len(ball.A)
     # x_dot = A x + B u, x the rotation and Omega: exact without friction for turning about one axis

@@ -14,8 +14,8 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.presets import design_gain, nominal_controller
@@ -233,7 +233,7 @@ def straight(step: float) -> Reference:
     return change_pose(x=step, y=-step, psi=0.0, at=3.0, ramp=0.0)
 
 
-def _leaning(number: int) -> NDArray[np.float64]:
+def _leaning(number: int) -> Floats:
     """Return the start of a run that stands, at rest and leaning to a side of its own."""
     start = np.zeros(10)
     side = 2.0 * np.pi * number / RUNS
@@ -242,12 +242,7 @@ def _leaning(number: int) -> NDArray[np.float64]:
 
 
 def linear_run(
-    robot: Robot,
-    gain: NDArray[np.float64],
-    reference: Reference,
-    *,
-    duration: float,
-    formulation: Formulation = "exact",
+    robot: Robot, gain: Floats, reference: Reference, *, duration: float, formulation: Formulation = "exact"
 ) -> Log:
     """Return a run of x_dot = A x + B u under u = K (r - x), from rest, sampled and held.
 

@@ -16,8 +16,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.identification.driveline import DrivelineFit, Sweep
 from ballbot.identification.swing import inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
@@ -207,7 +207,7 @@ _NO_MATCH = 0.7
 _STATES = ("x", "y", "theta", "phi", "psi", "psi_dot")
 
 #: ratios (10,) of a run: the error without friction over that with
-Ratios = Callable[[Validated], NDArray[np.float64]]
+Ratios = Callable[[Validated], Floats]
 
 
 def figure_4_1(bench: Bench) -> Item:

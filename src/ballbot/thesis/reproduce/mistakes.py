@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.log import Log
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
@@ -330,9 +330,9 @@ class FixedFrame:
     def update(
         self,
         t: float,  # noqa: ARG002
-        state: NDArray[np.float64],
-        reference: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        state: Floats,
+        reference: Floats,
+    ) -> Floats:
         """Return the wheel torques (n,) [N m]."""
         return self.gain @ (reference - state)
 
@@ -408,9 +408,7 @@ def nonholonomic_rates(bench: Bench) -> Mistake:
     )
 
 
-def nonholonomic_force(
-    robot: Robot, q: NDArray[np.float64], q_dot: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def nonholonomic_force(robot: Robot, q: Floats, q_dot: Floats) -> Floats:
     """Return what (II.34) has too much on its left (5,) because the wheels' angles are no functions of q.
 
     With the wheels' rates W(q) q_dot against the body and their spins w this is (d/dt W - d(W q_dot)/dq)^T j_w w, which
@@ -430,7 +428,7 @@ def nonholonomic_force(
     return curl.T @ momenta
 
 
-def _wheel_rates(robot: Robot, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _wheel_rates(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
     """Return W and S (n, 5): the wheels' rates against the body and their spins (II.16), both for each rate of q."""
     matrices, back = transforms(robot), rotation(*q[2:]).T
     ball = matrices.T_owb @ back @ np.linalg.pinv(matrices.T_vgb)[:, :2]

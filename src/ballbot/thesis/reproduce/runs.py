@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ballbot.arrays import Floats
 from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.model import Model
@@ -70,7 +70,7 @@ def way_apart(first: Log, second: Log) -> float:
     return float(np.max(distances))
 
 
-def above(values: NDArray[np.float64], sample_time: float, frequency: float) -> NDArray[np.float64]:
+def above(values: Floats, sample_time: float, frequency: float) -> Floats:
     """Return what of columns (n, ...) lies above a frequency [Hz], by a Butterworth filter run both ways.
 
     Parameters
@@ -98,13 +98,13 @@ class Validated:
 
     log: Log  #: as measured
     runs: dict[str, Log]  #: each model's closed loop over the whole run
-    whole: NDArray[np.float64]  #: (3, 10) their errors
-    rmse: NDArray[np.float64]  #: (3, 10) alike, by the root mean square
-    restarted: NDArray[np.float64]  #: (3, 10) mean errors over the restarted runs
-    falls: NDArray[np.float64]  #: (3,) median time until a model's lean is past recovery in open loop [s]
+    whole: Floats  #: (3, 10) their errors
+    rmse: Floats  #: (3, 10) alike, by the root mean square
+    restarted: Floats  #: (3, 10) mean errors over the restarted runs
+    falls: Floats  #: (3,) median time until a model's lean is past recovery in open loop [s]
     #: (2, 2, 10) mean errors in open loop of friction and one model without, until the first of the two is past
     #: recovery, as Table 4.2
-    open_loop: NDArray[np.float64]
+    open_loop: Floats
     #: an open-loop run, "measured" and each model until its own lean is past recovery
     example: dict[str, Log]
     correlations: Correlations  #: of the residuals of the model with friction
@@ -158,7 +158,7 @@ def _closed_run(model: Model, log: Log, start: int, samples: int) -> Log:
     )
 
 
-def _restarted(model: Model, log: Log, samples: int) -> NDArray[np.float64]:
+def _restarted(model: Model, log: Log, samples: int) -> Floats:
     errors = []
     for start in range(0, len(log) - samples + 1, samples):
         run = _closed_run(model, log, start, samples)
@@ -166,9 +166,7 @@ def _restarted(model: Model, log: Log, samples: int) -> NDArray[np.float64]:
     return np.mean(errors, axis=0)
 
 
-def _open_loop(
-    models: Sequence[Model], log: Log
-) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[str, Log]]:
+def _open_loop(models: Sequence[Model], log: Log) -> tuple[Floats, Floats, dict[str, Log]]:
     """Return `falls`, `open_loop` and `example` of `Validated`, from starts that can be recovered from."""
     samples = round(AHEAD / log.sample_time)
     # the exact equations give the lean beyond which the motors no longer bring the body back up
@@ -180,7 +178,7 @@ def _open_loop(
     lengths = np.where(past.any(axis=-1), np.maximum(past.argmax(axis=-1), 1), samples)
     off = log.states[rows_after(starts, samples)] - states
 
-    def errors(model: int, other: int) -> NDArray[np.float64]:
+    def errors(model: int, other: int) -> Floats:
         shorter = np.minimum(lengths[0], lengths[other])
         return np.mean([thesis_error(off[model, k, :n]) for k, n in enumerate(shorter)], axis=0)
 
