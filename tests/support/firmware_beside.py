@@ -61,8 +61,8 @@ class _Beside:
 def torques_beside(controller: Controller, *, duration: float) -> NDArray[np.float64]:
     """Return by how much Python's torques differ from the firmware's in each sample (N,), over the torque limit.
 
-    On a circle, slow enough to be followed without delay, with noise, encoder counts and play. Python's observer takes its
-    own torques for those that act: by how far a fast reference must be followed behind, the difference would grow.
+    On a circle, slow enough to be followed without delay, with noise, encoder counts and play. Python's observer takes
+    its own torques for those that act: by how far a fast reference must be followed behind, the difference would grow.
     """
     tap = _Tap(controller)
     imperfections = Imperfections(sensors=controller.robot.sensors, backlash=0.017)
