@@ -11,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -32,9 +31,8 @@ from benchmarks import closed_loop, environments, identification, jax_peer, peer
 from benchmarks.accuracy import accelerations
 from benchmarks.numpy_form import rate_of_change
 from benchmarks.operations import operations_of_a_step, peak_rate
-from benchmarks.workloads import balancing, nominal_robot, smooth
+from benchmarks.workloads import PAGE, balancing, nominal_robot, processor, smooth
 
-PAGE = Path(__file__).parents[1] / "docs" / "generated" / "benchmarks.md"
 STEPS = 5
 _FIRST_CALL = """
 import time; t = time.perf_counter()
@@ -199,7 +197,6 @@ def main() -> None:
         ("first call in a fresh process, nothing on disk", f"{cold:.1f} s", "15"),
         ("largest relative error against the NumPy form", f"{largest_error(model):.1e}", "1e-12"),
         *closed_loop.rows(),
-        *environments.rows(),
         *identification.rows(),
     ]
     others = [
@@ -240,7 +237,7 @@ def page(rows: list, others: list, batched: float, single: float, model: Model) 
             lines.append(
                 f"| {name} | {1e6 * seconds:.3g} us | {seconds * single:,.0f} | {seconds * batched:,.0f} |"
             )
-    lines += ["", *environments.published(), "", *limits(counts, arithmetic, peak, batched), ""]
+    lines += ["", *limits(counts, arithmetic, peak, batched), "", environments.section()]
     return "\n".join(lines)
 
 
@@ -258,14 +255,6 @@ def limits(counts: Counter[str], arithmetic: int, peak: float, batched: float) -
         "first cache, so that memory does not limit it; the rest is divisions, comparisons and waiting, since a step",
         "is a long chain of dependent operations.",
     ]
-
-
-def processor() -> str:
-    """Return the processor's name as the machine gives it."""
-    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
-        if line.startswith("model name"):
-            return line.split(":", 1)[1].strip()
-    return platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,9 @@
-"""The states that the timings start from."""
+"""The page of the timings, the machine, and the states that they start from."""
 
 from __future__ import annotations
+
+import platform
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
 
+PAGE = Path(__file__).parents[1] / "docs" / "generated" / "benchmarks.md"
 SAMPLES = 100
 #: standard deviations of good sensors' noise, for x y theta phi psi and their rates
 NOISE = np.array([1e-4, 1e-4, 5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 7e-4, 7e-4, 7e-4])
@@ -49,3 +53,11 @@ def measured_square(robot: Robot, *, duration: float, period: float) -> Log:
     log = simulate(Model(robot), controller, square(period=period), duration=duration).without_truth()
     noise = NOISE * np.random.default_rng(1).standard_normal((len(log), 10))
     return log.with_columns({name: log[name] + noise[:, i] for i, name in enumerate(STATE_NAMES)})
+
+
+def processor() -> str:
+    """Return the processor's name as the machine gives it."""
+    for line in Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else ():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()

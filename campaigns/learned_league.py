@@ -16,7 +16,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback
 from ballbot.control.presets import precise_controller
 from ballbot.fitting.run import Run, Threads
-from ballbot.learning.learn import learn
+from ballbot.learning.learn import FILM_PARTS, Learned, learn
 from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import task_named
 from ballbot.progress import ignore_progress
@@ -28,7 +28,7 @@ from ballbot.workflows.courses import Course, PlantName, choose_courses
 from ballbot.workflows.league import League, run_league, standing
 from ballbot.workflows.metrics import METRIC_BY_KEY, falls_of, values_of
 from ballbot.workflows.statistics import mean_with_interval
-from campaigns.section import Section, finished
+from campaigns.section import Section, finished, markdown_table
 
 PRESET = "alten"
 DESIGNED = ("full", "partial", "precise")
@@ -62,14 +62,13 @@ def known_robot() -> Robot:
     return Robot.load(PRESET).replace(friction=Scenario.nominal(PRESET).friction)
 
 
-def trained(piece: tuple[str, str, int]) -> tuple[Controller, float]:
-    """Learn a task with a seed, alone or onto the precise controller; return what was learned, and the seconds."""
+def trained(piece: tuple[str, str, int]) -> Learned:
+    """Learn a task with a seed, alone or onto the precise controller."""
     name, kind, seed = piece
     robot = known_robot()
     robots = drawn_robots(robot, Scenario.nominal(PRESET), None)
     base = precise_controller(robot) if kind == "residual" else None
-    learned = learn(robots, task_named(name), base=base, run=Run(seed=seed, progress=ignore_progress))
-    return learned.controller, learned.curve[-1].seconds
+    return learn(robots, task_named(name), base=base, run=Run(seed=seed, progress=ignore_progress))
 
 
 def designed() -> dict[str, Feedback]:
@@ -179,6 +178,25 @@ def rows_of(league: League, plant: str) -> list[list[str]]:
     return rows
 
 
+def curves(learned: Mapping[str, Learned]) -> str:
+    """Return a table of the rewards in the course of the trainings, beside those of controllers without a policy."""
+    rows = []
+    for task in dict.fromkeys(TASK_OF.values()):
+        row = [task]
+        for kind in KINDS:
+            own = [learned[f"{task}_{kind}_{k}"] for k in range(TRAININGS)]
+            row.append(f"{own[0].baseline:.3f}")
+            for part in FILM_PARTS[1:]:
+                points = [one.curve[round(part * len(one.curve)) - 1] for one in own]
+                reward, seconds = (
+                    np.median([getattr(at, key) for at in points]) for key in ("reward", "seconds")
+                )
+                row.append(f"{reward:.3f} ({seconds:.0f} s)")
+        rows.append(row)
+    after = ["after 1/6", "after 1/3", "at its end"]
+    return markdown_table(["task", "LQR", *after, "precise", *after], rows)
+
+
 def _courses_of() -> str:
     by_task = {task: [name for name, own in TASK_OF.items() if own == task] for task in TASK_OF.values()}
     return "; ".join(f"{task}: {', '.join(names).replace('_', ' ')}" for task, names in by_task.items())
@@ -190,7 +208,7 @@ def campaign() -> Section:
     tasks = tuple(dict.fromkeys(TASK_OF.values()))
     pieces = {f"{t}_{kind}_{k}": (t, kind, k) for t in tasks for kind in KINDS for k in range(TRAININGS)}
     learned = finished("learned_policies", trained, pieces, packages=_PACKAGES, workers=alone)
-    to_run = races({name: controller for name, (controller, _) in learned.items()})
+    to_run = races({name: one.controller for name, one in learned.items()})
     leagues = finished("learned_league", Race.league, to_run, packages=_PACKAGES, workers=alone)
     by_course = {}
     for task in tasks:
@@ -198,10 +216,6 @@ def campaign() -> Section:
         for plant, league in (("loop", leagues[f"{task}_loop"]), ("twin", on_twin)):
             for course, row in zip(league.courses, rows_of(league, plant), strict=True):
                 by_course[course.name, plant] = row
-    seconds = {
-        kind: np.median([taken for name, (_, taken) in learned.items() if f"_{kind}_" in name])
-        for kind in KINDS
-    }
     return Section(
         title="Learned and designed controllers",
         before=f"The courses of `ballbot compare --courses benchmark`, preset {PRESET} with the nominal scenario's "
@@ -215,8 +229,9 @@ def campaign() -> Section:
         "run had not arrived, or was not at rest, at its end.",
         columns=["course, plant", *DESIGNED, "learned", "which", "onto precise", "which"],
         rows=[by_course[name, plant] for name in TASK_OF for plant in ("loop", "twin")],
-        after=f"A training took {seconds['learned']:.0f} s by the clock in the median alone, and "
-        f"{seconds['residual']:.0f} s onto the precise controller.",
+        after=f"The reward a second in the course of the trainings, with exploration, and by the clock: medians of "
+        f"{TRAININGS}, alone beside the LQR and then onto the precise controller beside that one alone.\n\n"
+        + curves(learned),
     )
 
 
