@@ -1,11 +1,15 @@
 """The commands: options and a few calls each. `app` lists them, `main` runs one, `context` is their common part."""
 
+import os
 import sys
 import threading
 from contextvars import ContextVar
 from dataclasses import dataclass
 from time import monotonic
 
+# before NumPy is imported: threads of OpenBLAS that wait for each other take a training many times as long beside other
+# work, and results would depend on their number
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 _BETWEEN = 0.25  #: [s] between two updates of the line
 
 
