@@ -280,7 +280,7 @@ def _limited(v, most):
 
 @inlined
 def _lagged(lags, memory, target, step):
-    """Return an axis's `SmoothReference` at the sample, p* having made a step, and advance its four lags."""
+    """Return an axis's `SmoothReference` at the sample, where p has made a step, and advance its four lags."""
     w, a, g = lags.frequency, lags.decay, lags.step
     d_1, d_2 = memory[0] - target, memory[1] - target
     d_3, d_4 = memory[2] - target, memory[3] - target
