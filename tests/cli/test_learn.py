@@ -11,6 +11,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.learning.contract import Contract
 from ballbot.robot import Robot
+from tests.support.processes import ctrl_c_is_heard
 
 SHORT = ["--updates", "1", "--runs", "1", "--duration", "1"]
 
@@ -39,7 +40,8 @@ def test_ctrl_c_in_the_midst_of_an_update_keeps_the_best_policy(tmp_path, capsys
 
     monkeypatch.setattr("ballbot.learning.learn.sparkline", reported)
     out = tmp_path / "learned"
-    assert main(["learn", "balance", "--updates", "5000", *SHORT[2:], "--out", str(out)]) == 0
+    with ctrl_c_is_heard():
+        assert main(["learn", "balance", "--updates", "5000", *SHORT[2:], "--out", str(out)]) == 0
     assert "stopped early" in capsys.readouterr().out
     results = json.loads((out / "results.json").read_text())
     assert results["stopped"]

@@ -27,7 +27,7 @@ class Child:
     def __init__(self, *arguments: str) -> None:
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the process)
         paths = os.pathsep.join(map(str, (_ROOT / "src", _ROOT)))  # this toolkit and its tests
-        with _ctrl_c_is_heard():
+        with ctrl_c_is_heard():
             self.process = subprocess.Popen(
                 [sys.executable, *arguments],
                 env={**os.environ, "PYTHONPATH": paths},
@@ -93,8 +93,8 @@ class Child:
 
 
 @contextmanager
-def _ctrl_c_is_heard() -> Iterator[None]:
-    """Let processes that begin in the block hear Ctrl-C: a shell's background job and all below it ignore it."""
+def ctrl_c_is_heard() -> Iterator[None]:
+    """Let this process and those it begins hear Ctrl-C: a shell's background job and all below it ignore it."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
