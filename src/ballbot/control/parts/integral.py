@@ -27,8 +27,8 @@ from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import Parameter, parameter
 
-#: acceleration of the reference beyond which an error tells of the motion and not of a lasting cause [m/s^2]
-_HURRY = 0.25
+#: acceleration of the reference beyond which errors come from the motion, not from a lasting disturbance [m/s^2]
+_BRISK = 0.25
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +68,7 @@ def learn_integral(law, memory, now, limited):
     if own.on == 0:
         return
     x, y, _ = now.wanted
-    limited = limited or x.second * x.second + y.second * y.second > _HURRY * _HURRY
+    limited = limited or x.second * x.second + y.second * y.second > _BRISK * _BRISK
     e_x, e_y, e_psi = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1], e[4]
     if e_x * e_x + e_y * e_y > own.dead_band * own.dead_band:
         sums[0] = _stepped(sums[0], own.kept, own.step * e_x, own.limit, limited)

@@ -46,8 +46,8 @@ _ROUNDING = 1e-3
 # constants that single precision holds exactly, so that the firmware's are these
 #: lag of r' and r'' [s]
 _LAG = 0.046875
-#: t_0 [s]
-_NOTICED = 0.09375
+#: t_0 [s]: by then most of r' is gone after a stop
+_NOTICED = 2.0 * _LAG
 #: deceleration b that p expects of itself, over the limit a
 _BRAKING = 0.875
 #: rate at which p approaches a target that is near [1/s], and the largest in a sample

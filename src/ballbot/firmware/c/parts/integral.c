@@ -8,8 +8,8 @@
  */
 #include "parts/parts.h"
 
-/* acceleration of the reference beyond which an error tells of the motion and not of a lasting cause [m/s^2] */
-#define HURRY (0.25f)
+/* acceleration of the reference beyond which errors come from the motion, not from a lasting disturbance [m/s^2] */
+#define BRISK (0.25f)
 
 void ballbot_integral_torque(const struct ballbot_law *law, const struct ballbot_memory *memory,
                              const struct ballbot_sample *now, float torques[], int32_t n)
@@ -52,7 +52,7 @@ void ballbot_integral_learn(const struct ballbot_law *law, struct ballbot_memory
     const struct ballbot_pair e = ballbot_from_heading(now->a, now->e[0], now->e[1]);
     const float e_psi = now->e[4];
 
-    limited = limited || now->x.second * now->x.second + now->y.second * now->y.second > HURRY * HURRY;
+    limited = limited || now->x.second * now->x.second + now->y.second * now->y.second > BRISK * BRISK;
     if (e.x * e.x + e.y * e.y > own->dead_band * own->dead_band) {
         sums[0] = stepped(sums[0], own->kept, own->step * e.x, own->limit, limited);
         sums[1] = stepped(sums[1], own->kept, own->step * e.y, own->limit, limited);

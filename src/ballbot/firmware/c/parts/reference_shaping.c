@@ -20,7 +20,7 @@
 /* as in ballbot.control.parts.reference_shaping */
 #define ROUNDING (1e-3f)
 #define LAG (0.046875f)
-#define NOTICED (0.09375f)
+#define NOTICED (2.0f * LAG)
 #define BRAKING (0.875f)
 #define FAST (1.5f)
 #define RESERVE (1.5f)
