@@ -1,7 +1,5 @@
 """Accelerations with friction of known signs at many states, from the very functions that the engine inlines."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray

@@ -6,8 +6,6 @@ A period is 5 ms: all sensors with their faults, the Kalman filter, the precise 
 of one sample, motors' lag, play, and five steps of 1 ms.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -5,8 +5,6 @@
 A step is one sample of 5 ms (`repeat=1`), resets included. Robots have the nominal scenario's sensors, play and noise.
 """
 
-from __future__ import annotations
-
 import os
 from time import perf_counter, process_time
 
@@ -109,8 +107,8 @@ def section() -> str:
         HEADING,
         "",
         f"`python -m benchmarks.environments` writes this section: steps of 5 ms of {LANES} robots, in a second by the "
-        f"clock and in a second of processor time, the medians of 60 spells. {processor()}, {os.cpu_count()} cores, whose "
-        f"load by other work was {os.getloadavg()[0]:.1f} before.",
+        "clock and in a second of processor time, the medians of 60 spells. "
+        f"{processor()}, {os.cpu_count()} cores, whose load by other work was {os.getloadavg()[0]:.1f} before.",
         "",
         "| | by the clock, processor time | target |",
         "|---|---:|---:|",

@@ -7,8 +7,6 @@ first simulation runs, then `ballbot demo`: until it names the page, and until t
 stands beside it, in environments of their own. Needs a package index.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import subprocess

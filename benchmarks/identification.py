@@ -3,8 +3,6 @@
 .venv/bin/python -m benchmarks.identification
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from time import process_time

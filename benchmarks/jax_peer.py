@@ -1,7 +1,5 @@
 """The NumPy form written for JAX: RK4 of many robots at once, jitted and mapped over robots, on one core."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from time import perf_counter

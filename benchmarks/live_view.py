@@ -6,8 +6,6 @@
 browser takes to draw them is not counted. Linux only: the process's time is that of /proc.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

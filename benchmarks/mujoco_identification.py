@@ -5,8 +5,6 @@ inertia as armature, b as damping, c as friction loss and the motor's torque. St
 no such law. Needs pip install 'mujoco[sysid]'.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from contextlib import redirect_stdout

@@ -1,7 +1,5 @@
 """The exact equations with friction of known signs in plain NumPy: what the compiled form must equal and peers run."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

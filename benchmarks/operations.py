@@ -1,7 +1,5 @@
 """How many operations one step takes, counted in the compiled code, and how many this machine can do."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 from time import perf_counter

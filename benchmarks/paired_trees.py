@@ -8,8 +8,6 @@ both alike. The ratio of each round is new over old (of speeds: above 1 is faste
 median and the range over the rounds are printed.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -1,7 +1,5 @@
 """What else steps such a robot: SciPy, python-control and MuJoCo, in the same process and on one core."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from time import perf_counter
 

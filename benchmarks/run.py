@@ -3,8 +3,6 @@
 .venv/bin/python -m benchmarks.run          (make bench)
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess

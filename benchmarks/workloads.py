@@ -1,7 +1,5 @@
 """The page of the timings, the machine, and the states that they start from."""
 
-from __future__ import annotations
-
 import platform
 from pathlib import Path
 

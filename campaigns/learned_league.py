@@ -5,8 +5,6 @@
 Trainings and leagues that are finished are kept in build/learned_policies and build/learned_league.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

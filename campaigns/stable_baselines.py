@@ -5,8 +5,6 @@
 Stable-Baselines3 and PyTorch belong to no extra of Ballbot's: pip install torch stable-baselines3
 """
 
-from __future__ import annotations
-
 import warnings
 from time import process_time
 from typing import Any

@@ -8,8 +8,6 @@ The algorithm is that of Schulman et al. 2017 (arXiv:1707.06347), with the advan
 (arXiv:1506.02438). It is in PyTorch since that is what its readers change; `ballbot learn` needs none and is faster.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from dataclasses import dataclass, fields, replace

@@ -6,8 +6,6 @@ its words are replaced to make a run shorter, and which commands cannot run in a
 notebooks (`executed_pages`) and show what their commands print.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

@@ -5,8 +5,6 @@ fails ends the build. What ran once is taken from a cache until the page or Ball
 ``<!-- page: found/report.html -->`` shows a page that the commands wrote. GitHub shows the blocks as code.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

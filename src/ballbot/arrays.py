@@ -10,8 +10,6 @@ A wrong unit or one stray number makes a table of seconds one of years. Code tha
 calls `check_table` or `rows_between` first.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from numbers import Real

@@ -1,7 +1,5 @@
 """The one error that a user's input can raise, and what a sentence of it lists: choices, the nearest names."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 

@@ -9,8 +9,6 @@ new key that may be left out changes nothing. Files of another number are refuse
 refused with what to write in its place.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version

@@ -5,8 +5,6 @@ read, and depth and numbers that a parser cannot handle are found before or righ
 is written appears at its place at once: a reader sees the old content or the new, never a part.
 """
 
-from __future__ import annotations
-
 import codecs
 import hashlib
 import json

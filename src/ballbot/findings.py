@@ -4,8 +4,6 @@ A finding has a stable code, by which results.json and `--accept` name it. An er
 because a result from such input would be wrong; `--accept CODE` goes on, and the finding stays in the report.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType

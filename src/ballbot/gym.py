@@ -8,8 +8,6 @@ Observation and action are those of `ballbot.learning.contract`, task and reward
 `info` holds the true state and the reference, for a privileged critic.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ look like another. All of them are shown as Python would write them, as in \x1b;
 are no text.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

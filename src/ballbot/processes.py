@@ -1,7 +1,5 @@
 """Worker processes that end with this one: on Ctrl-C at once and without a traceback each, and when it is killed."""
 
-from __future__ import annotations
-
 import ctypes
 import signal
 import sys

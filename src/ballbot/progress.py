@@ -4,8 +4,6 @@ Work goes through stages. How far a stage has come is known if it knows its numb
 is not guessed.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Sequence

@@ -10,8 +10,6 @@ One process at a time holds the folder's lock; the system releases it when that 
 on network drives without locks, two commands at work in one folder are not noticed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -17,8 +17,6 @@ written too:
         def share(self) -> float: ...
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Quantities as people read them: significant digits, a value no finer than its error, a name with its unit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -6,8 +6,6 @@ A sentence names the key, its value, the allowed values, and the nearest name. M
 scenarios are validated here.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence

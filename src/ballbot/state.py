@@ -4,8 +4,6 @@ x = [x y theta phi psi, and their rates]        [m, rad, m/s, rad/s]
 u = [u1 .. un]                                  wheel torques [N m]
 """
 
-from __future__ import annotations
-
 POSITION_NAMES = ("x", "y", "theta", "phi", "psi")
 STATE_NAMES = (*POSITION_NAMES, *(f"{name}_dot" for name in POSITION_NAMES))
 

@@ -1,7 +1,5 @@
 """Python files of users: run once in each process, and their errors in one sentence."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import traceback

@@ -101,7 +101,8 @@ def test_two_controllers_of_the_twin_stand_on_one_floor(browser):
         start(tab, address)
         assert tab.run("document.querySelectorAll('.label').length") == 2
         end = time.monotonic() + PATIENCE
-        while tab.run(f"{LEAN} <= 0.7"):  # on a busy machine the page may show nothing of one push's half a second
+        # again and again: on a busy machine the page may show nothing of the half second of one push
+        while tab.run(f"{LEAN} <= 0.7"):
             assert time.monotonic() < end
             tab.page.keyboard.press("ArrowUp")
             tab.page.wait_for_timeout(200.0)

@@ -1,7 +1,5 @@
 """`ballbot align`: a log's sensors against motion capture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.cli import options

@@ -4,8 +4,6 @@ A command's module is imported only when that command runs or prints its help, s
 immediately.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@
 reference.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.cli import options

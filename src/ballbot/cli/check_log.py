@@ -1,7 +1,5 @@
 """`ballbot check-log`: a log's columns and problems; for a foreign file, a proposed mapping."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

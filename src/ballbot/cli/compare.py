@@ -1,7 +1,5 @@
 """`ballbot compare`: controllers side by side, on the same courses with the same seeds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.cli import options

@@ -1,7 +1,5 @@
 """`ballbot completion`: a script for a shell that completes commands, options and their choices, by cyclopts."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Literal
 

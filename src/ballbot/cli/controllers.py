@@ -1,7 +1,5 @@
 """The controller of a run: the options that choose it, and warnings about its compensation."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`ballbot convert`: a log in another file format."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.cli import options

@@ -1,7 +1,5 @@
 """`ballbot demo`: two recorded runs in the browser, and the friction identified from the log of the first."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

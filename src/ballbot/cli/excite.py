@@ -1,7 +1,5 @@
 """`ballbot excite`: an excitation that is informative about friction, within limits, tried on the loop with sensors."""
 
-from __future__ import annotations
-
 import math
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`ballbot export`: a controller as C firmware for its robot."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ballbot.cli import options

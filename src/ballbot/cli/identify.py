@@ -1,7 +1,5 @@
 """`ballbot identify`: a robot's friction, and other parameters on request, from balancing logs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`ballbot identify-driveline`, `-upside-down`, `-geometry` and `-axis`: a part of a robot, or any axis, by itself."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`ballbot limits`: the largest tilts and impulses that a robot recovers from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The `ballbot` command: runs a command line, and reports errors in one sentence."""
 
-from __future__ import annotations
-
 import io
 import os
 import sys

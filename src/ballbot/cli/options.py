@@ -1,7 +1,5 @@
 """The options that several commands have, each declared once: `robot: options.Robot`."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ The options --json and --quiet of every command act here: text is discarded, war
 error, and with --json only the results (`emit`) go to standard output.
 """
 
-from __future__ import annotations
-
 import io
 import sys
 import webbrowser

@@ -1,7 +1,5 @@
 """`ballbot plan`: the fastest move within a robot's limits, as a reference that controllers follow."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

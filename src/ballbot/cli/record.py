@@ -1,7 +1,5 @@
 """`ballbot record`: runs of the twin, written as log files."""
 
-from __future__ import annotations
-
 from ballbot.cli import options
 from ballbot.cli.context import Content, cluster_or, open_result, parse_seeds
 from ballbot.cli.controllers import NOMINAL, ControllerOptions

@@ -1,7 +1,5 @@
 """`ballbot reproduce`: the figures and tables of the thesis."""
 
-from __future__ import annotations
-
 from ballbot.cli import options
 from ballbot.cli.context import open_result
 from ballbot.report.blocks import Sheet, verdict_lines

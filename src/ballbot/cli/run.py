@@ -1,7 +1,5 @@
 """`ballbot run`: a live robot, from its wiring check to a comparison of two controllers on it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`ballbot simulate`: a closed-loop run of the model, as a log."""
 
-from __future__ import annotations
-
 from ballbot.cli import options
 from ballbot.cli.context import Content, open_result
 from ballbot.cli.controllers import NOMINAL, ControllerOptions

@@ -1,7 +1,5 @@
 """`ballbot spin`: the ball's angular velocity from a video of its seam."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

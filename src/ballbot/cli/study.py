@@ -1,7 +1,5 @@
 """`ballbot study`: the main job, from a robot and its logs to a report and a controller."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

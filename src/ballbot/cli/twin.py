@@ -1,7 +1,5 @@
 """`ballbot twin`: the twin's own files."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from cyclopts import App

@@ -3,8 +3,6 @@
 With `--prediction`, a log made with a study's controller is compared with the study's prediction.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`ballbot view`: logs in three dimensions as a page in the browser, or simulated robots to push."""
 
-from __future__ import annotations
-
 import asyncio
 import tempfile
 from collections.abc import Mapping, Sequence

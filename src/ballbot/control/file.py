@@ -7,8 +7,6 @@ the file is read with. The table `designed_for` has the robot's values that the 
 those of the robot, a warning names them.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace

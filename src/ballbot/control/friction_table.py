@@ -6,8 +6,6 @@ proportion to the load is a coefficient beside the table. A law is refused if th
 and load.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -16,8 +16,6 @@ the search but `growths`: a Cholesky factor of P and the norms of all loops. As 
 limits, and the lags of estimator and motors are not included.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """The seam between a controller and everything that runs one: a measurement and a reference in, torques out."""
 
-from __future__ import annotations
-
 from typing import Protocol, runtime_checkable
 
 import numpy as np

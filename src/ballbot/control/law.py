@@ -11,8 +11,6 @@ updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ba
 a part is one file with these two structs and a function for each of its steps; `law.c` has the calls in order.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache
 

@@ -18,8 +18,6 @@ and feed-forward, which act on references only. The plant is the exact model wit
 sample and delayed by the time that the controller predicts over. The estimator's lag is not in the loop.
 """
 
-from __future__ import annotations
-
 import cmath
 import math
 from collections.abc import Mapping, Sequence

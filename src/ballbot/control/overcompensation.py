@@ -24,8 +24,6 @@ bounds of their own, mu - z sigma_mu. A parameter's variance decides how it ente
 - zero, of a parameter that the friction law fixes or a user states without an error: the stated value is exact.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

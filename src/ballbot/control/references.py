@@ -14,8 +14,6 @@ to the end. A plan's file has the other seven columns too, ref_theta to ref_psi_
 between its rows.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Controllers by what a user gives: an object, a function, the name of a ready-made one, or a controller file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

@@ -8,8 +8,6 @@ way is a mixture, too. The lean that errors command is mixed like the gain; it i
 In the memory every number is a difference from the controller as it was made, so that zeros are the start of a run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 

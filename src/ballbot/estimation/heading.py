@@ -6,8 +6,6 @@ beyond one turn count turns by themselves and stay as they are. `ballbot_unwrapp
 same rule.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The seam between a robot's sensors and the state made from them: readings, estimators by name, and their errors."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, Protocol, get_args
 

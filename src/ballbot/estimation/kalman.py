@@ -10,8 +10,6 @@ Without a fix, position and heading stay relative to the start, and their covari
 0.2 m or 0.2 rad. `ballbot.estimation.kalman_model` has the states and equations.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

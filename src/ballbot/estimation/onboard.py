@@ -10,8 +10,6 @@ It cannot measure slip, the play between encoder and wheel, or the drift of its 
 (NaN) is predicted: the gyro's and v stay as they were, theta, phi and psi go on at their last rates.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ballbot.arrays import Floats

@@ -7,8 +7,6 @@ the headers, the options, the compiler and the kind of computer. A folder that c
 then lies in a temporary folder until this process ends.
 """
 
-from __future__ import annotations
-
 import atexit
 import ctypes
 import importlib.util

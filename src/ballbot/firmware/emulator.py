@@ -11,8 +11,6 @@ condition skips counts, as it takes a cycle. Cycles are `CYCLES` for each instru
     run.instructions, run.cycles, run.stack
 """
 
-from __future__ import annotations
-
 import struct
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence

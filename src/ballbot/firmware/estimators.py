@@ -4,8 +4,6 @@ The C sources are `c/estimation/onboard.c` and `kalman.c`. Their numbers come fr
 those of `ballbot.estimation`; what they remember is zero at the start, which is a robot at (0, 0).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np

@@ -17,8 +17,6 @@ If a record changes, the C code that reads it must change too. Then write the he
     python -m ballbot.firmware.header
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ and then a sample without encoders, gyro or attitude, or with a fix. Such a rehe
 random states and references find in the parts of the controller (`tests/firmware/test_processor_load.py`).
 """
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass

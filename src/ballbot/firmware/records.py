@@ -4,8 +4,6 @@ They consist of the records of the control law, the estimators and the safety la
 Its digest is compiled into the C library and written into every exported controller.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from enum import IntEnum
 

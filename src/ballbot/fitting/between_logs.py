@@ -23,8 +23,6 @@ If all C_k are zero this is conjugate: tau^2 has nu + (K - 1) p degrees. The tes
 robots drawn from the prior, which is exact.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -15,8 +15,6 @@ correlation rho of neighbours, taken as a first-order process: (1.5 (2 rho / (1 
 runs^(1/3) and twice the runs that overlap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

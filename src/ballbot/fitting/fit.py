@@ -20,8 +20,6 @@ statistics, Statistica Sinica 21 (2011) 129-148). A limit lies where 2 N n_s (co
 Student's quantile.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -6,8 +6,6 @@ W (G - q) / (q (G - 1)) ~ F(q, G - q), with G the number of blocks in which the 
 zero: a rare event is known from few blocks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

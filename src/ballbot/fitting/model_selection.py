@@ -6,8 +6,6 @@ models, so that windows that are hard for both do not widen it (H. R. Kuensch, T
 general stationary observations, Annals of Statistics 17 (1989) 1217-1241).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

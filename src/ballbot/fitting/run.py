@@ -4,8 +4,6 @@ The problem alone decides how work is cut into pieces, and results are joined in
 therefore the same to the bit with any executor and any number of threads or workers.
 """
 
-from __future__ import annotations
-
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence

@@ -9,8 +9,6 @@ The result of a worker is written completely or not at all, and read back, so th
 was made now or before.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence

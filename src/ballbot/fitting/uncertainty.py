@@ -22,8 +22,6 @@ On a simulated log of 32 s, full fits of six resamples differed from this by 0.1
 the twelve parameters; 0.7 at most). tests/identification/test_balancing.py checks two resamples of a shorter log.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

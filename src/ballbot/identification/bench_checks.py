@@ -7,8 +7,6 @@ the inertia in the file over that of the inverse model. Gains of 1 show that tor
 gains are reported with their usual causes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

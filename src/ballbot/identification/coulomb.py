@@ -10,8 +10,6 @@ The standard error follows from those of c, s, v_s and delta and their correlati
 error, such as v_s or delta at a bound, count as exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal

@@ -7,8 +7,6 @@ delta of the thesis is 1: a sweep passes the low speeds in a few tenths of a sec
 v_s.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

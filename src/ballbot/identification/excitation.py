@@ -15,8 +15,6 @@ is 1 if the ball does not pivot (0.2 and 0.5 on two logs of a robot on a smooth 
 explains the heading by its other parameters, mainly by rolling friction.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

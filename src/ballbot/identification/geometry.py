@@ -23,8 +23,6 @@ Standard errors do not include the few tenths of a percent by which rollers slip
 `SLIP_ANGLE` bound these.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

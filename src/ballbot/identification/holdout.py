@@ -10,8 +10,6 @@ It is 1 if the log has the identified friction, and less if it has less. Errors 
 change it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

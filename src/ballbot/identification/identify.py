@@ -5,8 +5,6 @@ plant is unstable). On some of the windows a search finds the basin, by short de
 thesis's genetic algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

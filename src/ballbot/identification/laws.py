@@ -18,8 +18,6 @@ c sgn(w) + o with c = (c+ + c-)/2 and o = (c+ - c-)/2: the symmetric law with a 
 Load. Gear teeth rub in proportion to their load, here the motor's torque u. It is an alternative to asymmetry.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 

@@ -21,8 +21,6 @@ interpolated between samples. The initial state is seen late too: the true one i
 sample, simulated from what was seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -9,8 +9,6 @@ The body's second moments S_x, S_y, S_z about its centre of mass stand for its i
 turn. Any positive second moments belong to some body, because S > 0 is the triangle inequality of the inertia.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace

@@ -3,8 +3,6 @@
 Parameters with the same finding share one sentence, as those of a robot's wheels often do.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import combinations

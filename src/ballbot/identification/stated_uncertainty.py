@@ -6,8 +6,6 @@ none either: its standard deviation is infinite, and its interval is the range o
 interval or, without one, its bounds. A number that depends on no estimated parameter counts as exact.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from types import MappingProxyType
 

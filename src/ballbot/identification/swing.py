@@ -15,8 +15,6 @@ m the hanging mass, r from the pivot to its centre of mass, l from the ball's ce
 hung the body at the ball's centre, r = l). The errors of frequency, m, r and l count as independent.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -15,8 +15,6 @@ Standard errors are clustered by window and widened by `WIDENED`. Held-out windo
 simulated with and without it, from the mean of the samples around a window's first row.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 

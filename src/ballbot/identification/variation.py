@@ -21,8 +21,6 @@ estimates the mean of the wheels. A single wheel differs from it by `WHEELS_APAR
 to its error, independently for each wheel.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache

@@ -6,8 +6,6 @@ from a stream of its own (`ballbot.learning.streams`), so that its episodes depe
 threads.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

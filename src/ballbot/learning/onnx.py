@@ -5,8 +5,6 @@ contract has them. What is read must be three layers with tanh between: `Gemm`, 
 Whatever limits the action comes last (`Clip`), since a policy's torques are limited anyhow. It needs the extra `onnx`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path

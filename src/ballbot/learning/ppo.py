@@ -6,8 +6,6 @@ learns. Advantages are generalised ones (Schulman et al. 2016, arXiv:1506.02438)
 compiled loop steps the robots, so that neither waits for Python.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise

@@ -6,8 +6,6 @@ an identification (`ballbot.robot.variations.draw_robots`): its numbers are norm
 covariance C + diag(t^2), C of the estimates and t the spread between logs.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import cast
 

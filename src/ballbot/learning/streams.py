@@ -6,8 +6,6 @@ of J. A. Doornik (2005): the density's right half is covered by 256 layers of eq
 tail. A point in a layer is nearly always below the density; then its abscissa is the number.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

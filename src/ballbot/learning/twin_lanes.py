@@ -3,8 +3,6 @@
 Starts, commands, rewards and observations are computed by the same compiled code from the same streams.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

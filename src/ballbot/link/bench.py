@@ -6,8 +6,6 @@ attitude suits. The command restores the robot's own parameters at the end. If i
 these until it is switched off, and `check_balancing_parameters` refuses to balance with them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """A server for Foxglove, and for PlotJuggler's Foxglove Bridge, by the Foxglove SDK (`ballbot.link.stream`)."""
 
-from __future__ import annotations
-
 import json
 import logging
 import math

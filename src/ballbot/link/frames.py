@@ -8,8 +8,6 @@ The C sources are `firmware/c/link/cobs.c`, `crc32.c` and `frames.c`; they refus
 COBS and CRC-32 (the one of zlib, ISO-HDLC) come from the libraries cobs and fastcrc.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field

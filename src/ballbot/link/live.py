@@ -14,8 +14,6 @@ Every run ends with one sentence (`Ending`): the time is over, the driver or the
 is lost. A robot whose link is lost stops by itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal

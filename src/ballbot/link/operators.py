@@ -3,8 +3,6 @@
 `EmulatedOperator` does the same for an emulated robot, so that every step of a bring-up can be tried without hardware.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass

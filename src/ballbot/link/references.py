@@ -10,8 +10,6 @@ convert. Only x, y and psi are other than zero, as in `ballbot.control.reference
 Keys move the reference as the driver sees the robot: forward is along its own heading.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import os

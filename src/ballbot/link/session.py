@@ -12,8 +12,6 @@ every 50 ms: it sends what the robot's watchdog waits for, and notices that the 
 `LinkError`, and nothing is sent until the next `connect`.
 """
 
-from __future__ import annotations
-
 import secrets
 import time
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 A transport promises nothing: bytes may be lost, repeated, changed or late. Frames find that out.
 """
 
-from __future__ import annotations
-
 import os
 from typing import Protocol
 from urllib.parse import parse_qs

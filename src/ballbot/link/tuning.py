@@ -8,8 +8,6 @@
 A change that is refused is answered in a sentence, here or by the robot; the run goes on.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import select

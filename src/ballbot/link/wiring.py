@@ -9,8 +9,6 @@ The firmware's self-test then drives one motor after the other and compares each
 signs and orders: a motor and an encoder that are exchanged together pass the self-test, and the robot falls.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

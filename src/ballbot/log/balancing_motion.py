@@ -13,8 +13,6 @@ columns. The significance of a comparison comes from blocks of the log, which ar
 are not.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -8,8 +8,6 @@ A function that takes logs takes `LogsLike` and gives it to `as_logs`, which ret
     a mapping           by its keys
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 

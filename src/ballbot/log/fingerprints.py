@@ -5,8 +5,6 @@ copied from each other, whole or in part, whatever their files and clocks. A few
 whether a log is one of those that a robot was identified from.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Collection, Mapping
 from itertools import combinations

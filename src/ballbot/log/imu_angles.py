@@ -8,8 +8,6 @@ less noise than their differences. An IMU that hangs upside down gives R_world_i
 roll.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

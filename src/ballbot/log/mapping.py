@@ -75,8 +75,6 @@ even intervals, sensors are interpolated between the file's rows, and a command 
 row, so that its impulse is kept; short holes (`without_holes`) are filled, rows in longer ones have no value.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

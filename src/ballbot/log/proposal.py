@@ -5,8 +5,6 @@ commands and the mounting of the IMU are estimated from the motion. All question
 file, whose comments are the evidence.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -5,8 +5,6 @@ there. If a host stamps rows late or in whole milliseconds, it goes back or repe
 of these rows the longest series in which time increases is kept.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_left
 from collections.abc import Mapping
 

@@ -17,8 +17,6 @@ squares with the prior that e is of size a, under which slow wheels do not chang
 correction converge. The intervals between messages may vary.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import factorial
 

@@ -21,8 +21,6 @@ friction that grows with the part of it that goes along with the need; and a flo
 the torque hardly bounds the scale; a finding then reports the bounds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

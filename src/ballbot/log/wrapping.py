@@ -3,8 +3,6 @@
 The columns of a log are continuous, so that no computation has to unwrap them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -18,8 +18,6 @@ NumPy's form is the reference of the compiled one. The compiled functions take t
 the integrator must know when it may change.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -3,8 +3,6 @@
 The directions n_i, t_i and a_i of each wheel are those of `ballbot.robot.wheel_directions`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

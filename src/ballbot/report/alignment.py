@@ -1,7 +1,5 @@
 """An alignment with motion capture: its page, and what its results.json holds."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An axis's identification: figures of its friction, its open-loop position and its laws, and its page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Identification on the bench: friction upside down and of drivelines, geometry, a free swing."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 

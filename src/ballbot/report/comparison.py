@@ -3,8 +3,6 @@
 Of a league: tables, an overview with intervals, and each course as it was run with the first seed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ controller for the friction that was identified from the first run. `python -m c
 Each is a log of a robot's measurements and the true pose, rounded so that it stays small.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

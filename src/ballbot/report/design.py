@@ -1,7 +1,5 @@
 """The page of a controller design, and of a robust one: the search, and its benefit on robots it did not use."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

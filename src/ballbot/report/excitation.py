@@ -1,7 +1,5 @@
 """A designed excitation: its run over time, its limits and the expected errors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ballbot.identification.quantities import BY_NAME

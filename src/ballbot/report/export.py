@@ -1,7 +1,5 @@
 """The page of an exported firmware: its controller, its load on the processor, and when its safety layer stops."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ballbot.control.controller import Controller, torque_limit_words

@@ -8,8 +8,6 @@ The band is from the delta method: variance g' C g, with g the gradient of tau b
 covariance. A parameter without a standard error takes that of a uniform distribution over its interval.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 

@@ -1,7 +1,5 @@
 """A learned controller: its learning curve, and how it does on robots that it was not trained on."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A robot's limits: figures of the recovery region and of tilts and impulses over all directions, and tables."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ own scripts, by their SHA-256: a script injected through a log's name does not r
 its text is beside it and in each page that contains uPlot.
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from functools import cache

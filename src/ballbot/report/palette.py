@@ -3,8 +3,6 @@
 Blue and orange are a pair that color-blind readers can distinguish; a line has its own dash or weight as well.
 """
 
-from __future__ import annotations
-
 import re
 
 #: by the page's name for it, the color of a figure, for which the page takes that of its theme

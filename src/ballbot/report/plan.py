@@ -1,7 +1,5 @@
 """A planned fast move: its time, what it uses of each limit, and how a controller follows it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ballbot.report.blocks import Result, Sheet, section

@@ -1,7 +1,5 @@
 """For each class of results: the `Result` behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any

@@ -1,7 +1,5 @@
 """The verdict of `ballbot validate --prediction` on a controller: its page and the next steps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

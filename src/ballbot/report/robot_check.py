@@ -1,7 +1,5 @@
 """A checked robot: its derived quantities, poles and margins, a swing, a reference, its linear model and matrices."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 

@@ -4,8 +4,6 @@ The page holds the numbers, packed like those of a replay; `web/charts.js` draws
 reduced to the smallest and the largest value of each piece, so that no peak is lost.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass

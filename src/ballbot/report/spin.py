@@ -3,8 +3,6 @@
 results.json holds SI units, radians, pixels, and quaternions in the order wxyz.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 

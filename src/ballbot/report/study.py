@@ -1,7 +1,5 @@
 """A study in sentences, its page, and the texts of its files."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path

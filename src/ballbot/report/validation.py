@@ -1,7 +1,5 @@
 """The page of a validation; the page of a study shows the same sections."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 

@@ -6,8 +6,6 @@ lies between a solid's (2/5 m r^2) and a thin shell's (2/3 m r^2); a motor's tor
 constant is near one in SI units.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Quantities that follow from the parameters: shells, pendulum swings, speed limits, reflected inertia."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A robot file does not describe the body's shape. Its outline is two equal discs,
 body's mass, centre of mass and inertia.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """A robot drawn to scale for print: side view and top view with its main dimensions (matplotlib)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -23,8 +23,6 @@ unknown. The table `[intervals]` has its least and greatest value, as far as the
     "friction.stribeck[2]" = [0.0, 0.06]
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, TypeVar

@@ -8,8 +8,6 @@ robot's own numbers of that name; every other one is described by a `LawParamete
 [friction.own] of a robot file, beside `law = "NAME"` in [friction], or `law = "FILE.py:NAME"` if the file is to be run.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ Units. 39.3 cm must be the same float as 0.393 m, so that powers of ten shift th
 float's product or quotient would be off by a rounding.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import KW_ONLY, MISSING, Field, dataclass, field, fields, is_dataclass, replace

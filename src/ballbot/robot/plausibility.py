@@ -9,8 +9,6 @@ A slip of units is searched for among the parameters of each error: one paramete
 unit, explains the findings on a robot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

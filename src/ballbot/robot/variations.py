@@ -8,8 +8,6 @@ Linear propagation is the delta method: with the central differences d_i of a re
 deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij s_j d_j.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ The axle a_i is the direction about which a *ball* that follows the wheel turns;
 that drives pushes the ball along t_i.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The numbers are those of `simulate` on a `Model`, to rounding, at the same insta
 torques or a sloping floor (`Imperfections`), and may be left as soon as its outcome is known (`OutcomeBounds`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The result of a batch of robots in closed loop."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

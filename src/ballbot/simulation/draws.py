@@ -1,7 +1,5 @@
 """Inputs of the compiled loop beside its records: pushes, bumps, random numbers, and arrays for the outcome."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -11,8 +11,6 @@
 All steps before a new robot's first balance can be rehearsed on it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

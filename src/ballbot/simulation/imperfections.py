@@ -31,8 +31,6 @@ Dry friction of a driveline may follow the force between wheel and ball: 1 - f +
 accelerations at the sample's start (`ballbot.simulation.model_plant`).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -16,8 +16,6 @@ which three wheels can in one way only (four: the one of least squares). Contact
 lifted where N_i is not positive. Exact formulation; the rollers turn freely across t_i.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

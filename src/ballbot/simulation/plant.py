@@ -4,8 +4,6 @@ A plant is anything that takes wheel torques and gives measurements: the exact m
 user's own simulator, a robot on a wire. Simulation, recording and firmware tests use only this interface.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """Running a plant with a controller: sample, decide, hold; the run becomes a `Log`."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol

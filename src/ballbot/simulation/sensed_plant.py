@@ -6,8 +6,6 @@ time: drive, floor and mechanics are the loop's own, so that controllers written
 sensors and the estimator are those in Python, which have an accelerometer and fixes besides.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

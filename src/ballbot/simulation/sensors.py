@@ -17,8 +17,6 @@ the acceleration of the body's point at the ball's centre, and w_dot are differe
 kind filters to half its own rate, and a MuJoCo contact's last step would be noise.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 

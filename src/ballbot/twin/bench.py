@@ -4,8 +4,6 @@ On the stand the wheels are in the air (thesis 3.1, Figure 3.1). Upside down the
 and Appendix V) and a camera gives its angular velocity in the body's frame.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

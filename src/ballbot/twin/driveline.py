@@ -14,8 +14,6 @@ point has one roller, which must stay under the ball: before each step such a wh
 touches, and the angle is added up. All speeds stay; the error of a step shrinks with the step.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

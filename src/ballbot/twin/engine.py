@@ -3,8 +3,6 @@
 This is the only module that imports MuJoCo, whose bindings have no types.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 

@@ -3,8 +3,6 @@
 `Scenario` puts them together. A fault that is None is off: neither the MuJoCo model nor the steps contain it.
 """
 
-from __future__ import annotations
-
 import math
 
 from ballbot.robot.parameters import parameter, parameter_class

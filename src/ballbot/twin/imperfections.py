@@ -7,8 +7,6 @@
 pushes. Faults that the equations of motion do not have are left out; `left_out` names them for a report.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

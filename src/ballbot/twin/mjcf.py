@@ -37,8 +37,6 @@ of the BBR's contacts). Written into `solref` as -k d^2 and -b d. Friction has t
 high ratio of impedances, so that a wheel that grips creeps little.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable

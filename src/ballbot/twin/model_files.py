@@ -14,8 +14,6 @@ URDF has no ellipsoid: a roller is a cylinder of its radius, as long as fits bet
 them, so that the wheel's outline has corners. Nor has URDF a rotor's reflected inertia, or friction by speed.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable

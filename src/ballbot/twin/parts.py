@@ -10,8 +10,6 @@ Some published bodies are too light for such wheels, or have an inertia without 
 half, a quarter ... of the disc's mass, with the same j_w, until the rest is a physical body.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

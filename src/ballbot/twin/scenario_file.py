@@ -13,8 +13,6 @@ A scenario file states the differences from a named scenario, "nominal" if it na
 and, commented out, an example of every other one; it reads back as the same scenario.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path

@@ -6,8 +6,6 @@ sensors with quantisation, noise and drift. Delayed torques and sampling jitter 
 bumps of the floor (`Disturbances`) are applied here, once a sample.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from pathlib import Path

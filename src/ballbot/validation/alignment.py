@@ -25,8 +25,6 @@ heading error d has the error  integral of (Rz(d) - 1) dp; its share of the obse
 The findings begin with the heading; further significant results follow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

@@ -8,8 +8,6 @@ u = K S(psi) (r - x) is linear in K. Least squares over the samples that are not
 share of the torques' variance shows whether the controller was of this kind.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass

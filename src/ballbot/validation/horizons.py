@@ -4,8 +4,6 @@ The error after one step is dominated by the sensors' noise and says little abou
 (`ballbot.validation.residuals`); the error after half a second is dominated by the model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self

@@ -6,8 +6,6 @@ over the same samples (thesis 4.2). The noise floor is the error that noise of t
 perfect model: no model's error can be expected below it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

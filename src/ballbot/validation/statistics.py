@@ -30,8 +30,6 @@ does in one of a hundred logs, over all bins and states. The surroundings are th
 on a slope one of them exceeds the bins between.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ If a model predicts all ten states of the next row to `FINEST`, it simulated the
 so exactly. Such a log says nothing about either model, and neither does a log that does not move.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from itertools import count

@@ -1,7 +1,5 @@
 """The validations in the order of a page. To add one, write a file with its `Comparison` and add a row here."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

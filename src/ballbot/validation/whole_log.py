@@ -12,8 +12,6 @@ If the log is one more run of the model, each of its numbers falls into each of 
 199 runs with the same probability: between the 5th and the 195th with 190 / 200, 95 %, whatever the distribution.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -8,8 +8,6 @@ on x, y, theta, phi and psi. A floor that rises by the slope s carries the weigh
 centre: to first order the force -(m_b + m_r) g s on x and y. The twin has a floor that tilts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -9,8 +9,6 @@ A log with more rows than a picture a fiftieth of a second is thinned: angles an
 torque the least and the greatest value in each interval are kept, so that no peak is lost.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

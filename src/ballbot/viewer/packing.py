@@ -4,8 +4,6 @@ The text is base64 of little-endian numbers. Of a column of whole numbers k the 
 marks a missing value; the error is at most half a step.
 """
 
-from __future__ import annotations
-
 import base64
 
 import numpy as np

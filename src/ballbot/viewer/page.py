@@ -4,8 +4,6 @@ The page has no address of anything else: scripts, styles and data are in it. It
 by their SHA-256 and nothing more, so that no script that a log's name could bring runs, and nothing is sent or fetched.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

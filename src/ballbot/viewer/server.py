@@ -10,8 +10,6 @@ else's DNS lets point here (DNS rebinding) is refused. The web socket also needs
 page that is open in the same browser reaches it.
 """
 
-from __future__ import annotations
-
 import asyncio
 import ipaddress
 import logging

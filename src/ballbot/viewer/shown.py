@@ -1,7 +1,5 @@
 """What `ballbot view` shows, by the words that name it: robots, or logs with their robots."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

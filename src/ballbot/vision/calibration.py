@@ -14,8 +14,6 @@ the weight of the outline against the seam and the covariance of g.
 A view is calibrated on a video's first seconds, before the ball is tracked through the whole video.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice

@@ -28,8 +28,6 @@ weight is its area on the ball's surface, times a factor that falls toward the r
 on the curve, p - r n.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache

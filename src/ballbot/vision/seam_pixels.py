@@ -9,8 +9,6 @@ In logarithms light adds the same to all three channels. Fisher's discriminant w
 and uses brightness if it has none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -13,8 +13,6 @@ either.
 The findings say how well the ball was tracked and whether the wheels agree with the video.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import cv2

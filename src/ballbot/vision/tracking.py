@@ -22,8 +22,6 @@ To the smoother's covariance is added that of errors which do not change from fr
 fits' bias, times the square of the angular velocity over the angle at which these errors change.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import NamedTuple

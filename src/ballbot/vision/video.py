@@ -1,7 +1,5 @@
 """Frames of a video file and their times."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator

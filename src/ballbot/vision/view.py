@@ -16,8 +16,6 @@ where colour changes most. A ball's outline has an edge on most of its rays, and
 outside, which distinguishes it from the rim of a plate on which the ball lies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

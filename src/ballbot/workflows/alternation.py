@@ -10,8 +10,6 @@ Student's, with n - 3 degrees of freedom; of four runs that is one, and the inte
 controller is also compared with the study's prediction (`controller_prediction`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ The gain is designed without friction, because the compensation cancels it. A de
 and how close the compensation comes to the friction that the robot has with 95 % confidence.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

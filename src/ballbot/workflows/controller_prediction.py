@@ -16,8 +16,6 @@ The verdict says whether the prediction is confirmed, which quantities differ an
     keep     nothing is worse than predicted
 """
 
-from __future__ import annotations
-
 import copy
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -3,8 +3,6 @@
 The built-in courses are in courses.toml beside this file, in sets; a user's own file has the same form.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Iterator, Mapping

@@ -4,8 +4,6 @@ A grid (`ballbot.workflows.grid`) of many controllers on many courses. The stand
 controller against the first one, with intervals.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

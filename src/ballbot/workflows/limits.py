@@ -17,8 +17,6 @@ The first is exact for the linear loop without dry friction and noise, the secon
 torque and a tenth of the lean are a margin for what is neglected.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ and the stop. The reference holds the states at the robot's sample time. A contr
 without shaping; the margin of the limits is what it has against disturbances.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial

@@ -7,8 +7,6 @@ record.toml                  version of Ballbot, seed, experiment, the cameras' 
 Runs of many seeds are a sweep (`ballbot.fitting.sweep`), which goes on where it was stopped.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version

@@ -12,8 +12,6 @@ computed with the robot at rest before and after the path, by solving the linear
 one until it vanishes. Then W^T u = M q_ddot + bias - rolling gives the torques, plus each wheel's dry friction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

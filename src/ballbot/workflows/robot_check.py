@@ -6,8 +6,6 @@ parameters; the delta method would halve the effect of a parameter that moves on
 variance follow from linear propagation to the mean of the unstable poles, which is smooth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -9,8 +9,6 @@ lag and resonance of the scenario its sensitivity exceeds 2 at some frequency.
 Everything else is the precise controller's, on robots of the choice, on the first part of its course.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import dropwhile, product, takewhile

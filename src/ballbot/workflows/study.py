@@ -9,8 +9,6 @@ The nominal gain is designed with the nominal weights on the exact model without
 whatever gain the logs were recorded with. Their own gain is recovered for the closed-loop validation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec

@@ -3,8 +3,6 @@
 `ballbot.control.parts.part` explains how to add one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import get_args, get_type_hints

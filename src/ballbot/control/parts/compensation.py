@@ -17,8 +17,6 @@ Within the speed band the sign of the speed is a ramp, so that a wheel at rest i
 feedback alone overcomes its breakaway torque.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

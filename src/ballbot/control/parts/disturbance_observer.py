@@ -10,8 +10,6 @@ model and also corrects slope and payload, but with a lag of 1/w, and it passes 
 compensation it adds the remainder.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

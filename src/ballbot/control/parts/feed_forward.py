@@ -21,8 +21,6 @@ one is lost, is followed along its Taylor series; after 50 ms the plan counts as
 at the row's pose.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar

@@ -10,8 +10,6 @@ decay; with it a constant push leaves the error e = I/T instead of zero. The dea
 sticks within it: an integral that grows until a wheel breaks away ends in a limit cycle.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated

@@ -8,8 +8,6 @@ another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's er
 that they command. Within the limits nothing changes; beyond them integrals do not grow.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

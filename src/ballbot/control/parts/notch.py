@@ -7,8 +7,6 @@ w it is about (1 - depth) width f / frequency [rad] at a frequency f, so a notch
 and one near it is not.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

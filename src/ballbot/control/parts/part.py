@@ -33,8 +33,6 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    `tests/support/control_examples.py`.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -9,8 +9,6 @@ samples, and its torques are held. Outside the lean and the speed at which it wa
 Its weights stand behind the record in a controller's numbers (`Controller.packed`), each row's bias at its end.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import Annotated

@@ -13,8 +13,6 @@ what friction compensation and disturbance observer added, which the losses cons
 ignores other friction and the robot's turning meanwhile.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -26,8 +26,6 @@ With p held over a sample of h, d_i = s_i - p and g = w h, the lags are stepped 
 and s'''' is that of the mean of p before and after its step.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 from typing import NamedTuple

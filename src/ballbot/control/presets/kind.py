@@ -1,7 +1,5 @@
 """A kind of ready-made controller: how its gain is designed, and what stands around the gain."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -4,8 +4,6 @@ The thesis prints no gain. This one wanders without compensation as the thesis's
 results made with it can be compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ballbot.control.controller import Compensation, Controller

@@ -6,8 +6,6 @@ through their play. It is made for the state of the Kalman filter (`ballbot.esti
 sensors.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,6 @@
 Over the complete record, the inverse model must estimate a mass above zero and explain the force.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -7,8 +7,6 @@ central differences. The same filter at a lower frequency smooths every column o
 identification of robots with power model, ICRA 1997). Rows at rest, where friction balances any force, are left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

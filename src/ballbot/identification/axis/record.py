@@ -7,8 +7,6 @@ gap. A unit in a file is converted unless an option gives the factor, a position
 without a position is integrated.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass

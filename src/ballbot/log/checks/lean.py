@@ -14,8 +14,6 @@ scale is an error only if a disturbance of the size of the residual, correlated 
 have made it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import product
 

@@ -7,8 +7,6 @@ over that of the lean) are those of its robot over the robot file's. They need n
 every log of a robot.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations

@@ -5,8 +5,6 @@ angle's noise (a few milliradians) and a gyro's drift are both small in comparis
 deviations: it is 57.3 if the column is in degrees and its rate in radians.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import combinations
 

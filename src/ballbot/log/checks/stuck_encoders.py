@@ -13,8 +13,6 @@ relations were fitted, so that a relation that does not hold, as that of the hea
 weight. No units, radii or masses enter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 

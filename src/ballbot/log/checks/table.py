@@ -4,8 +4,6 @@ A statistic is a number that a function of this package takes from a log. It is 
 limit it exceeds, under the code before the key's colon.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 

@@ -9,8 +9,6 @@ near zero, since a constant lean is a constant acceleration. Sensors with noise 
 robot at rest, an encoder at rest and a noiseless simulation may, so that rows at rest, by their rates, give no finding.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 

@@ -3,8 +3,6 @@
 A table of text is read by its `TextLayout`, which a mapping states or its lines show (`text`).
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

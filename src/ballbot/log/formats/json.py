@@ -9,8 +9,6 @@ columns: "psi": [1, 2, 3] is psi_1, psi_2, psi_3. The names of inner objects are
 values are skipped.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

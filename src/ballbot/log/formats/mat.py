@@ -5,8 +5,6 @@ log.roll. A long matrix, such as the angles of three wheels or a whole log, is a
 N rows and three columns is wheel_1, wheel_2, wheel_3.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Iterator, Mapping

@@ -5,8 +5,6 @@ out. The topic's schema states the unit of each field; the file's metadata "ball
 order. Other files with JSON or ROS 2 messages are read by the times and names of these (`ballbot.log.formats.ros`).
 """
 
-from __future__ import annotations
-
 import io
 import json
 import math

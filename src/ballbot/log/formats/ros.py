@@ -10,8 +10,6 @@ Earlier versions wrote logs as two topics: /ballbot/names (std_msgs/String, the 
 /ballbot/values (std_msgs/Float64MultiArray, a row of the log).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass

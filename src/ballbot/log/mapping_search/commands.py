@@ -15,8 +15,6 @@ shows how often wheels turn against their duties, and so by how much a dead band
 torques (`likely_dead_band`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Probabilities of hypotheses, and jackknife standard errors over blocks."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from typing import TypeVar

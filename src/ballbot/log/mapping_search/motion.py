@@ -1,7 +1,5 @@
 """What the sensors of a foreign log show, with the units that their motion supports."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

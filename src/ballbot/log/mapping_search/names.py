@@ -15,8 +15,6 @@ A series is as many columns of one kind and stem as the robot has wheels, number
 name is taken.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -45,8 +45,6 @@ Turned by minus the angle of gamma, the IMU's lean is the robot's. If lean and y
 the IMU is reversed: pitch, if the wheels are then in the robot's order, else yaw.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

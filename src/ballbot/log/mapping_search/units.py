@@ -5,8 +5,6 @@ lean, and the response of the lean to the wheels, which must be the robot's (`pl
 with the heading, which must be that of a ball that does not pivot.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

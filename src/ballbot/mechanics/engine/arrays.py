@@ -4,8 +4,6 @@ Velocities are in the order (v_x, v_y, w_1, w_2, w_3), and the ball's spin last 
 `Model` asks for is NumPy's: the traced functions, on arrays in place of numbers.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

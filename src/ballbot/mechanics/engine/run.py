@@ -7,8 +7,6 @@ The lanes are kept sorted, moving robots first, so that neither method is spent 
 rounding, a robot's step depends on nothing but the robot.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor

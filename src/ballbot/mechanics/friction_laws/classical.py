@@ -13,8 +13,6 @@ the sign changes, so that order four holds through stops (for v_s's power delta 
 order 1 + delta, because the law itself is no smoother there).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

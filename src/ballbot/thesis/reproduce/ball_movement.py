@@ -4,8 +4,6 @@ Without friction the ball reaches the reference. With friction it stays short of
 well: friction takes a part of each wheel's torque, which changes the ratio of the torques and thereby the axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ compensation know that friction and nothing else of the twin. A model has no ran
 chaotic: a model with friction is evaluated over several initial states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """The work of `ballbot reproduce`: each figure and table in the thesis's order, then the mistakes."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass

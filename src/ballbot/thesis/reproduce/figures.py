@@ -9,8 +9,6 @@ and the verdict is on the median with its interval; after arrival means from `AR
 over. The drawings are the toolkit's own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 

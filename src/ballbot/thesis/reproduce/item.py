@@ -3,8 +3,6 @@
 Numbers over several seeds are their median with an interval that assumes nothing about their distribution.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

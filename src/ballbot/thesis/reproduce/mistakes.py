@@ -1,7 +1,5 @@
 """The thesis's misprints and mistakes, each with a number that would differ if the thesis were right."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The page of the reproduction, and what results.json holds."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, replace

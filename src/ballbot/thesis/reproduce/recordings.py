@@ -9,8 +9,6 @@ machines within one sample, some 1e-9 at most, is far below the grid, so that bo
 alike. The grid itself is far below the sensors' and the motors' noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType

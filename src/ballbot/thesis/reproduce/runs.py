@@ -5,8 +5,6 @@ thesis's does, and restarted every few seconds from the measured state, as robot
 "Without friction" there are two models: the exact equations, and the thesis's own formulation.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
