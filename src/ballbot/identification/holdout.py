@@ -68,12 +68,12 @@ def friction_by_horizon(
     """Return the effect of friction, by parameters (p,), on the errors at each horizon.
 
     The predictions start from the states in the log's rows, or from those of `starts`, at intervals of the longest
-    horizon, so that they do not overlap. If motors are driven by voltage, the log's torques contain their back-EMF.
+    horizon, so that they do not overlap. The log has no lag of its encoders (`without_encoder_lag`). If motors are
+    driven by voltage, its torques contain their back-EMF.
     """
     sample_time, layout = log.sample_time, predictor.layout
     # windows are rounded to a multiple of COMPARISONS samples; half of that more keeps the longest horizon inside
     duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
-    log = without_encoder_lag(log, predictor.robot)
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, values, [supplied], duration=duration)
     initial = windows.initial if starts is None else starts(np.array([span.start for span in windows.spans]))
