@@ -34,7 +34,6 @@ CAMPAIGNS = {
     "randomisation": "campaigns.randomisation",
     "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
-    "robust_design": "campaigns.robust_design",
     "choice": "campaigns.controller_factors:choice",
     "factors": "campaigns.controller_factors",
     "further_work": "campaigns.further_work",

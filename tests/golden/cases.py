@@ -149,12 +149,6 @@ CASES: tuple[Case, ...] = (
         f"design {_ROBOT} --kind precise --delay 0.016 --allow-overcompensation",
         sampled=True,
     ),
-    _command(
-        "design_robust",
-        f"design {_ROBOT} --robust --compensation full --allow-overcompensation "
-        "--robots 20 --generations 2 --population 4 --fresh 20",
-        alone=True,
-    ),
     _command("export", f"export design_full/controller.toml --robot {_ROBOT}", sampled=True),
     _command(
         "run", f"run --emulated --robot {_ROBOT} --reference files/reference.csv --duration 2", sampled=True

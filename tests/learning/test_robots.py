@@ -96,3 +96,20 @@ def test_a_folder_that_is_no_identification_is_refused(tmp_path, folder):
     ALTEN.write(folder / "robot.toml")
     with pytest.raises(InputError, match="states no standard deviations"):
         drawn_robots(ALTEN, Scenario.nominal(ALTEN), folder)
+
+
+def test_boxes_have_the_ranges_that_the_documents_state():
+    robot = ALTEN.replace(friction=Scenario.nominal(ALTEN).friction)
+    drawn = drawn_robots(robot, Scenario.nominal(robot), "boxes", seed=4, count=150)
+    true = [one.model.robot for one in drawn]
+    masses = np.array([one.body.mass for one in true]) / robot.body.mass
+    heights = np.array([one.body.center_of_mass for one in true]) / robot.body.center_of_mass
+    coulomb = np.array([one.friction.coulomb for one in true]) / robot.friction.coulomb
+    for shares, width in ((masses, 0.2), (heights, 0.2), (coulomb.ravel(), 1.0 / 3.0)):
+        assert np.abs(shares - 1.0).max() <= width
+        # the deviation of U(-width, width); 150 draws estimate it to 6 %
+        assert shares.std() == pytest.approx(width / np.sqrt(3.0), rel=0.2)
+    nominal = drawn_robots(robot, Scenario.nominal(robot), None)[0].imperfections.delay
+    assert {one.imperfections.delay - nominal for one in drawn} == {0, 1, 2}
+    slopes = np.array([np.hypot(*one.imperfections.slope) for one in drawn])
+    assert 0.5 * np.tan(np.radians(1.0)) < slopes.max() <= np.tan(np.radians(1.0))

@@ -6,25 +6,32 @@ an identification (`ballbot.robot.variations.draw_robots`): its numbers are norm
 covariance C + diag(t^2), C of the estimates and t the spread between logs.
 """
 
+import math
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
+
+import numpy as np
 
 from ballbot.errors import InputError
 from ballbot.files import read_json
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
 from ballbot.identification.quantities import FRICTION
 from ballbot.robot import Robot, as_robot
+from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.robot.variations import draw_robots, uncertain
+from ballbot.simulation.imperfections import MAX_DELAY
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import LoopRobot
-from ballbot.workflows.robust_design import PerturbationRanges, draw_perturbed
 
 #: robots of a pool
 DRAWN = 64
-#: mass and height of the body within a fifth, friction within a third as in published work (floor friction of 0.6 to
-#: 1.2), up to two samples of delay, a floor of up to a degree
-BOXES = PerturbationRanges(friction=1.0 / 3.0)
+#: of the boxes: the body's mass, the height of its centre of mass and each friction may differ by these shares, as in
+#: published work (floor friction of 0.6 to 1.2)
+MASS, HEIGHT, FRICTION_SHARE = 0.2, 0.2, 1.0 / 3.0
+#: of the boxes: most samples by which torques come late, and the steepest floor [rad]
+DELAY, TILT = 2, math.radians(1.0)
 
 
 def learned_robot(robot: Robot | None, randomize: str | Path | None) -> Robot:
@@ -55,7 +62,7 @@ def drawn_robots(
     scenario : Scenario
         Sensors, drive and floor of all robots.
     randomize : None, "boxes" or a folder
-        Only that robot; `BOXES` about it; or `count` robots drawn from the result of a study or an identification.
+        Only that robot; `count` from uniform boxes about it, or from the result of a study or an identification.
     seed : int
         The same seed gives the same robots.
 
@@ -70,7 +77,8 @@ def drawn_robots(
     if randomize is None:
         return [LoopRobot.of(robot, scenario, known=robot)]
     if randomize == "boxes":
-        return draw_perturbed(robot, count, spread=BOXES, scenario=scenario, seed=seed)[0]
+        random = np.random.default_rng([seed, 71])
+        return [_drawn_from_boxes(robot, scenario, random, seed=seed + lane) for lane in range(count)]
     folder = Path(randomize)
     if not uncertain(robot):
         raise InputError(
@@ -81,6 +89,28 @@ def drawn_robots(
         LoopRobot.of(drawn, scenario, known=robot)
         for drawn in draw_robots(robot, count, seed=seed, further=spread)
     ]
+
+
+def _drawn_from_boxes(
+    robot: Robot, scenario: Scenario, random: np.random.Generator, *, seed: int
+) -> LoopRobot:
+    """Return a robot about the one known, each number uniform within its range and independent of the others."""
+    mass, height = (1.0 + random.uniform(-1.0, 1.0, 2) * (MASS, HEIGHT)).tolist()
+    *wheels, rolling = 1.0 + FRICTION_SHARE * random.uniform(-1.0, 1.0, robot.wheel_count + 1)
+    delay, slope = int(random.integers(0, DELAY + 1)), math.tan(TILT * random.uniform())
+    uphill = random.uniform(0.0, 2.0 * np.pi)
+    true = robot.replace(
+        body=scaled_body(robot.body, mass=mass, height=height),
+        friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
+    )
+    drawn = LoopRobot.of(true, scenario, known=robot)
+    borne = replace(
+        drawn.imperfections,
+        delay=min(drawn.imperfections.delay + delay, MAX_DELAY),
+        slope=(slope * math.cos(uphill), slope * math.sin(uphill)),
+        seed=seed,
+    )
+    return replace(drawn, imperfections=borne)
 
 
 def _between_logs(tree: object, wheels: int) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The page of a controller design, and of a robust one: the search, and its benefit on robots it did not use."""
+"""The page of a controller design."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -20,7 +20,6 @@ from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import (
     Block,
     Bullets,
-    Column,
     Paragraph,
     Result,
     Section,
@@ -29,7 +28,6 @@ from ballbot.report.blocks import (
     details,
     matrix_text,
     section,
-    sheet_of,
 )
 from ballbot.report.palette import BLUE, MUTED, SHADE
 from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
@@ -39,21 +37,6 @@ from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.robot_check import state_order
-from ballbot.workflows.robust_design import ComparedDesign, RobustDesign
-
-
-def search_comment(design: RobustDesign, command: str) -> str:
-    """Return a controller file's comment on the search for its gain."""
-    robust, nominal = (f"{design.compared[name].worst_tenth:.3g}" for name in ("robust", "nominal"))
-    return (
-        f"# Found by: {command}\n# {_weights(design)}\n"
-        f"# worst tenth of J on {design.fresh} fresh robots: {robust}; nominal gain {nominal}\n\n"
-    )
-
-
-def _weights(design: RobustDesign) -> str:
-    weights = ", ".join(f"{weight:.4g}" for weight in design.state_weights)
-    return f"Q = diag({weights}), R = {design.torque_weight:g} I"
 
 
 def _nothing_compensated(design: ControllerDesign) -> str:
@@ -66,7 +49,7 @@ def _nothing_compensated(design: ControllerDesign) -> str:
 
 
 def controller_design_report(design: ControllerDesign, findings: Sequence[Finding]) -> Result:
-    """Return the page of a design without a search."""
+    """Return the page of a design."""
     controller, nothing = design.controller, _nothing_compensated(design)
     robot, kind = controller.robot, controller.compensation
     slowest = float(-np.max(design.gain.poles.real))
@@ -150,59 +133,6 @@ def gain_sheet(
     ]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
     return Sheet(("state", *wheels), rows, caption)
-
-
-_DESIGNS: tuple[Column[tuple[str, ComparedDesign]], ...] = (
-    Column("design", lambda row: row[0]),
-    Column("worst tenth of J", lambda row: f"{row[1].worst_tenth:.2f}"),
-    Column("mean J", lambda row: f"{row[1].mean:.2f}"),
-    Column("worst error [mm]", lambda row: f"{1e3 * row[1].worst_error:.1f}"),
-    Column("worst roughness [N m]", lambda row: f"{row[1].worst_roughness:.3f}"),
-    Column("falls", lambda row: row[1].falls),
-)
-
-
-def robust_design_report(design: RobustDesign, findings: Sequence[Finding]) -> Result:
-    """Return the page of a design by search."""
-    caption = (
-        f"On {design.fresh} perturbed robots that the search did not use. The cost J of a robot is its error over the "
-        "nominal gain's median plus its torques' roughness over the nominal gain's median, so that J is about 2 with "
-        "the nominal weights; a fall costs 10 to 20. The worst tenth is the mean of the largest tenth."
-    )
-    spread = {name: getattr(design.spread, name) for name in ("mass", "height", "friction")}
-    controller = design.controller
-    ranges = "; ".join(f"{name} within {100.0 * share:g} %" for name, share in spread.items())
-    return Result(
-        title=f"{controller.robot.name}: a robust controller",
-        lead=f"Perturbed robots: {ranges}; --perturb changes a range.",
-        verdict=robust_verdict(design),
-        sections=[
-            section(
-                "Compared with other weights", sheet_of(design.compared.items(), _DESIGNS, caption=caption)
-            ),
-            section("Gain", gain_sheet(controller.gain), Bullets([_weights(design)])),
-            loop_section(design.loop_margins),
-        ],
-        undecided=[
-            "Robots outside the ranges: the cost counts those that were drawn.",
-            f"The cost's tail beyond {design.fresh} robots: rarer ones may fall.",
-        ],
-        findings=findings,
-        data=design.to_dict(),
-    )
-
-
-def robust_verdict(design: RobustDesign) -> list[tuple[str, str]]:
-    """Return how the gain compares with the nominal one on robots that the search did not use."""
-    robust, nominal = (design.compared[name] for name in ("robust", "nominal"))
-    ratio = nominal.worst_tenth / robust.worst_tenth
-    compared = f"{ratio:.2f} times smaller than" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times larger than"
-    text = (
-        f"On the worst tenth of {design.fresh} robots the cost is {robust.worst_tenth:.2f}, {compared} that of the "
-        f"nominal weights, {nominal.worst_tenth:.2f}."
-    )
-    falls = f"{robust.falls} of {design.fresh} with the weights found, {nominal.falls} nominal."
-    return [("Cost", text), ("Falls", falls)]
 
 
 #: steps of the reference [m, rad]

@@ -1,6 +1,6 @@
 """For each class of results: the `Result` behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
@@ -19,7 +19,7 @@ from ballbot.report.axis import laws_figure
 from ballbot.report.bench import curve_figure
 from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
-from ballbot.report.design import bode_figure, poles_figure, robust_verdict
+from ballbot.report.design import bode_figure, poles_figure
 from ballbot.report.identification import friction_figure
 from ballbot.report.learning import curve_series
 from ballbot.report.limits import limit_words, planes_figure
@@ -66,19 +66,16 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
-def _verdict(title: str, verdict: Sequence[tuple[str, str]]) -> Result:
-    """Return a result of sentences only; its page needs more."""
-    return Result(title=title, lead="", verdict=verdict, sections=(), undecided=())
-
-
 #: makes the `Result`, by the name of the class: `summary()`, `repr` and `to_dict()` are those of its page
 RESULTS: Mapping[str, Callable[[Any], Result]] = {
     "League": league_report,
-    "RobotLimits": lambda limits: _verdict(
-        "The largest tilt and impulse in every direction", [("", limit_words(limits))]
-    ),
-    "RobustDesign": lambda design: _verdict(
-        f"Robust LQR gain, compared on {design.fresh} perturbed robots", robust_verdict(design)
+    # of sentences only; its page needs more
+    "RobotLimits": lambda limits: Result(
+        title="The largest tilt and impulse in every direction",
+        lead="",
+        verdict=[("", limit_words(limits))],
+        sections=(),
+        undecided=(),
     ),
     "Study": study_report,
 }

@@ -51,7 +51,7 @@ def next_step(study: Study, path: Callable[[str], str]) -> str:
     """Return what to do with a study's files; `path` returns the path of a file."""
     robot = path("robot.toml")
     if study.choice.controller is None:
-        return f"check masses, torque limit and delay of {robot}, or try `ballbot design {robot} --robust`."
+        return f"check masses, torque limit and delay of {robot} (`ballbot check {robot}`)."
     controller, results = path("controller.toml"), path("results.json")
     return (
         f"`ballbot run PORT --robot {robot} --controller {controller}`, confirm with `ballbot validate --prediction "

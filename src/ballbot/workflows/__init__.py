@@ -7,6 +7,5 @@ grid.py                   one grid of runs: controllers x courses x plants x see
 league.py                 controllers against each other on the same courses with the same seeds, and the standings
 excite.py                 an informative excitation for identification
 limits.py                 the largest tilts and impulses that a robot recovers from; what a reference demands
-robust_design.py          LQR weights for robots that differ from the one described
 record.py                 a run of the twin, and the files that say how it was made
 """

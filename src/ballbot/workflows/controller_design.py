@@ -100,24 +100,18 @@ class ControllerDesign(Plotted):
     def to_dict(self) -> dict[str, object]:
         """Return the design's entries of results.json."""
         spread = self.uncertainty
-        return design_results(self.controller, self.gain, self.loop_margins) | {
+        return {
+            "robot": self.controller.robot.name,
+            "sample_time": self.controller.sample_time,
+            "compensation": self.controller.compensation,
+            "gain": self.controller.gain,
+            "poles": self.gain.poles,
+            "linearization": linearization_results(frictionless_model(self.controller.robot)),
+            "loop_margins": self.loop_margins.to_dict(),
             "gain_standard_deviation": spread.deviation if spread.parts else None,
             "gain_variance_shares": dict(spread.largest(len(spread.parts))),
             "compensation_margin": self.margin,
         }
-
-
-def design_results(controller: Controller, gain: LqrDesign, margins: Margins) -> dict[str, object]:
-    """Return the entries of results.json that every designed controller has."""
-    return {
-        "robot": controller.robot.name,
-        "sample_time": controller.sample_time,
-        "compensation": controller.compensation,
-        "gain": controller.gain,
-        "poles": gain.poles,
-        "linearization": linearization_results(frictionless_model(controller.robot)),
-        "loop_margins": margins.to_dict(),
-    }
 
 
 def design_controller(
