@@ -67,10 +67,9 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         # the same share of the windows is held out
         needed = math.ceil(math.ceil(least * max(len(windows), 1) / max(fitted, 1)) * length)
         raise InputError(
-            f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or "
-            f"missing values, of which {fitted} are used to fit {parameters} parameters; "
-            f"this needs at least {least}. Log the robot balancing for about {needed} s in all, or choose shorter "
-            "windows."
+            f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or missing values, of which "
+            f"{fitted} are used to fit {parameters} parameters; this needs at least {least}. Log the robot balancing "
+            f"for about {needed} s in all, or choose shorter windows."
         )
 
 
@@ -92,9 +91,8 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     turning = np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
     if np.all(turning.mean(axis=0) < LEAST_SHARE):
         raise InputError(
-            f"The robot stands still: a wheel turns faster than {LEAST_SPEED:g} "
-            f"rad/s in only {turning.any(axis=1).sum()} of {len(windows)} "
-            "windows. Log it while it moves, such as around a square."
+            f"The robot stands still: a wheel turns faster than {LEAST_SPEED:g} rad/s in only "
+            f"{turning.any(axis=1).sum()} of {len(windows)} windows. Log it while it moves, such as around a square."
         )
     names, labels = np.array(coordinates.names), np.array(coordinates.labels)
     of_wheels = np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])

@@ -144,8 +144,7 @@ class Quantity:
         limits = unit[:, None] * np.array(self.bounds)
         if not np.all(limits[:, 1] > limits[:, 0]):
             raise InputError(
-                f"{self.name} is zero in the robot's description, "
-                "which gives no default bounds; give it bounds."
+                f"{self.name} is zero in the robot's description, which gives no default bounds; give it bounds."
             )
         return limits
 

@@ -58,9 +58,8 @@ def back_emf_of(mappings: Sequence[str | Path]) -> float:
     values = {round(drive.back_emf if isinstance(drive, DutyTable) else 0.0, 12) for drive in drives}
     if len(values) > 1:
         raise InputError(
-            "The motors of the mappings have back-EMF damping of "
-            f"{', '.join(f'{b:g}' for b in sorted(values))} N m s/rad; logs of one "
-            "robot must have the same supply voltage, resistance and motor constants."
+            f"The motors of the mappings have back-EMF damping of {', '.join(f'{b:g}' for b in sorted(values))} N m "
+            "s/rad; logs of one robot must have the same supply voltage, resistance and motor constants."
         )
     return values.pop() if values else 0.0
 

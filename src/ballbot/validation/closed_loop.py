@@ -68,8 +68,7 @@ def recover_gain(log: Log) -> RecoveredGain:
     ]
     if not fits:
         raise InputError(
-            "A gain of ten numbers per wheel cannot be estimated "
-            f"from {len(log)} rows; at least 40 are needed."
+            f"A gain of ten numbers per wheel cannot be estimated from {len(log)} rows; at least 40 are needed."
         )
     unchanging = np.flatnonzero(np.ptp(torques, axis=0) == 0.0)
     if unchanging.size:

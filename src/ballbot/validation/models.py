@@ -151,8 +151,7 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
         counts = np.any([(log.t >= start) & (log.t < end) for start, end in holdout], axis=0)
         if not np.any(counts):
             raise InputError(
-                "No row of the log lies in the holdout intervals; "
-                f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
+                f"No row of the log lies in the holdout intervals; the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
     compared = np.flatnonzero(counts)
     gaps = (np.diff(compared) > 1) | (np.diff(log.t[compared]) > _GAP * log.sample_time)

@@ -84,8 +84,7 @@ class OpenLoop(Comparison):
             note(
                 "weak-state",
                 f"{STATE_NAMES[i]}: the model {first} is {claims[verdict]} the one {second} in open loop (ratio "
-                f"{self.errors.ratio[i]:.2f}, 95 % interval {lower[i]:.2f} to {upper[i]:.2f}). "
-                f"{self._reason(i)}",
+                f"{self.errors.ratio[i]:.2f}, 95 % interval {lower[i]:.2f} to {upper[i]:.2f}). {self._reason(i)}",
             )
             for i, verdict in enumerate(self.errors.verdicts())
             if verdict != "better" and np.isfinite(lower[i])

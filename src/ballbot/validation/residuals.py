@@ -224,10 +224,7 @@ WHEEL_LEVEL = 0.01
 _STRONG, _WEAK = 0.5, 0.15
 
 #: pairs of residuals that are expected to correlate, with the reason
-_ROLLING = (
-    "the wheels carry the ball along with the leaning body, "
-    "and its speed is computed from their speeds and the gyro's"
-)
+_ROLLING = "the wheels carry the ball along with the leaning body, and its speed is computed from their speeds and the gyro's"
 _INTEGRAL = "the on-board position is the integral of the speed, so it contains the error of the speed"
 _EXPECTED = {
     frozenset({"e_x_dot", "e_phi_dot"}): _ROLLING,
@@ -278,10 +275,7 @@ def _pair_findings(correlation: Correlations) -> list[str]:
 
 def _whiteness_finding(result: Whiteness | None) -> str:
     if result is None:
-        return (
-            f"There are fewer than {LEAST_STEPS} steps: the log is "
-            "too short to test whether the residuals are white."
-        )
+        return f"There are fewer than {LEAST_STEPS} steps: the log is too short to test whether the residuals are white."
     parts = []
     for colour, words in _COLOURS.items():
         states = [state for state, own in enumerate(result.colours) if own == colour]
@@ -325,10 +319,7 @@ def _speed_finding(prediction: Prediction) -> str:
                 f"{effect.speeds[worst]:+.2f} rad/s)"
             )
     if any(np.isnan(effect.p_value) for effect in prediction.by_speed):
-        return (
-            "The wheels returned to the same speeds too seldom "
-            "to show how the residual torque depends on them."
-        )
+        return "The wheels returned to the same speeds too seldom to show how the residual torque depends on them."
     if not wheels:
         return "The residual torque does not depend on the wheel speeds: the friction law fits at all speeds."
     return (
