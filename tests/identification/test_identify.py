@@ -178,10 +178,10 @@ def test_unidentifiable_quantities_get_no_number():
     coordinates = estimated_parameters(alten(), free=("friction", "delay"), law="stribeck", bounds=Bounds())
     windows = cut_windows([log], wheel_count=3, duration=0.1)
     constant = replace(windows, torques=np.broadcast_to(windows.torques[:1, :1], windows.torques.shape))
-    found = check_excitation(constant, alten(), coordinates)
-    assert [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row] == ["delay"]
-    assert tuple(texts(found.findings)) == (
-        "The torques change by only 0 N m per row; add steps to the reference: delay cannot be estimated.",
+    refused, (finding,) = check_excitation(constant, alten(), coordinates)
+    assert np.array(coordinates.labels)[refused].tolist() == ["delay"]
+    assert finding.text.startswith(
+        "The torques change by only 0 N m per row; add steps to the reference: delay"
     )
     alone = estimated_parameters(alten(), free=("delay",), law="stribeck", bounds=Bounds())
     with pytest.raises(

@@ -17,7 +17,6 @@ explains the heading by its other parameters, mainly by rolling friction.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -73,16 +72,10 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identifiability:
-    """The parameters that the logs cannot determine."""
-
-    refused: Bools  #: (p,), free parameters that the logs cannot determine
-    findings: tuple[Finding, ...]  #: one for each reason
-
-
-def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Identifiability:
-    """Return the parameters that the logs cannot determine; InputError if they determine none."""
+def check_excitation(
+    windows: Windows, robot: Robot, coordinates: Coordinates
+) -> tuple[Bools, tuple[Finding, ...]]:
+    """Return which free parameters (p,) the logs cannot determine, and why; InputError if they determine none."""
     if not np.any(windows.torques):
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
@@ -109,7 +102,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         raise InputError(
             f"These logs do not determine the parameters to be estimated: {' '.join(texts(findings))}"
         )
-    return Identifiability(refused=refused, findings=tuple(findings))
+    return refused, tuple(findings)
 
 
 def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple[tuple[str, ...], int, str]]:

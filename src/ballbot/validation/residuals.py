@@ -224,7 +224,10 @@ WHEEL_LEVEL = 0.01
 _STRONG, _WEAK = 0.5, 0.15
 
 #: pairs of residuals that are expected to correlate, with the reason
-_ROLLING = "the wheels carry the ball along with the leaning body, and its speed is computed from their speeds and the gyro's"
+_ROLLING = (
+    "the wheels carry the ball along with the leaning body, "
+    "and its speed is computed from their speeds and the gyro's"
+)
 _INTEGRAL = "the on-board position is the integral of the speed, so it contains the error of the speed"
 _EXPECTED = {
     frozenset({"e_x_dot", "e_phi_dot"}): _ROLLING,
