@@ -278,7 +278,10 @@ def _pair_findings(correlation: Correlations) -> list[str]:
 
 def _whiteness_finding(result: Whiteness | None) -> str:
     if result is None:
-        return f"There are fewer than {LEAST_STEPS} steps: the log is too short to test whether the residuals are white."
+        return (
+            f"There are fewer than {LEAST_STEPS} steps: the log is "
+            "too short to test whether the residuals are white."
+        )
     parts = []
     for colour, words in _COLOURS.items():
         states = [state for state, own in enumerate(result.colours) if own == colour]
