@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -33,10 +34,9 @@ from ballbot.identification.quantities import (
     BY_NAME,
     FRICTION,
     Bounds,
-    BoundsLike,
     Coordinates,
-    as_bounds,
     names_in,
+    read_bounds,
     scale_between,
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
@@ -120,7 +120,7 @@ def identify(
     *,
     free: Sequence[str] | str = ("friction",),
     law: str = "stribeck",
-    bounds: BoundsLike | None = None,
+    bounds: Bounds | str | Path | None = None,
     window: float = 0.25,
     seed: int | None = None,
     options: IdentificationOptions = DEFAULT_OPTIONS,
@@ -174,7 +174,8 @@ def identify(
     True
     """
     robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
-    checked, within = checked_logs(robot, logs, accept=options.accept), as_bounds(bounds)
+    checked = checked_logs(robot, logs, accept=options.accept)
+    within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
     def fitted(name: str, start: Identification | None) -> Identification:
         own = robot_by_law(robot, name, free=free)
