@@ -99,11 +99,6 @@ def holm(p_values: Floats, *, level: float) -> Bools:
     return significant
 
 
-def indicators(bins: Ints, count: int) -> Floats:
-    """Return columns (n, count) of ones where a row's bin (n,) is the column's, else zeros."""
-    return (bins[:, None] == np.arange(count)).astype(np.float64)
-
-
 #: probability of any false mark in a matrix without correlation
 CORRELATION_LEVEL = 0.05
 #: autocorrelations are summed up to lags of this share of the series
