@@ -253,8 +253,7 @@ def _identified(
     found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
     covariance = uncertainty.correlation * np.outer(errors, errors)
-    source = "the balancing logs"
-    balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
+    balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
     held_out = window_errors(predictor, prepared.held_out, values)
     return Identification(
         robot=found.annotated(identified_from=[row for log in logs for row in fingerprint(log)]),

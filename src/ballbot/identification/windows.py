@@ -141,12 +141,8 @@ def cut_windows(
         follows = usable[1:] & usable[:-1]
         follows &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
         edges = np.flatnonzero(np.diff(np.concatenate([[False], follows, [False]]))).reshape(-1, 2)
-        starts = np.concatenate(
-            [
-                np.empty(0, dtype=np.int64),
-                *(np.arange(a + history, b + 1 - samples, samples) for a, b in edges),
-            ]
-        )
+        between = [np.arange(a + history, b + 1 - samples, samples) for a, b in edges]
+        starts = np.concatenate([np.empty(0, dtype=np.int64), *between])
         rows = starts[:, None] + np.arange(samples + 1)
         columns["initial"].append(states[starts])
         columns["torques"].append(torques[rows[:, :-1]])
