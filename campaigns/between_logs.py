@@ -158,7 +158,7 @@ def fit_of(log: Log, name: str, *, law: str = "stribeck") -> FittedLog:
         estimate = fit(
             prepared.experiment,
             begin,
-            refused=prepared.excitation.refused,
+            refused=prepared.refused,
             groups=prepared.groups,
             options=options,
             run=run,

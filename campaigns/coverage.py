@@ -82,7 +82,7 @@ def repeat(truth: Friction, *, seed: int) -> Repeat:
     estimate = fit(
         prepared.experiment,
         coordinates.scaled(BEGIN),
-        refused=prepared.excitation.refused,
+        refused=prepared.refused,
         options=options,
         run=run,
     )

@@ -76,13 +76,10 @@ def test_scores_without_leverage_make_the_jackknife_over_windows():
     estimate = fitted(everything)
     apart = np.array([fitted(np.delete(everything, i)) for i in everything]) - estimate
     left = y + J @ estimate
-    equations = leverage_corrected(
-        WindowEquations(matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, left)),
-        np.ones(3, bool),
-    )
+    equations = WindowEquations(np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, left))
+    found = covariance(leverage_corrected(equations, np.ones(3, bool)), np.ones(3, bool))
     # `covariance` has W / (W - 1) where the jackknife about the estimate has (W - 1) / W
-    jackknife = np.einsum("wi,wj->ij", apart, apart) * 25 / 24
-    np.testing.assert_allclose(covariance(equations, np.ones(3, bool)), jackknife, rtol=1e-8)
+    np.testing.assert_allclose(found, np.einsum("wi,wj->ij", apart, apart) * 25 / 24, rtol=1e-8)
 
 
 # --- words ---

@@ -16,9 +16,7 @@ from ballbot.fitting.uncertainty import (
 
 def equations_of(J: np.ndarray, residual: np.ndarray) -> WindowEquations:
     """Return the equations of windows with J (w, k, p) and residual (w, k)."""
-    return WindowEquations(
-        matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residual)
-    )
+    return WindowEquations(np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, residual))
 
 
 def test_neighbours_are_drawn_together():
@@ -78,12 +76,8 @@ def test_discrepancy_of_a_right_model_is_as_rare_as_its_level_and_a_wrong_one_is
     # 100 uniform numbers: the largest distance of their distribution is below 0.163 with 99 %
     assert np.max(np.abs(np.sort(p_values) - np.arange(1, 101) / 100)) < 0.163
     pulled = random.standard_normal((90, 4)) + np.array([1.0, 0.0, -1.0])[groups][:, None]
-    found = discrepancy(
-        WindowEquations(matrices=np.zeros((90, 4, 4)), scores=pulled - pulled.mean(axis=0)),
-        groups,
-        estimated,
-        seed=1,
-    )
+    equations = WindowEquations(np.zeros((90, 4, 4)), pulled - pulled.mean(axis=0))
+    found = discrepancy(equations, groups, estimated, seed=1)
     assert found.p_value == pytest.approx(1e-3)
     assert found.factor > 1.5
 

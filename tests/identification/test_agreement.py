@@ -20,7 +20,7 @@ def estimate(values: np.ndarray, *, source: str = "the balancing logs", factor: 
     R = np.eye(4)
     R[0, 2] = R[2, 0] = R[1, 3] = R[3, 1] = -0.9
     covariance = R * np.outer(factor * ERRORS, factor * ERRORS)
-    return StageEstimate(source=source, labels=LABELS, values=values, covariance=covariance)
+    return StageEstimate(source, LABELS, values, covariance)
 
 
 def test_chance_is_reported_as_rarely_as_it_should_be():

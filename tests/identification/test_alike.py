@@ -58,19 +58,13 @@ def test_each_wheels_error_contains_by_how_much_motors_differ():
     point = space.scaled(TRUTH)
     values, scaled = space.physical(point), 0.01 / np.where(space.free, space.slopes(point), np.nan)
     R = np.where(np.outer(space.free, space.free), np.eye(12), np.nan)
-    found = uncertainty_of_each(
-        space,
-        Uncertainty(
-            coordinates=space,
-            point=point,
-            covariance=R * np.outer(scaled, scaled),
-            bootstrap=scaled,
-            intervals={
-                "c1": Interval(lower=0.09, upper=np.inf, method="clustered"),
-                "b1": Interval(lower=0.0, upper=0.02, method="at bound"),
-            },
-        ),
-    )
+    intervals = {
+        "c1": Interval(lower=0.09, upper=np.inf, method="clustered"),
+        "b1": Interval(lower=0.0, upper=0.02, method="at bound"),
+    }
+    C = R * np.outer(scaled, scaled)
+    common = Uncertainty(coordinates=space, point=point, covariance=C, bootstrap=scaled, intervals=intervals)
+    found = uncertainty_of_each(space, common)
     apart = WHEELS_APART * values[3]
     np.testing.assert_allclose(found.standard_errors[3:6], np.hypot(0.01, apart))
     # what is common to the wheels is their mean's error
@@ -87,13 +81,9 @@ def test_each_wheels_error_contains_by_how_much_motors_differ():
 @pytest.mark.slow
 def test_a_fit_of_motors_as_one_says_so_and_has_one_number_for_them(monkeypatch):
     monkeypatch.setattr(motors, "INSEPARABLE", 0.0)
-    found = identify(
-        alten(),
-        noisy(balancing_log(), seed=4).between(6.0, 10.0),
-        law="coulomb",
-        window=0.1,
-        options=IdentificationOptions(most_steps=4, step=2.5e-3, most_profiles=0),
-    )
+    log = noisy(balancing_log(), seed=4).between(6.0, 10.0)
+    options = IdentificationOptions(most_steps=4, step=2.5e-3, most_profiles=0)
+    found = identify(alten(), log, law="coulomb", window=0.1, options=options)
     assert next(one.text for one in found.findings if one.code == "motors-alike").startswith("Motors alike: ")
     for symbol in ("b", "c"):
         assert len(set(found.parameters[symbol])) == 1

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.identification.axis import AxisOptions, AxisRecord, identify_axis
+from ballbot.identification.axis import AxisOptions, identify_axis
 from campaigns.axis_machines import Logging, Machine, record_of
 
 LOGGING = Logging(duration=8.0, rate=200.0, counts=2.0**16, slowest=0.2, fastest=1.2, force_noise=0.03)
@@ -48,12 +48,6 @@ def test_friction_under_load_is_selected_and_found() -> None:
 @pytest.mark.slow
 def test_a_late_force_is_said() -> None:
     record = record_of(joint(), LOGGING, 3)
-    late = AxisRecord(
-        name="late",
-        sample_time=record.sample_time,
-        force=np.append(record.force[4:], np.full(4, record.force[-1])),
-        position=record.position,
-        unit="rad",
-    )
+    late = replace(record, force=np.append(record.force[4:], np.full(4, record.force[-1])))
     found = identify_axis(late, options=AxisOptions(law="coulomb", gravity=False))
     assert "force-delay" in {one.code for one in found.findings}

@@ -29,16 +29,8 @@ def problem_of(*, seed: int, bounds: Bounds | None = None, duration: float = DUR
 
 
 #: frees C_rr alone
-HELD = Bounds(
-    {
-        "viscous": (0.014, 0.014),
-        "coulomb": (0.1, 0.1),
-        "stribeck": (0.05, 0.05),
-        "stribeck_speed": (0.6, 0.6),
-        "stribeck_exponent": (1.1, 1.1),
-        "rolling": (0.0, 0.05),
-    }
-)
+TRUE = {"viscous": 0.014, "coulomb": 0.1, "stribeck": 0.05, "stribeck_speed": 0.6, "stribeck_exponent": 1.1}
+HELD = Bounds({name: (value, value) for name, value in TRUE.items()} | {"rolling": (0.0, 0.05)})
 
 
 @pytest.fixture(scope="module")

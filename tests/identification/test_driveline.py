@@ -28,12 +28,8 @@ def played_sweep(seed: int) -> Sweep:
     # the motor alone until it meets its wheel, both at one speed from there
     free = simulate_driveline(alone, acting, sample_time=SAMPLE_TIME)
     meets = int(np.argmax(free.angles > 0.006))
-    rest = simulate_driveline(
-        whole,
-        acting[meets + 1 :],
-        sample_time=SAMPLE_TIME,
-        initial_speed=float(free.speeds[meets]) * 2.0 / 3.0,
-    )
+    after = {"sample_time": SAMPLE_TIME, "initial_speed": float(free.speeds[meets]) * 2.0 / 3.0}
+    rest = simulate_driveline(whole, acting[meets + 1 :], **after)
     together = free.angles[meets] + rest.angles
     angle = np.concatenate([[0.0], free.angles[: meets + 1], together])
     counted = np.floor(angle / 1e-4) * 1e-4

@@ -69,15 +69,7 @@ def ladder() -> LawSelection:
 
 @pytest.mark.slow  # six fits
 def test_laws_without_a_significant_gain_are_not_selected(ladder):
-    taken = {one.law.name: one.accepted for one in ladder.candidates}
-    assert taken == {
-        "viscous": True,
-        "coulomb": True,
-        "stribeck": False,
-        "asymmetric": False,
-        "directed": False,
-        "load": False,
-    }
+    assert [one.law.name for one in ladder.candidates if one.accepted] == ["viscous", "coulomb"]
     assert ladder.best.law.name == "coulomb"
     # a law over one that was not accepted is compared with the largest accepted one within it
     assert [one.over for one in ladder.candidates] == [None, "viscous", *["coulomb"] * 4]

@@ -1,5 +1,7 @@
 """The parts of identification, each against an independent calculation; wheels that chatter within the play."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -34,10 +36,9 @@ def test_a_wheel_that_hardly_turns_is_named():
     ahead = dict.fromkeys(("y", "theta", "psi", "y_dot", "theta_dot", "psi_dot"), np.zeros(len(log)))
     windows = cut_windows([log.with_columns(ahead)], wheel_count=3, duration=0.25)
     coordinates = scale_between(alten(), free=("friction", "torque_gain"))
-    found = check_excitation(windows, alten(), coordinates)
-    assert found.findings[0].text.startswith("Wheel 1 turns in only 0 of")
-    refused = [label for label, row in zip(coordinates.labels, found.refused, strict=True) if row]
-    assert refused == ["b1", "c1", "s1", "gain1"]
+    refused, findings = check_excitation(windows, alten(), coordinates)
+    assert findings[0].text.startswith("Wheel 1 turns in only 0 of")
+    assert np.array(coordinates.labels)[refused].tolist() == ["b1", "c1", "s1", "gain1"]
 
 
 # --- bounds ---
@@ -50,17 +51,13 @@ def test_a_wheel_that_hardly_turns_is_named():
         ("coulomb = 0.3", "coulomb is 0.3; write two numbers"),
         ("coulomb = [0.3, 0.1]", "the lower one must come first"),
         ("viscous = [-1, 1]", "lower bound of viscous is -1; it must be zero or more"),
-        ("coulomb = [", "is not valid TOML"),
     ],
 )
-def test_wrong_bounds_are_one_sentence(tmp_path, text, sentence):
+def test_wrong_bounds_are_refused_with_the_file(tmp_path, text, sentence):
     path = tmp_path / "bounds.toml"
     path.write_text(text)
-    with pytest.raises(InputError) as raised:
+    with pytest.raises(InputError, match=rf"bounds\.toml.*{re.escape(sentence)}"):
         read_bounds(path)
-    assert sentence in str(raised.value)
-    assert "bounds.toml" in str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
 PLAY = alten().drive.backlash
@@ -77,12 +74,5 @@ def test_swings_as_long_as_the_play_are_chatter():
     (finding,) = chatter_findings(log_of(0.5 * PLAY * np.sin(2 * np.pi * 10 * t)), alten(), "a log")
     # twenty samples a turn miss its ends by 1 %
     assert finding.text.startswith("In a log the wheels oscillate by 1.0 deg for 100 % of the time")
-
-
-def test_the_stiff_log_chatters_and_the_soft_one_does_not(shared_data):
-    soft, stiff = (
-        chatter_findings(Log.read(shared_data / "bbr" / f"{name}.csv"), alten(), name)
-        for name in ("square_soft", "square_stiff")
-    )
-    assert soft == []
-    assert "by 1.0 deg for 89 % of the time" in stiff[0].text
+    # longer swings are motion
+    assert chatter_findings(log_of(20.0 * PLAY * np.sin(2 * np.pi * t)), alten(), "a log") == []

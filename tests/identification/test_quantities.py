@@ -252,16 +252,9 @@ def showing(log: Log, share: float) -> Log:
 
 
 @pytest.mark.slow
-def test_heading_error_unseen_by_the_wheels_is_reported_with_a_remedy():
+def test_heading_error_unseen_by_the_wheels_is_reported():
     share = share_shown(showing(moving_log(), 0.4), alten())
     # the axis that psi_dot turns about leans by less than 0.1 rad from the vertical
     assert share == pytest.approx(0.4, abs=0.01)
-    for excluded, estimated, words in (
-        ((), (), "(--estimate friction,pivoting), or exclude the heading"),
-        (("psi", "psi_dot"), (), "the heading was excluded from the cost"),
-        ((), ("pivoting",), "T_p was estimated"),
-    ):
-        (finding,) = heading_findings([share, None], excluded_states=excluded, estimated=estimated)
-        text = finding.text
-        assert text.startswith("The wheels show only 40 % of the turning of the heading")
-        assert words in text
+    (finding,) = heading_findings([share, None], excluded_states=(), estimated=())
+    assert finding.text.startswith("The wheels show only 40 % of the turning of the heading")

@@ -54,9 +54,7 @@ def test_each_logs_estimate_is_that_of_its_own_least_squares(coordinates: Coordi
 
     point = least_squares(np.ones(len(J), dtype=bool))
     residuals = np.einsum("wki,i->wk", J, point) - y
-    equations = WindowEquations(
-        matrices=np.einsum("wki,wkj->wij", J, J), scores=np.einsum("wki,wk->wi", J, residuals)
-    )
+    equations = WindowEquations(np.einsum("wki,wkj->wij", J, J), np.einsum("wki,wk->wi", J, residuals))
     within = uncertainty(coordinates, np.full(12, 1e-3), coordinates.physical(point))
     found = log_estimates(within, equations, of_log, widen=1.0)
     expected = [least_squares(of_log == log) for log in range(3)]

@@ -22,16 +22,13 @@ def _viscous() -> Robot:
 
 
 def _pair(first: Model, second: Model, *, files: tuple[str, str]) -> ModelPair:
-    named = (
-        NamedModel(name=f"of {file}", model=model) for file, model in zip(files, (first, second), strict=True)
-    )
-    return ModelPair(first=next(named), second=next(named))
+    return ModelPair(NamedModel(f"of {files[0]}", first), NamedModel(f"of {files[1]}", second))
 
 
 @pytest.mark.slow
 def test_swapping_the_models_inverts_every_ratio_and_verdict():
     models = _pair(Model(true_robot()), Model(_viscous()), files=("true.toml", "viscous.toml"))
-    swapped = ModelPair(first=models.second, second=models.first)
+    swapped = ModelPair(models.second, models.first)
     log = noisy_log().between(0.0, 12.0)
     one, other = (validate_pair(pair, log) for pair in (models, swapped))
     assert one.open_loop is not None

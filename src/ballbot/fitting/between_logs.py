@@ -124,7 +124,7 @@ def log_estimates(
         own, inverses = equations.scores.copy(), []
         for k, log in enumerate(logs):
             rows = block_log == log
-            mine = WindowEquations(matrices=equations.matrices[rows], scores=equations.scores[rows])
+            mine = WindowEquations(equations.matrices[rows], equations.scores[rows])
             step, inverse = _step(mine, columns)
             points[k, columns] += step - common
             # about the log's own estimate; otherwise its difference from the others counts as noise within it
@@ -133,9 +133,8 @@ def log_estimates(
         scores = leverage_corrected(replace(equations, scores=own), estimated).scores[:, columns]
         of_window = widen**2 * np.einsum("wi,wj->ij", scores, scores, optimize=False) / (len(scores) - 1)
         for k, (log, inverse) in enumerate(zip(logs, inverses, strict=True)):
-            covariances[k][np.ix_(columns, columns)] = (
-                inverse @ ((block_log == log).sum() * of_window) @ inverse
-            )
+            within_log = inverse @ ((block_log == log).sum() * of_window) @ inverse
+            covariances[k][np.ix_(columns, columns)] = within_log
     return LogEstimates(points=points, covariances=covariances)
 
 
@@ -144,7 +143,6 @@ def _step(equations: WindowEquations, columns: NDArray[np.intp]) -> tuple[Floats
     H = equations.matrices[:, columns[:, None], columns].sum(axis=0)
     scale = 1.0 / np.sqrt(np.maximum(H.diagonal(), np.finfo(float).tiny))
     # a log may have no window that determines a parameter; the ridge makes its equations soluble
-    inverse = np.linalg.inv(H * np.outer(scale, scale) + 1e-12 * np.eye(len(columns))) * np.outer(
-        scale, scale
-    )
+    scales = np.outer(scale, scale)
+    inverse = np.linalg.inv(H * scales + 1e-12 * np.eye(len(columns))) * scales
     return -inverse @ equations.scores[:, columns].sum(axis=0), inverse

@@ -72,9 +72,7 @@ class Linearized:
     def equations(self) -> WindowEquations:
         """The equations of the parameters, block by block, with the states eliminated."""
         B = self.B.transpose(0, 2, 1)
-        return WindowEquations(
-            matrices=self.H + B @ self.response, scores=self.g + (B @ self.shift[..., None])[..., 0]
-        )
+        return WindowEquations(self.H + B @ self.response, self.g + (B @ self.shift[..., None])[..., 0])
 
 
 @dataclass(frozen=True, kw_only=True)

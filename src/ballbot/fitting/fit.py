@@ -146,11 +146,8 @@ def descend(
         if short_steps == _PATIENCE and not hopeless and renewals < most_renewals and number < most_steps:
             renewed = experiment.renew(at, seed=renewals)
             renewals = renewals + 1 if renewed.cost < at.cost - _WORTH else most_renewals
-            at, radius, short_steps = (
-                min(renewed, at, key=lambda iterate: iterate.cost),
-                max(radius, _AGAIN),
-                0,
-            )
+            at = min(renewed, at, key=lambda iterate: iterate.cost)
+            radius, short_steps = max(radius, _AGAIN), 0
         history.append(at.cost)
         run.progress(Progress(stage="gauss_newton", done=number, total=most_steps, cost=at.cost))
         if short_steps == _PATIENCE or hopeless:
@@ -219,9 +216,8 @@ class FitOptions:
     generations: int = 150  #: of a genetic search, at most
     population: int = 24  #: sets of parameters in each generation
     most_steps: int = 30  #: of each descent by Gauss-Newton
-    most_profiles: int = (
-        MOST_PROFILES  #: parameters with doubtful errors whose intervals are profiled, at most
-    )
+    #: parameters with doubtful errors whose intervals are profiled, at most
+    most_profiles: int = MOST_PROFILES
 
     def __post_init__(self) -> None:
         if self.search not in get_args(Search):
@@ -313,10 +309,8 @@ def evolve(
             best, least = candidates[costs.argmin()], float(costs.min())
         history.append(least)
         run.progress(Progress(stage="evolution", done=generation, total=generations, cost=least))
-        waited = (
-            len(history) > _SEARCH_PATIENCE and history[-_SEARCH_PATIENCE - 1] - least < _LEAST_SEARCH_GAIN
-        )
-        if waited or strategy.should_stop():
+        gained = history[-_SEARCH_PATIENCE - 1] - least if generation > _SEARCH_PATIENCE else np.inf
+        if gained < _LEAST_SEARCH_GAIN or strategy.should_stop():
             break
     return SearchResult(best=best, history=tuple(history))
 
@@ -347,10 +341,10 @@ class Fit(Generic[At]):
     no_influence: Bools  #: (p,), free parameters that the residuals do not depend on
     refused: Bools  #: (p,), other parameters that the data do not excite
     other: OtherOptimum | None  #: another optimum, if there is one near
-    searched: tuple[float, ...] = ()  #: best cost after each generation of a genetic search
-    groups: Ints | None = None  #: (w,), of blocks that should agree, from 0
-    most_profiles: int = MOST_PROFILES  #: see `FitOptions`
-    run: Run = DEFAULT_RUN  #: its seed is the bootstrap's
+    searched: tuple[float, ...]  #: best cost after each generation of a genetic search
+    groups: Ints  #: (w,), of blocks that should agree, from 0
+    most_profiles: int  #: see `FitOptions`
+    run: Run  #: its seed is the bootstrap's
 
     @property
     def values(self) -> Floats:
@@ -384,22 +378,17 @@ class Fit(Generic[At]):
     @cached_property
     def discrepancy(self) -> Discrepancy:
         """Whether groups of blocks agree on the parameters."""
-        groups = (
-            np.zeros(len(self.finished.equations.scores), dtype=np.int64)
-            if self.groups is None
-            else self.groups
-        )
-        return discrepancy(self.finished.equations, groups, self.estimated, seed=self.run.seed)
+        return discrepancy(self.finished.equations, self.groups, self.estimated, seed=self.run.seed)
 
     @cached_property
     def uncertainty(self) -> Uncertainty:
         """Errors and 95 % intervals, widened where groups of blocks disagree; the stage "intervals" is reported."""
         finished, widen = self.finished, self.discrepancy.factor
+        shifts = bootstrap(finished.equations, self.estimated, seed=self.run.seed)
         errors = Errors(
             point=finished.point,
             clustered=_roots(widen**2 * self.scaled_covariance),
-            bootstrap=widen
-            * bootstrap(finished.equations, self.estimated, seed=self.run.seed).std(axis=0, ddof=1),
+            bootstrap=widen * shifts.std(axis=0, ddof=1),
             quantile=self.quantile,
         )
         chosen = errors.doubtful[: self.most_profiles].tolist()
@@ -427,12 +416,8 @@ class Fit(Generic[At]):
     @cached_property
     def by_log(self) -> LogEstimates:
         """The estimate from each log by itself."""
-        return log_estimates(
-            self.uncertainty,
-            self.finished.equations,
-            self.finished.experiment.block_log,
-            widen=self.discrepancy.factor,
-        )
+        normal, block_log = self.finished.equations, self.finished.experiment.block_log
+        return log_estimates(self.uncertainty, normal, block_log, widen=self.discrepancy.factor)
 
     @property
     def covariance(self) -> Floats:
@@ -496,8 +481,12 @@ def fit(
     dependent, through = unidentifiable(finished, most_steps=most_steps, run=run)
     no_influence = free & (dependent | without_influence(finished.equations))
     if no_influence.any():
-        again = _as_before(experiment, finished.point, no_influence & ~dependent)
         own = coordinates.scaled(coordinates.nominal)
+        # nominal values without influence, if they predict as well: any friction above some size holds a wheel that
+        # never turns, and no friction does not
+        before = np.where(no_influence & ~dependent, own, finished.point)
+        costs = experiment.costs(np.stack([finished.point, before]))
+        again = before if costs[1] < costs[0] + LARGEST_LOSS else finished.point
         again = np.where(through, 0.0, np.where(dependent, own, again))
         begin = experiment.begin(again, finished.end)
         finished = descend(experiment, begin, free=free & ~no_influence, most_steps=most_steps, run=run)
@@ -507,7 +496,7 @@ def fit(
         refused=~no_influence & (False if refused is None else refused),
         other=other,
         searched=searched.history,
-        groups=groups,
+        groups=np.zeros(len(experiment.block_log), dtype=np.int64) if groups is None else groups,
         most_profiles=options.most_profiles,
         run=run,
     )
@@ -530,15 +519,6 @@ def _optima(
     if rise > _NEAR or not elsewhere(finished, high):
         return finished, None
     return finished, OtherOptimum(values=experiment.coordinates.physical(high.point), rise=rise)
-
-
-def _as_before(experiment: Experiment[At], point: Floats, no_influence: Bools) -> Floats:
-    """Return `point` (p,) with nominal values of parameters without influence, if that predicts as well."""
-    own = experiment.coordinates.scaled(experiment.coordinates.nominal)
-    before = np.where(no_influence, own, point)
-    costs = experiment.costs(np.stack([point, before]))
-    # it may not: any friction above some size holds a wheel that never turns, and no friction does not
-    return before if costs[1] < costs[0] + LARGEST_LOSS else point
 
 
 #: confidence that an effect is not zero; a meaningless value is worse than none
@@ -708,10 +688,7 @@ def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
         at = float(fit.finished.point[i])
         middle = float(at + step)
         reach = error * truncated_reach(abs(middle - at) / error if error > 0.0 else 0.0)
-        lower, upper = (
-            (min(middle - half, at), max(middle + half, at + reach))
-            if at <= 0.5
-            else (min(middle - half, at - reach), max(middle + half, at))
-        )
+        down, up = (0.0, reach) if at <= 0.5 else (reach, 0.0)
+        lower, upper = min(middle - half, at - down), max(middle + half, at + up)
         intervals[coordinates.labels[i]] = between(coordinates, i, lower, upper, method="at bound")
     return intervals

@@ -129,9 +129,7 @@ class Errors:
         return np.array([i for i in np.argsort(-worst, kind="stable") if worst[i] > 1.0], dtype=np.int64)
 
     def intervals(
-        self,
-        coordinates: ParameterSpace,
-        profiled: Mapping[int, tuple[float | None, float | None]],
+        self, coordinates: ParameterSpace, profiled: Mapping[int, tuple[float | None, float | None]]
     ) -> dict[str, Interval]:
         """Return the interval of each parameter with errors, by label; `profiled` has limits by index."""
         intervals = {}

@@ -19,7 +19,7 @@ of each resample: with m_w the number of times that window w was drawn,
     p* = p - (sum_w m_w H_w)^-1 sum_w m_w g_w
 
 On a simulated log of 32 s, full fits of six resamples differed from this by 0.15 standard errors (root mean square over
-the twelve parameters; 0.7 at most). tests/identification/test_balancing.py checks two resamples of a shorter log.
+the twelve parameters; 0.7 at most).
 """
 
 from dataclasses import dataclass, replace
@@ -33,7 +33,7 @@ from ballbot.arrays import Bools, Floats, Ints
 NO_INFLUENCE = 0.5
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class WindowEquations:
     """Normal equations of the scaled parameters, window by window, their states eliminated; zero for held ones."""
 

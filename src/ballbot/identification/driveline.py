@@ -283,4 +283,4 @@ def sweep_estimate(fits: Sequence[DrivelineFit]) -> StageEstimate:
         values[-1] = speeds.mean()
         C[-1, -1] += np.var(speeds, ddof=1) if len(speeds) > 1 else 0.0
     labels = (*(f"{symbol}{fit.wheel}" for symbol in ("b", "c", "s") for fit in fits), "v_s")
-    return StageEstimate(source="the sweep", labels=labels, values=values, covariance=C)
+    return StageEstimate("the sweep", labels, values, C)

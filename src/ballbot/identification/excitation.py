@@ -17,7 +17,6 @@ explains the heading by its other parameters, mainly by rolling friction.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -67,23 +66,16 @@ def check_count(windows: Windows, *, fitted: int, parameters: int) -> None:
         # the same share of the windows is held out
         needed = math.ceil(math.ceil(least * max(len(windows), 1) / max(fitted, 1)) * length)
         raise InputError(
-            f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or "
-            f"missing values, of which {fitted} are used to fit {parameters} parameters; "
-            f"this needs at least {least}. Log the robot balancing for about {needed} s in all, or choose shorter "
-            "windows."
+            f"The logs have {counted(len(windows), 'window')} of {length:g} s without gaps or missing values, of which "
+            f"{fitted} are used to fit {parameters} parameters; this needs at least {least}. Log the robot balancing "
+            f"for about {needed} s in all, or choose shorter windows."
         )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identifiability:
-    """The parameters that the logs cannot determine."""
-
-    refused: Bools  #: (p,), free parameters that the logs cannot determine
-    findings: tuple[Finding, ...]  #: one for each reason
-
-
-def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -> Identifiability:
-    """Return the parameters that the logs cannot determine; InputError if they determine none."""
+def check_excitation(
+    windows: Windows, robot: Robot, coordinates: Coordinates
+) -> tuple[Bools, tuple[Finding, ...]]:
+    """Return which free parameters (p,) the logs cannot determine, and why; InputError if they determine none."""
     if not np.any(windows.torques):
         raise InputError(
             "The torques u are zero in every window of the logs; friction shows only while motors work."
@@ -92,9 +84,8 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
     turning = np.sqrt((speeds**2).mean(axis=1)) > LEAST_SPEED
     if np.all(turning.mean(axis=0) < LEAST_SHARE):
         raise InputError(
-            f"The robot stands still: a wheel turns faster than {LEAST_SPEED:g} "
-            f"rad/s in only {turning.any(axis=1).sum()} of {len(windows)} "
-            "windows. Log it while it moves, such as around a square."
+            f"The robot stands still: a wheel turns faster than {LEAST_SPEED:g} rad/s in only "
+            f"{turning.any(axis=1).sum()} of {len(windows)} windows. Log it while it moves, such as around a square."
         )
     names, labels = np.array(coordinates.names), np.array(coordinates.labels)
     of_wheels = np.array([BY_NAME[name].each == "wheels" for name in coordinates.names])
@@ -111,7 +102,7 @@ def check_excitation(windows: Windows, robot: Robot, coordinates: Coordinates) -
         raise InputError(
             f"These logs do not determine the parameters to be estimated: {' '.join(texts(findings))}"
         )
-    return Identifiability(refused=refused, findings=tuple(findings))
+    return refused, tuple(findings)
 
 
 def _reasons(windows: Windows, speeds: Floats, turning: Bools) -> Iterator[tuple[tuple[str, ...], int, str]]:

@@ -111,8 +111,7 @@ def mocap_run(log: Log, mocap: Log) -> MocapRun:
     seen = poses.seen & np.isfinite(poses.places).all(axis=1)
     if seen.sum() < 10:
         raise InputError(
-            "The motion capture has no poses; it needs the columns "
-            "x, y, z and the unit quaternion qw, qx, qy, qz."
+            "The motion capture has no poses; it needs the columns x, y, z and the unit quaternion qw, qx, qy, qz."
         )
     # a missing pose repeats the last one, so that nothing moves
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))

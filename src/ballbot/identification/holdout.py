@@ -41,7 +41,7 @@ _HALF = len(STATE_NAMES) // 2
 _LEANS = [STATE_NAMES.index("theta"), STATE_NAMES.index("phi")]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class FrictionErrors:
     """Root mean square errors of predictions, over all starts and wheels, or over both lean angles."""
 
@@ -119,13 +119,7 @@ def _errors(differences: Floats) -> FrictionErrors:
         )
         if len(squares) >= 2 * _BLOCKS and left[:, 1].all():
             error = float(np.sqrt((_BLOCKS - 1) * (left[:, 0] / left[:, 1]).var()))
-    return FrictionErrors(
-        with_friction=with_friction,
-        viscous_part=viscous,
-        without_friction=without,
-        share=share,
-        share_error=error,
-    )
+    return FrictionErrors(with_friction, viscous, without, share, error)
 
 
 #: the friction differs if its factor differs from 1 by this much and by this many standard errors

@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification.balancing import Balancing, WindowsIterate
 from ballbot.identification.coulomb import coulomb_equivalent
 from ballbot.identification.excitation import (
-    Identifiability,
     chatter_findings,
     check_count,
     check_excitation,
@@ -34,10 +34,9 @@ from ballbot.identification.quantities import (
     BY_NAME,
     FRICTION,
     Bounds,
-    BoundsLike,
     Coordinates,
-    as_bounds,
     names_in,
+    read_bounds,
     scale_between,
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
@@ -121,7 +120,7 @@ def identify(
     *,
     free: Sequence[str] | str = ("friction",),
     law: str = "stribeck",
-    bounds: BoundsLike | None = None,
+    bounds: Bounds | str | Path | None = None,
     window: float = 0.25,
     seed: int | None = None,
     options: IdentificationOptions = DEFAULT_OPTIONS,
@@ -175,7 +174,8 @@ def identify(
     True
     """
     robot, run = as_robot(robot), run if seed is None else replace(run, seed=seed)
-    checked, within = checked_logs(robot, logs, accept=options.accept), as_bounds(bounds)
+    checked = checked_logs(robot, logs, accept=options.accept)
+    within = read_bounds(bounds) if isinstance(bounds, str | Path) else bounds or Bounds()
 
     def fitted(name: str, start: Identification | None) -> Identification:
         own = robot_by_law(robot, name, free=free)
@@ -214,7 +214,7 @@ def _gain(own: Identification, other: LawCandidate | None) -> Gain:
 def _identified(
     robot: Robot,
     coordinates: Coordinates,
-    logs: CheckedLogs,
+    checked: CheckedLogs,
     law: str,
     window: float,
     *,
@@ -227,22 +227,73 @@ def _identified(
         error = "" if math.isnan(progress.cost) else f", error x {math.exp(progress.cost):.3f}"
         run.progress(replace(progress, note=f"{law}{error}"))
 
-    reported = replace(run, progress=report)
-    prepared = prepare(
-        robot, coordinates, list(logs.logs.values()), window=window, options=options, run=reported
-    )
+    reported, logs = replace(run, progress=report), list(checked.logs.values())
+    prepared = prepare(robot, coordinates, logs, window=window, options=options, run=reported)
     estimate = fit(
         prepared.experiment,
         fixed_starts(coordinates),
         earlier=options.warm_start and _values_of(coordinates, options.warm_start),
         options=options,
         search_blocks=prepared.drawn,
-        refused=prepared.excitation.refused,
+        refused=prepared.refused,
         groups=prepared.groups,
         run=reported,
     )
-    prepared, estimate = _alike(prepared, estimate, options=options)
-    return _result(prepared, estimate, logs, window, law, options=options)
+    if options.sweep is None:  # a sweep measured each wheel
+        prepared, estimate = _alike(prepared, estimate, options=options)
+    experiment = prepared.experiment
+    predictor, coordinates, layout = experiment.predictor, experiment.coordinates, coordinates.layout
+    # from windows, between logs, of the torque scale, between wheels, and with the sweep
+    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
+    uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
+    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
+    if options.sweep is not None:  # it does not vary between logs
+        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
+    asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
+    found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
+    values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
+    covariance = uncertainty.correlation * np.outer(errors, errors)
+    balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
+    held_out = window_errors(predictor, prepared.held_out, values)
+    return Identification(
+        robot=found.annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
+        predictor=predictor,
+        uncertainty=uncertainty,
+        unknown=estimate.unknown[coordinates.first],
+        variation=varied,
+        coulomb=coulomb_equivalent(
+            layout,
+            values,
+            covariance=covariance,
+            wheel_speeds=wheel_speeds(predictor, experiment.windows),
+            law=found.friction.own_law,
+        ),
+        fit=window_errors(predictor, experiment.windows, values),
+        held_out=held_out,
+        window=window,
+        excluded_states=tuple(options.excluded_states),
+        evolution_cost=estimate.searched,
+        gauss_newton_cost=estimate.finished.history,
+        findings=(
+            *_log_findings(predictor, logs, options.excluded_states),
+            *prepared.findings,
+            *alike_finding(coordinates),
+            *parameter_findings(
+                coordinates,
+                uncertainty,
+                no_influence=estimate.no_influence[coordinates.first],
+                at_bound=estimate.at_bound[coordinates.first],
+                other=estimate.other,
+            ),
+            *prediction_findings(held_out.with_over_without),
+            *of_sweep,
+            *discrepancy_finding(estimate.discrepancy),
+            *variation_findings(varied),
+            *file_findings(robot, balancing),
+        ),
+        other=estimate.other,
+        log_findings=checked.findings,
+    )
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
@@ -260,14 +311,14 @@ class Prepared:
 
     experiment: Balancing  #: windows to fit
     drawn: Ints  #: rows of those that the search uses
+    groups: Ints  #: (w,) of each window, from the slowest by wheel speed to the fastest
     held_out: Windows
-    excitation: Identifiability
+    refused: Bools  #: (p,) parameters that the windows to fit do not excite
+    findings: tuple[Finding, ...]  #: on these
 
-    @property
-    def groups(self) -> Ints:
-        """The group of each window (w,), from the slowest third by wheel speed to the fastest."""
-        speeds = np.abs(wheel_speeds(self.experiment)).mean(axis=(1, 2))
-        return np.argsort(np.argsort(speeds, kind="stable"), kind="stable") * _SPEED_GROUPS // len(speeds)
+
+#: number of groups of windows by speed
+_SPEED_GROUPS = 3
 
 
 def prepare(
@@ -283,29 +334,37 @@ def prepare(
 
     The seed of `run` draws the windows that the search uses. InputError if the logs do not excite the parameters.
     """
-    predictor = Predictor(
-        robot=robot,
-        step=options.step,
-        layout=coordinates.layout,
-        back_emf=options.back_emf,
-    )
-    logs = [standstill_torques(without_encoder_lag(log, robot), robot, options.back_emf) for log in logs]
+    layout, back_emf = coordinates.layout, options.back_emf
+    predictor = Predictor(robot=robot, step=options.step, layout=layout, back_emf=back_emf)
+    logs = [standstill_torques(without_encoder_lag(log, robot), robot, back_emf) for log in logs]
     windows = windows_for(predictor, coordinates.upper, logs, duration=window)
     held = [holdout_intervals(log, fraction=options.held_out) for log in logs]
     fit_rows, held_rows = split_in_time(windows.spans, held)
     check_count(windows, fitted=len(fit_rows), parameters=int(coordinates.free.sum()))
     fitted = windows.take(fit_rows)
-    excitation = check_excitation(fitted, robot, coordinates)
-    drawn = np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.search_windows])
-    experiment = Balancing(
-        predictor=predictor,
-        windows=fitted,
-        coordinates=coordinates,
-        counted=options.counted,
-        executor=run.executor,
+    refused, findings = check_excitation(fitted, robot, coordinates)
+    speeds = np.abs(wheel_speeds(predictor, fitted)).mean(axis=(1, 2))
+    order = np.argsort(np.argsort(speeds, kind="stable"), kind="stable")
+    return Prepared(
+        experiment=Balancing(
+            predictor=predictor,
+            windows=fitted,
+            coordinates=coordinates,
+            counted=options.counted,
+            executor=run.executor,
+        ),
+        drawn=np.sort(np.random.default_rng(run.seed).permutation(len(fitted))[: options.search_windows]),
+        groups=order * _SPEED_GROUPS // len(fitted),
+        held_out=windows.take(held_rows),
+        refused=refused,
+        findings=findings,
     )
-    held_out = windows.take(held_rows)
-    return Prepared(experiment=experiment, drawn=drawn, held_out=held_out, excitation=excitation)
+
+
+def wheel_speeds(predictor: Predictor, windows: Windows) -> Floats:
+    """Return the wheel speeds (w, 1 + m, n) [rad/s] in windows."""
+    states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
+    return Model(predictor.robot).wheel_speed(states[..., :5], states[..., 5:])
 
 
 #: fixed starts of friction, scaled: of amounts, and of v_s and delta
@@ -315,15 +374,11 @@ _AMOUNTS, _SHAPES = (0.05, 0.2), (0.3, 0.6)
 def fixed_starts(coordinates: Coordinates) -> Floats:
     """Return the scaled points (s, p) from which the search starts; quantities other than friction are nominal."""
     names, own = np.array(coordinates.names), coordinates.scaled(coordinates.nominal)
-    points, own_amounts = [], ("viscous", "coulomb", "stribeck", "rolling")
+    points = list[Floats]()
     for amount, shape in product(_AMOUNTS, _SHAPES):
-        starts = dict.fromkeys(own_amounts, amount) | dict.fromkeys(
-            ("stribeck_speed", "stribeck_exponent"), shape
-        )
-        for name in coordinates.layout.own:
-            starts[name] = shape if BY_NAME[name].scale == "ratio" else amount
         point = own.copy()
-        for name, value in starts.items():
+        for name in (*FRICTION, *coordinates.layout.own):
+            value = shape if BY_NAME[name].scale == "ratio" else amount
             point[(names == name) & coordinates.free] = value
         if not any(np.array_equal(point, other) for other in points):
             points.append(point)
@@ -332,13 +387,9 @@ def fixed_starts(coordinates: Coordinates) -> Floats:
 
 def _values_of(coordinates: Coordinates, earlier: Identification) -> Floats:
     """Return the scaled parameters (p,) of an earlier identification; those that it lacks are nominal."""
-    values = coordinates.nominal.copy()
-    for name in coordinates.layout.names:
-        mine = coordinates.layout.part(name, values)
-        theirs = earlier.layout.part(name, earlier.values)
-        if mine is not None and theirs is not None:
-            mine[...] = theirs
-    return coordinates.scaled(values)
+    known = dict(zip(earlier.labels, earlier.values.tolist(), strict=True))
+    numbers = zip(coordinates.labels, coordinates.nominal.tolist(), strict=True)
+    return coordinates.scaled(np.array([known.get(label, nominal) for label, nominal in numbers]))
 
 
 def _alike(
@@ -346,25 +397,18 @@ def _alike(
 ) -> tuple[Prepared, Fit[WindowsIterate]]:
     """Return the estimate, fitted again with common values for all wheels if the logs cannot separate them."""
     experiment = prepared.experiment
-    if options.sweep is not None:  # it measured each wheel
-        return prepared, estimate
     names = inseparable(
         experiment.coordinates,
         estimate.finished.equations,
         estimate.values,
         unknown=estimate.unknown,
-        speeds=wheel_speeds(experiment),
+        speeds=wheel_speeds(experiment.predictor, experiment.windows),
     )
     if not names:
         return prepared, estimate
     coordinates = replace(experiment.coordinates, alike=names)
-    refused = prepared.excitation.refused
-    refused = np.array([refused[coordinates.first == first].all() for first in coordinates.first])
-    prepared = replace(
-        prepared,
-        experiment=replace(experiment, coordinates=coordinates),
-        excitation=replace(prepared.excitation, refused=refused),
-    )
+    refused = np.array([prepared.refused[coordinates.first == first].all() for first in coordinates.first])
+    prepared = replace(prepared, experiment=replace(experiment, coordinates=coordinates))
     again = fit(
         prepared.experiment,
         coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
@@ -376,91 +420,11 @@ def _alike(
     return prepared, replace(again, other=estimate.other, searched=estimate.searched)
 
 
-#: number of groups of windows by speed
-_SPEED_GROUPS = 3
-
-
-def wheel_speeds(experiment: Balancing) -> Floats:
-    """Return the wheel speeds (w, 1 + m, n) [rad/s] in the windows."""
-    windows = experiment.windows
-    states = np.concatenate([windows.initial[:, None], windows.measured], axis=1)
-    return Model(experiment.predictor.robot).wheel_speed(states[..., :5], states[..., 5:])
-
-
-def _result(
-    prepared: Prepared,
-    estimate: Fit[WindowsIterate],
-    logs: CheckedLogs,
-    window: float,
-    law: str,
-    *,
-    options: IdentificationOptions,
-) -> Identification:
-    experiment, fitted = prepared.experiment, list(logs.logs.values())
-    predictor, coordinates = experiment.predictor, experiment.coordinates
-    layout = predictor.layout
-    # from windows, between logs, of the torque scale, between wheels, and with the sweep
-    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    scale_errors = torque_scale_errors(fitted, predictor.robot)
-    uncertainty = with_torque_scale(coordinates, uncertainty, scale_errors)
-    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # it does not vary between logs
-        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
-    asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
-    robot = found_robot(predictor.robot, layout, uncertainty, log_count=len(fitted), asymmetric=asymmetric)
-    values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
-    covariance = uncertainty.correlation * np.outer(errors, errors)
-    source = "the balancing logs"
-    balancing = StageEstimate(source=source, labels=layout.labels, values=values, covariance=covariance)
-    held_out = window_errors(predictor, prepared.held_out, values)
-    return Identification(
-        robot=robot.annotated(identified_from=[row for log in fitted for row in fingerprint(log)]),
-        predictor=predictor,
-        uncertainty=uncertainty,
-        unknown=estimate.unknown[coordinates.first],
-        variation=varied,
-        coulomb=coulomb_equivalent(
-            layout,
-            values,
-            covariance=covariance,
-            wheel_speeds=wheel_speeds(experiment),
-            law=robot.friction.own_law,
-        ),
-        fit=window_errors(predictor, experiment.windows, values),
-        held_out=held_out,
-        window=window,
-        excluded_states=tuple(options.excluded_states),
-        evolution_cost=estimate.searched,
-        gauss_newton_cost=estimate.finished.history,
-        findings=(
-            *_log_findings(predictor, fitted, options.excluded_states),
-            *prepared.excitation.findings,
-            *alike_finding(coordinates),
-            *parameter_findings(
-                coordinates,
-                uncertainty,
-                no_influence=estimate.no_influence[coordinates.first],
-                at_bound=estimate.at_bound[coordinates.first],
-                other=estimate.other,
-            ),
-            *prediction_findings(held_out.with_over_without),
-            *of_sweep,
-            *discrepancy_finding(estimate.discrepancy),
-            *variation_findings(varied),
-            *file_findings(predictor.robot, balancing),
-        ),
-        other=estimate.other,
-        log_findings=logs.findings,
-    )
-
-
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:
     """Return findings on effects that the model lacks: corrupted rows, play, and a ball that pivots."""
-    robot = predictor.robot
-    names = ["the log"] if len(logs) == 1 else [f"log {number}" for number in range(1, len(logs) + 1)]
-    by_name = list(zip(names, logs, strict=True))
-    corrupted = list[Finding]()
-    for name, log in by_name:
+    robot, corrupted, chatter, shares = predictor.robot, list[Finding](), list[Finding](), []
+    for number, log in enumerate(logs, start=1):
+        name = "the log" if len(logs) == 1 else f"log {number}"
         rows = np.flatnonzero(spiked_rows(log, (*STATE_NAMES, *torque_names(robot.wheel_count))))
         if rows.size:
             text = (
@@ -468,7 +432,8 @@ def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Se
                 f"{log.t[rows[0]]:.6g} s. Windows with them are not used; `ballbot check-log` names the columns."
             )
             corrupted.append(warning("corrupted", text))
-    chatter = {name: chatter_findings(log, robot, name) for name, log in by_name}
-    shares = [share_shown(log, robot) for name, log in by_name if not chatter[name]]
+        within_play = chatter_findings(log, robot, name)
+        chatter += within_play
+        shares += [] if within_play else [share_shown(log, robot)]
     pivoting = heading_findings(shares, excluded_states=excluded_states, estimated=predictor.layout.extra)
-    return [*corrupted, *(finding for findings in chatter.values() for finding in findings), *pivoting]
+    return [*corrupted, *chatter, *pivoting]

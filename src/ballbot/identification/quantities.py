@@ -23,7 +23,7 @@ from ballbot.arrays import Floats
 from ballbot.errors import InputError, suggest
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
-from ballbot.robot import Body, Robot
+from ballbot.robot import Robot
 from ballbot.robot.components import BY_NAME as ROBOT_PARAMETERS
 from ballbot.robot.derived import thin_shell_inertia
 from ballbot.robot.friction_law import OWN_PARAMETERS
@@ -66,24 +66,18 @@ def with_rigid_body(robot: Robot, quantities: Mapping[str, Floats]) -> Robot:
         motor = factor * drive.motor_inertia if before else wanted / drive.gear_ratio**2
         drive = replace(drive, motor_inertia=motor, gear_inertia=factor * drive.gear_inertia)
     if {"center_of_mass", "second_moment"} & quantities.keys():
-        body = _body(robot, quantities)
+        S = _second_moment_matrix(robot)
+        height = float(quantities.get("center_of_mass", [body.center_of_mass])[0])
+        if "second_moment" in quantities:
+            ratio = np.sqrt(quantities["second_moment"] / np.array(second_moments(robot)))
+            S = S * np.outer(ratio, ratio)
+            np.fill_diagonal(S, quantities["second_moment"])
+        J = np.trace(S) * np.eye(3) - S
+        if body.inertia_about == "ball_center":
+            J = J + body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
+        xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
+        body = replace(body, center_of_mass=height, inertia=(xx, yy, zz, xy, xz, yz))
     return robot.replace(ball=ball, body=body, wheels=wheels, drive=drive)
-
-
-def _body(robot: Robot, quantities: Mapping[str, Floats]) -> Body:
-    S = _second_moment_matrix(robot)
-    if "second_moment" in quantities:
-        ratio = np.sqrt(quantities["second_moment"] / np.array(second_moments(robot)))
-        S = S * np.outer(ratio, ratio)
-        np.fill_diagonal(S, quantities["second_moment"])
-    J = np.trace(S) * np.eye(3) - S
-    height = robot.body.center_of_mass
-    if "center_of_mass" in quantities:
-        height = float(quantities["center_of_mass"][0])
-    if robot.body.inertia_about == "ball_center":
-        J = J + robot.body.mass * height**2 * np.diag([1.0, 1.0, 0.0])
-    xx, yy, zz, xy, xz, yz = J[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()
-    return replace(robot.body, center_of_mass=height, inertia=(xx, yy, zz, xy, xz, yz))
 
 
 def _second_moment_matrix(robot: Robot) -> Floats:
@@ -144,8 +138,7 @@ class Quantity:
         limits = unit[:, None] * np.array(self.bounds)
         if not np.all(limits[:, 1] > limits[:, 0]):
             raise InputError(
-                f"{self.name} is zero in the robot's description, "
-                "which gives no default bounds; give it bounds."
+                f"{self.name} is zero in the robot's description, which gives no default bounds; give it bounds."
             )
         return limits
 
@@ -469,15 +462,6 @@ def read_bounds(path: str | Path) -> Bounds:
         return Bounds(limits)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-
-
-#: bounds, or the path of a TOML file of them
-BoundsLike = Bounds | str | Path
-
-
-def as_bounds(source: BoundsLike | None) -> Bounds:
-    """Return the bounds themselves, those of a file, or the default bounds for None."""
-    return Bounds() if source is None else source if isinstance(source, Bounds) else read_bounds(source)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

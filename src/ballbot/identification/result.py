@@ -149,11 +149,8 @@ class Identification(Plotted):
     @cached_property
     def verdict(self) -> Verdict:
         """Whether the identification is usable, and why."""
-        names, values, (lower, upper) = (
-            np.array(self.uncertainty.coordinates.names),
-            self.values,
-            self.bounds.T,
-        )
+        names, values = np.array(self.uncertainty.coordinates.names), self.values
+        lower, upper = self.bounds.T
         usual = np.array([BY_NAME[name].bounds[1] for name in names])
         ended = np.isin(names, ("viscous", "coulomb")) & (upper > lower) & (upper >= usual)
         ended &= values >= upper * (1.0 - 1e-9)

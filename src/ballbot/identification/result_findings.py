@@ -153,9 +153,8 @@ def correlation_findings(labels: tuple[str, ...], correlation: Floats) -> list[F
     if len(together) >= LEAST_RIDGE:
         least = inflation[inflation > LEAST_INFLATION].min()
         sentences += [
-            f"{every(together)} are nearly collinear and can "
-            f"replace one another: each would be known at least {least:.0f} times better "
-            "if the others were known. Fix some of them at values measured otherwise.",
+            f"{every(together)} are nearly collinear and can replace one another: each would be known at least "
+            f"{least:.0f} times better if the others were known. Fix some of them at values measured otherwise.",
             *(_experiment(first, second) for first, second in combinations(together, 2)),
         ]
     return [warning("correlated", text) for text in dict.fromkeys(sentences) if text]

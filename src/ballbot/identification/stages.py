@@ -47,7 +47,7 @@ LEAST_P_VALUE = 0.0027
 _COMPARED = ("b", "c", "C_rr")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class StageEstimate:
     """Estimates of k quantities by one stage."""
 
@@ -60,10 +60,7 @@ class StageEstimate:
         """Return the estimates of these labels, in their order."""
         rows = [self.labels.index(label) for label in labels]
         return StageEstimate(
-            source=self.source,
-            labels=tuple(labels),
-            values=self.values[rows],
-            covariance=self.covariance[np.ix_(rows, rows)],
+            self.source, tuple(labels), self.values[rows], self.covariance[np.ix_(rows, rows)]
         )
 
     @property
@@ -74,9 +71,8 @@ class StageEstimate:
     @property
     def known(self) -> list[str]:
         """Labels that have a standard error and are compared."""
-        finite = (self.errors > 0.0) & np.isfinite(self.errors)
-        labels = zip(self.labels, finite, strict=True)
-        return [label for label, known in labels if known and label.rstrip("0123456789") in _COMPARED]
+        labels = np.array(self.labels)[(self.errors > 0.0) & np.isfinite(self.errors)].tolist()
+        return [label for label in labels if label.rstrip("0123456789") in _COMPARED]
 
 
 def agreement_findings(first: StageEstimate, second: StageEstimate) -> list[Finding]:
@@ -109,9 +105,8 @@ def of_robot_file(robot: Robot) -> StageEstimate | None:
     if covariance is None:
         return None
     layout = Layout(wheel_count=robot.wheel_count)
-    values, count = layout.nominal(robot), len(layout.labels)
-    covariance = covariance[:count, :count]
-    return StageEstimate(source="the robot file", labels=layout.labels, values=values, covariance=covariance)
+    count = len(layout.labels)
+    return StageEstimate("the robot file", layout.labels, layout.nominal(robot), covariance[:count, :count])
 
 
 def file_findings(robot: Robot, estimate: StageEstimate) -> list[Finding]:
@@ -133,7 +128,7 @@ def sweep_of(values: Floats, covariances: Floats) -> StageEstimate:
     for i, own in enumerate(covariances):
         C[np.ix_([i, n + i], [i, n + i])] = own
     labels = tuple(f"{symbol}{i}" for symbol in _SYMBOLS for i in range(1, n + 1))
-    return StageEstimate(source="the sweep", labels=labels, values=values.T.ravel(), covariance=C)
+    return StageEstimate("the sweep", labels, values.T.ravel(), C)
 
 
 def read_sweep(path: str | Path, *, wheel_count: int) -> StageEstimate:
@@ -180,13 +175,8 @@ def with_sweep(
     }
     point = coordinates.scaled(moved)
     slopes = np.where(np.isfinite(errors), coordinates.slopes(point), 1.0)
-    together = replace(
-        uncertainty,
-        point=point,
-        covariance=C / np.outer(slopes, slopes),
-        intervals={**uncertainty.intervals, **intervals},
-    )
-    return together, findings
+    C, intervals = C / np.outer(slopes, slopes), {**uncertainty.intervals, **intervals}
+    return replace(uncertainty, point=point, covariance=C, intervals=intervals), findings
 
 
 def combine(
@@ -210,14 +200,12 @@ def combine(
         H[np.arange(2 * n), gain_of] = np.where(known[gain_of], -numbers, 0.0)
     S = sweep.covariance
     used = np.flatnonzero(known[at] & np.isfinite(S.diagonal()))
-    labels, theirs = [layout.labels[i] for i in at[used]], (scale * numbers)[used]
+    labels, theirs = tuple(layout.labels[i] for i in at[used]), (scale * numbers)[used]
     H, S, r = H[used], (S * np.outer(scale, scale))[np.ix_(used, used)], values[at[used]] - theirs
     of_logs = H @ C @ H.T
     findings = agreement_findings(
-        StageEstimate(source="the sweep", labels=tuple(labels), values=theirs, covariance=S),
-        StageEstimate(
-            source="the balancing logs", labels=tuple(labels), values=theirs + r, covariance=of_logs
-        ),
+        StageEstimate("the sweep", labels, theirs, S),
+        StageEstimate("the balancing logs", labels, theirs + r, of_logs),
     )
     apart = np.abs(r) / np.sqrt((of_logs + S).diagonal())
     agrees = apart <= CONTRADICTS

@@ -339,9 +339,8 @@ class SwingInertia:
                 yield error("swing-unit", text, name)
         if self.fit.residual > _MUCH_LEFT:
             text = (
-                f"A pendulum leaves {100.0 * self.fit.residual:.0f} % of {name} unexplained; "
-                "look for a sensor that is clipped or froze, a pivot that slides, a second mode or a hand that touched "
-                "the body."
+                f"A pendulum leaves {100.0 * self.fit.residual:.0f} % of {name} unexplained; look for a sensor that is "
+                "clipped or froze, a pivot that slides, a second mode or a hand that touched the body."
             )
             yield warning("swing-fit", text, name)
         value = self.about_ball_center.value

@@ -58,7 +58,6 @@ QUANTILE = 2.1
 #: factor on clustered standard errors, with which 95 % of the intervals from twins with the seeds 101 to 110 contain
 #: the true b and c; `python -m campaigns.evidence upside_down` checks others
 WIDENED = 2.0
-_SOURCE = "identified: a log upside down"
 
 
 class _BallLog:
@@ -343,8 +342,8 @@ def identify_upside_down(
         )
     run.progress(Progress(stage="fit", done=0, total=2))
     own, findings = _estimated(experiment, seed=run.seed)
-    source = f"identified: {len(named)} logs upside down" if len(named) > 1 else _SOURCE
-    identified = robot_with_friction(robot, own, source=source)
+    source = "a log" if len(named) == 1 else f"{len(named)} logs"
+    identified = robot_with_friction(robot, own, source=f"identified: {source} upside down")
     run.progress(Progress(stage="prediction", done=1, total=2))
     frictions = {"found": identified.friction, "robot file": robot.friction, "none": Friction.none(n)}
     if robot.friction == frictions["none"]:
@@ -390,6 +389,4 @@ def _estimated(experiment: Residuals, *, seed: int) -> tuple[StageEstimate, list
         text = "The logs disagree on the friction by more than chance; errors are wider."
         findings.append(warning("logs-differ", text))
     covariance = (WIDENED * apart.factor) ** 2 * result.covariance
-    return StageEstimate(
-        source="the logs upside down", labels=space.labels, values=values, covariance=covariance
-    ), findings
+    return StageEstimate("the logs upside down", space.labels, values, covariance), findings

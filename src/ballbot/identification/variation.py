@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -61,9 +61,7 @@ class Priors:
 @cache
 def shipped_priors() -> Priors:
     """Return the priors that ship with Ballbot."""
-    table = read_toml(PRIOR_FILE)
-    sizes = cast("Mapping[str, float]", table["sizes"])
-    return Priors(sizes=sizes, degrees=cast("float", table["degrees"]), robots=cast("int", table["robots"]))
+    return Priors(**cast("dict[str, Any]", read_toml(PRIOR_FILE)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,8 +128,8 @@ def with_torque_scale(
     """Return the uncertainty including that of the torque scale, by relative standard errors (n,) of the motors."""
     layout, values = coordinates.layout, coordinates.physical(uncertainty.point)
     of_wheel = np.zeros((layout.wheel_count, len(values)))
-    for name in ("viscous", "coulomb", "stribeck"):
-        of_wheel[:, layout.columns(name)] = np.diag(values[layout.columns(name)])
+    for columns in map(layout.columns, ("viscous", "coulomb", "stribeck")):
+        of_wheel[:, columns] = np.diag(values[columns])
     slopes = np.where(coordinates.free, coordinates.slopes(uncertainty.point), np.inf)
     by_scale = scale_errors[:, None] * of_wheel / slopes
     return uncertainty.with_variation(by_scale.T @ by_scale)
@@ -139,19 +137,16 @@ def with_torque_scale(
 
 def variation_findings(varied: Variation) -> list[Finding]:
     """Return a warning if the variation between logs is assumed, or is larger than their errors."""
-    if varied.logs == 1:
-        text = (
-            "One log: the variation between logs of this robot is not measured. All errors include the variation "
-            f"between logs of {varied.prior_robots} simulated robots; a second log of this robot would measure its own."
-        )
-        return [warning("between-logs", text)]
-    if not varied.differ:
-        return []
-    text = (
+    assumed = (
+        "One log: the variation between logs of this robot is not measured. All errors include the variation "
+        f"between logs of {varied.prior_robots} simulated robots; a second log of this robot would measure its own."
+    )
+    larger = (
         f"The {varied.logs} logs differ by more than the errors within each log: something that the model lacks "
         "changes from log to log (path, floor, rollers, temperature). All errors include that variation."
     )
-    return [warning("between-logs", text)]
+    text = assumed if varied.logs == 1 else larger if varied.differ else ""
+    return [warning("between-logs", text)] if text else []
 
 
 def discrepancy_finding(discrepancy: Discrepancy) -> list[Finding]:
@@ -171,8 +166,6 @@ INSEPARABLE = 0.5
 #: standard deviation of a wheel's friction about the mean, as a share of it: that of the nominal twin's wheels, and
 #: about that of the three motors of the robot in docs/real_robots.md
 WHEELS_APART = 0.15
-#: quantities that get common values together
-_DRY, _VISCOUS = ("coulomb", "stribeck"), ("viscous",)
 
 
 def inseparable(
@@ -201,7 +194,8 @@ def inseparable(
     from_mean = np.eye(n) - 1.0 / n
     total = np.sum(list(gradients.values()), axis=0) @ values
     names: list[str] = []
-    for kinds, of_all in ((_DRY, False), (_VISCOUS, True)):
+    # quantities that get common values together, and whether these are compared with the whole friction
+    for kinds, of_all in ((("coulomb", "stribeck"), False), (("viscous",), True)):
         mine = [name for name in kinds if free[layout.columns(name)].any()]
         if not mine:
             continue
@@ -218,9 +212,8 @@ def wheels_mean(coordinates: Coordinates, values: Floats, names: Collection[str]
     """Return values (p,) with the numbers of these quantities replaced by their mean over the wheels."""
     result = values.copy()
     for name in names:
-        part = coordinates.layout.part(name, result)
-        assert part is not None
-        part[...] = part.mean()
+        columns = coordinates.layout.columns(name)
+        result[columns] = result[columns].mean()
     return result
 
 

@@ -58,9 +58,8 @@ def back_emf_of(mappings: Sequence[str | Path]) -> float:
     values = {round(drive.back_emf if isinstance(drive, DutyTable) else 0.0, 12) for drive in drives}
     if len(values) > 1:
         raise InputError(
-            "The motors of the mappings have back-EMF damping of "
-            f"{', '.join(f'{b:g}' for b in sorted(values))} N m s/rad; logs of one "
-            "robot must have the same supply voltage, resistance and motor constants."
+            f"The motors of the mappings have back-EMF damping of {', '.join(f'{b:g}' for b in sorted(values))} N m "
+            "s/rad; logs of one robot must have the same supply voltage, resistance and motor constants."
         )
     return values.pop() if values else 0.0
 
@@ -142,12 +141,8 @@ def cut_windows(
         follows = usable[1:] & usable[:-1]
         follows &= np.abs(np.diff(log.t) - log.sample_time) <= LARGEST_JITTER * log.sample_time
         edges = np.flatnonzero(np.diff(np.concatenate([[False], follows, [False]]))).reshape(-1, 2)
-        starts = np.concatenate(
-            [
-                np.empty(0, dtype=np.int64),
-                *(np.arange(a + history, b + 1 - samples, samples) for a, b in edges),
-            ]
-        )
+        between = [np.arange(a + history, b + 1 - samples, samples) for a, b in edges]
+        starts = np.concatenate([np.empty(0, dtype=np.int64), *between])
         rows = starts[:, None] + np.arange(samples + 1)
         columns["initial"].append(states[starts])
         columns["torques"].append(torques[rows[:, :-1]])

@@ -62,14 +62,16 @@ def recover_gain(log: Log) -> RecoveredGain:
     InputError if no linear law explains the torques.
     """
     errors, torques = heading_error(log.states, log.reference), log.torques
-    limit = _clipping_limit(torques)
+    largest = float(np.abs(torques).max())
+    # a largest torque that recurs exactly is a limit
+    clipped = largest > 0.0 and np.count_nonzero(np.abs(torques) == largest) > 3
+    limit = largest if clipped else None
     fits = [
         _fit_gain(errors, torques, delay, limit) for delay in range(min(_LARGEST_DELAY + 1, len(log) // 40))
     ]
     if not fits:
         raise InputError(
-            "A gain of ten numbers per wheel cannot be estimated "
-            f"from {len(log)} rows; at least 40 are needed."
+            f"A gain of ten numbers per wheel cannot be estimated from {len(log)} rows; at least 40 are needed."
         )
     unchanging = np.flatnonzero(np.ptp(torques, axis=0) == 0.0)
     if unchanging.size:
@@ -92,16 +94,12 @@ def delay_of(controller: Feedback, log: Log) -> int:
 
     InputError if the controller did not record the log, whatever the delay.
     """
-    references, states = log.reference, log.states
     controller.reset()
-    answers = np.array(
-        [controller.update(float(t), x, r) for t, x, r in zip(log.t, states, references, strict=True)]
-    )
-    torques = log.torques
-    delays = range(min(_LARGEST_DELAY + 1, len(log)))
+    rows = zip(log.t.tolist(), log.states, log.reference, strict=True)
+    answers, torques = np.array([controller.update(t, x, r) for t, x, r in rows]), log.torques
     explained = [
         explained_share(torques[delay:], torques[delay:] - answers[: len(answers) - delay]).min()
-        for delay in delays
+        for delay in range(min(_LARGEST_DELAY + 1, len(log)))
     ]
     best = int(np.argmax(explained))
     if not explained[best] >= LEAST_EXPLAINED:
@@ -123,18 +121,9 @@ def heading_error(states: Floats, references: Floats) -> Floats:
     return in_heading_frame(references - states, states[:, 4])
 
 
-def _clipping_limit(torques: Floats) -> float | None:
-    """Return the largest torque if it recurs exactly, as at a limit; else None."""
-    largest = np.abs(torques).max()
-    recurring = np.count_nonzero(np.abs(torques) == largest)
-    return float(largest) if recurring > 3 and largest > 0.0 else None
-
-
 def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) -> RecoveredGain:
     causes, effects = errors[: len(errors) - delay], torques[delay:]
-    usable = np.ones(len(effects), dtype=bool)
-    if limit is not None:
-        usable = np.abs(effects).max(axis=1) < _CLIPPED * limit
+    usable = np.abs(effects).max(axis=1) < (np.inf if limit is None else _CLIPPED * limit)
     causes, effects = causes[usable], effects[usable]
     transposed, *_ = np.linalg.lstsq(causes, effects, rcond=None)
     return RecoveredGain(
@@ -172,9 +161,8 @@ class ClosedLoop(Comparison):
         )
         yield caption, self.restarted
         yield from ((comparison.verdict(), None) for comparison in self.whole)
-        yield from (
-            ("The first seconds without a restart.", comparison.example) for comparison in self.whole[:1]
-        )
+        if self.whole:
+            yield "The first seconds without a restart.", self.whole[0].example
 
     def results(self) -> dict[str, object]:
         return {

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class NamedModel:
     """A model and its name, which follows "the model" in sentences: "with friction", or "of soft.toml"."""
 
@@ -51,7 +51,7 @@ class NamedModel:
     model: Model
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ModelPair:
     """Two models of robots with the same number of wheels: the first is validated, the second is the reference.
 
@@ -65,11 +65,11 @@ class ModelPair:
         first, second = self.first, self.second
         if first.name == second.name:
             raise InputError(f"Both models are called {first.name!r}; give them different names.")
-        counts = [named.model.robot.wheel_count for named in (first, second)]
-        if counts[0] != counts[1]:
+        own, other = (model.robot.wheel_count for model in self.both)
+        if own != other:
             raise InputError(
-                f"The model {first.name} has {counts[0]} wheels and the model {second.name} "
-                f"has {counts[1]} wheels; both must be of the robot that was logged."
+                f"The model {first.name} has {own} wheels and the model {second.name} has {other} wheels; both must be "
+                "of the robot that was logged."
             )
         same_form = first.model.formulation == second.model.formulation
         if same_form and np.array_equal(first.model.packed, second.model.packed):
@@ -87,12 +87,8 @@ class ModelPair:
                 f"The robot {robot.name} has no friction to validate. Identify it first, or validate it beside "
                 "another robot or formulation: --against on the command line, ballbot.validation.ModelPair in Python."
             )
-        return ModelPair(
-            first=NamedModel(name="with friction", model=model),
-            second=NamedModel(
-                name="without friction", model=replace(model, robot=robot.replace(friction=none))
-            ),
-        )
+        bare = replace(model, robot=robot.replace(friction=none))
+        return ModelPair(NamedModel("with friction", model), NamedModel("without friction", bare))
 
     @staticmethod
     def load(robot: str, *, against: str | None = None) -> ModelPair:
@@ -105,28 +101,23 @@ class ModelPair:
         if against is None:
             return ModelPair.by_friction(model)
         if against == "thesis":
-            thesis = replace(model, formulation="thesis")
-            return ModelPair(
-                first=NamedModel(name="in the exact formulation", model=model),
-                second=NamedModel(name="in the thesis's formulation", model=thesis),
-            )
+            thesis = NamedModel("in the thesis's formulation", replace(model, formulation="thesis"))
+            return ModelPair(NamedModel("in the exact formulation", model), thesis)
         if against not in Robot.presets() and not Path(against).exists():
             hint = suggest(against, ["thesis", *Robot.presets()], otherwise="there are")
             raise InputError(f"--against {against} is no preset or robot file, and not thesis; {hint}")
-        return ModelPair(
-            first=NamedModel(name=f"of {robot}", model=model),
-            second=NamedModel(name=f"of {against}", model=Model(Robot.load(against))),
-        )
+        other = NamedModel(f"of {against}", Model(Robot.load(against)))
+        return ModelPair(NamedModel(f"of {robot}", model), other)
 
     @property
     def names(self) -> tuple[str, str]:
         """The names of the first and the second model."""
-        return (self.first.name, self.second.name)
+        return self.first.name, self.second.name
 
     @property
     def both(self) -> tuple[Model, Model]:
         """The first model, then the second."""
-        return (self.first.model, self.second.model)
+        return self.first.model, self.second.model
 
 
 #: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
@@ -151,8 +142,7 @@ def stretches(log: Log, holdout: Sequence[Interval] | None = None) -> list[range
         counts = np.any([(log.t >= start) & (log.t < end) for start, end in holdout], axis=0)
         if not np.any(counts):
             raise InputError(
-                "No row of the log lies in the holdout intervals; "
-                f"the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
+                f"No row of the log lies in the holdout intervals; the log runs from {log.t[0]:g} to {log.t[-1]:g} s."
             )
     compared = np.flatnonzero(counts)
     gaps = (np.diff(compared) > 1) | (np.diff(log.t[compared]) > _GAP * log.sample_time)

@@ -45,9 +45,7 @@ class OpenLoop(Comparison):
     """Errors of open-loop runs from many starts, and an example run."""
 
     errors: ErrorPair
-    noise_squares: (
-        Floats  #: (runs, 10) sums of the squared errors that the noise of the start alone would cause
-    )
+    noise_squares: Floats  #: (runs, 10) sums of the squared errors by the noise of the start alone
     ended: Bools  #: (runs,) whether the lean ended the run
     recoverable_lean: float  #: [rad]
     sample_time: float  #: [s]
@@ -74,8 +72,7 @@ class OpenLoop(Comparison):
     def remarks(self) -> tuple[Finding, ...]:
         """Return a finding with the reason for each state that the first model does not predict significantly better.
 
-        That is a state for which the 95 % bootstrap interval of the ratio of errors does not lie wholly above one. With
-        too few runs for an interval there are no findings.
+        With too few runs for an interval of the ratio of errors there are none.
         """
         lower, upper = self.errors.ratio_interval()
         first, second = self.models.names
@@ -84,8 +81,7 @@ class OpenLoop(Comparison):
             note(
                 "weak-state",
                 f"{STATE_NAMES[i]}: the model {first} is {claims[verdict]} the one {second} in open loop (ratio "
-                f"{self.errors.ratio[i]:.2f}, 95 % interval {lower[i]:.2f} to {upper[i]:.2f}). "
-                f"{self._reason(i)}",
+                f"{self.errors.ratio[i]:.2f}, 95 % interval {lower[i]:.2f} to {upper[i]:.2f}). {self._reason(i)}",
             )
             for i, verdict in enumerate(self.errors.verdicts())
             if verdict != "better" and np.isfinite(lower[i])
@@ -155,7 +151,10 @@ def open_loop(case: Case) -> OpenLoop:
     errors = ErrorPair.of_runs(cut(measured), *map(cut, states), overlap=-(-int(np.median(lengths)) // every))
     shifted = log.states[starts] + case.drawn_noise(len(starts))
     noisy = forecast([models.first.model], log, starts, samples, initial=shifted)[0]
-    middle = _median_run(errors)
+    # the run with the median error of the first model, summed over normalised states
+    by_run = errors.by_run[:, 0]
+    scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
+    middle = int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])
     return OpenLoop(
         models=models,
         errors=errors,
@@ -175,10 +174,3 @@ def _samples_upright(runs: Floats, limit: float) -> int:
     """Return the samples, at least one, until one of `runs` (models, samples, 10) reaches the lean `limit`."""
     fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
     return max(1, int(fallen[0])) if fallen.size else runs.shape[1]
-
-
-def _median_run(errors: ErrorPair) -> int:
-    """Return the index of the run with the median error of the first model, summed over normalised states."""
-    by_run = errors.by_run[:, 0]
-    scale = np.where(by_run.mean(axis=0) > 0.0, by_run.mean(axis=0), 1.0)
-    return int(np.argsort((by_run / scale).sum(axis=1), kind="stable")[len(by_run) // 2])

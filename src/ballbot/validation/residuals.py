@@ -37,7 +37,6 @@ from ballbot.validation.statistics import (
     Whiteness,
     blocks_of,
     correlations,
-    indicators,
     lagged,
     spectrum,
     whiteness,
@@ -194,11 +193,6 @@ class SpeedEffect:
     half_widths: Floats  #: (b,) of the 95 % intervals
     p_value: float  #: of zero torque at all speeds; NaN if a speed is too rare
 
-    @property
-    def largest(self) -> int:
-        """The bin whose torque differs from zero most, relative to its interval."""
-        return int(np.argmax(np.abs(self.torques) / self.half_widths))
-
 
 def speed_effect(torque: Floats, speed: Floats, blocks: Ints) -> SpeedEffect:
     """Return one wheel's mean residual torque (n,) against its earlier speed (n,), without rows of NaN."""
@@ -208,7 +202,7 @@ def speed_effect(torque: Floats, speed: Floats, blocks: Ints) -> SpeedEffect:
     if len(edges) < 2:  # the wheel stood still
         edges = np.array([-np.inf, np.inf])
     bins = np.clip(np.searchsorted(edges, speed, side="right") - 1, 0, len(edges) - 2)
-    columns = indicators(bins, len(edges) - 1)
+    columns = (bins[:, None] == np.arange(len(edges) - 1)).astype(np.float64)
     fit = fit_linear(columns, torque, blocks)
     return SpeedEffect(
         speeds=columns.T @ speed / columns.sum(axis=0),
@@ -250,29 +244,22 @@ def _pair_findings(correlation: Correlations) -> list[str]:
     """Return a sentence for each reason of strong correlations, and one on those without a reason."""
     labels, matrix = correlation.labels, correlation.matrix
     expected: dict[str, list[str]] = {}
-    unexpected, marked = [], 0
-    for i in range(len(STATE_NAMES)):
-        for j in range(i + 1, len(labels)):
-            marked += int(correlation.significant[i, j])
-            reason = _EXPECTED.get(frozenset({labels[i], labels[j]}))
-            pair = f"{labels[i]} with {labels[j]} ({matrix[i, j]:+.2f})"
-            if not correlation.significant[i, j]:
-                continue
-            if reason and abs(matrix[i, j]) >= _STRONG:
-                expected.setdefault(reason, []).append(pair)
-            elif not reason and abs(matrix[i, j]) >= _WEAK:
-                unexpected.append(pair)
-    sentences = [
-        f"Residuals that are coupled: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()
-    ]
+    unexpected, marked = [], np.argwhere(np.triu(correlation.significant, 1)[: len(STATE_NAMES)]).tolist()
+    for i, j in marked:
+        reason = _EXPECTED.get(frozenset({labels[i], labels[j]}))
+        pair = f"{labels[i]} with {labels[j]} ({matrix[i, j]:+.2f})"
+        if reason and abs(matrix[i, j]) >= _STRONG:
+            expected.setdefault(reason, []).append(pair)
+        elif not reason and abs(matrix[i, j]) >= _WEAK:
+            unexpected.append(pair)
     tested = len(labels) * len(STATE_NAMES) - len(STATE_NAMES) * (len(STATE_NAMES) + 1) // 2
-    verb = "is" if marked == 1 else "are"
-    marks = f"{marked} of the {tested} pairs of a residual with another or a torque {verb} significant"
+    verb = "is" if len(marked) == 1 else "are"
+    rest = f"except for the expected ones none reaches {_WEAK}: nothing unmodelled stands out."
     if unexpected:
-        return [*sentences, f"{marks}; unexpected are {', '.join(unexpected)}: something is not modelled."]
+        rest = f"unexpected are {', '.join(unexpected)}: something is not modelled."
     return [
-        *sentences,
-        f"{marks}; except for the expected ones none reaches {_WEAK}: nothing unmodelled stands out.",
+        *(f"Residuals that are coupled: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()),
+        f"{len(marked)} of the {tested} pairs of a residual with another or a torque {verb} significant; {rest}",
     ]
 
 
@@ -319,16 +306,13 @@ def _speed_finding(prediction: Prediction) -> str:
     wheels = []
     for wheel, effect in enumerate(prediction.by_speed, start=1):
         if effect.p_value < WHEEL_LEVEL / len(prediction.by_speed):
-            worst = effect.largest
+            worst = int(np.argmax(np.abs(effect.torques) / effect.half_widths))
             wheels.append(
                 f"wheel {wheel} ({effect.torques[worst]:+.3f} ± {effect.half_widths[worst]:.3f} N m at "
                 f"{effect.speeds[worst]:+.2f} rad/s)"
             )
     if any(np.isnan(effect.p_value) for effect in prediction.by_speed):
-        return (
-            "The wheels returned to the same speeds too seldom "
-            "to show how the residual torque depends on them."
-        )
+        return "The wheels returned to the same speeds too seldom to show how the residual torque depends on them."
     if not wheels:
         return "The residual torque does not depend on the wheel speeds: the friction law fits at all speeds."
     return (

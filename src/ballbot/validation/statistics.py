@@ -32,7 +32,7 @@ on a slope one of them exceeds the bins between.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -94,14 +94,9 @@ def holm(p_values: Floats, *, level: float) -> Bools:
     tested = int(np.isfinite(flat).sum())
     ranked = flat[order][:tested] * np.arange(tested, 0, -1)
     first_kept = int(np.argmax(ranked > level)) if np.any(ranked > level) else tested
-    significant = np.zeros(flat.shape, dtype=np.bool_)
-    significant[order[:first_kept]] = True
-    return significant.reshape(np.shape(p_values))
-
-
-def indicators(bins: Ints, count: int) -> Floats:
-    """Return columns (n, count) of ones where a row's bin (n,) is the column's, else zeros."""
-    return (bins[:, None] == np.arange(count)).astype(np.float64)
+    significant = np.zeros(np.shape(p_values), dtype=np.bool_)
+    significant.flat[order[:first_kept]] = True
+    return significant
 
 
 #: probability of any false mark in a matrix without correlation
@@ -128,8 +123,16 @@ class Correlations:
 
 
 def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[int]) -> Correlations:
-    """Return the tested correlations of columns (n, m) made of `segments`."""
-    matrix, counts = correlation_of(columns), effective_counts(columns, segments)
+    """Return the tested correlations of columns (n, m) made of `segments`; zero of a constant column with others."""
+    deviation = columns - columns.mean(axis=0)
+    size = np.linalg.norm(deviation, axis=0)
+    scaled = deviation / np.where(size > 0.0, size, 1.0)
+    matrix = scaled.T @ scaled
+    np.fill_diagonal(matrix, 1.0)
+    lags = int(min(max(segments) - 1, _REACH * len(columns)))
+    covariances = autocovariance(columns, segments, lags=lags)
+    memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
+    counts = len(columns) / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
     pairs = np.triu_indices(len(matrix), 1)
     r, count = matrix[pairs], counts[pairs]
     t = r * np.sqrt(np.maximum(count - 2.0, 0.0) / np.maximum(1.0 - r**2, 1e-15))
@@ -138,25 +141,6 @@ def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[in
     significant = np.zeros(matrix.shape, dtype=np.bool_)
     significant[pairs] = holm(p, level=CORRELATION_LEVEL)
     return Correlations(labels=labels, matrix=matrix, counts=counts, significant=significant | significant.T)
-
-
-def correlation_of(columns: Floats) -> Floats:
-    """Return the correlation matrix of the columns; zero for a constant column with others, one on the diagonal."""
-    deviation = columns - columns.mean(axis=0)
-    size = np.linalg.norm(deviation, axis=0)
-    scaled = deviation / np.where(size > 0.0, size, 1.0)
-    correlation = scaled.T @ scaled
-    np.fill_diagonal(correlation, 1.0)
-    return correlation
-
-
-def effective_counts(columns: Floats, segments: Sequence[int]) -> Floats:
-    """Return the effective sample size (m, m) of each pair of columns under the hypothesis of independence."""
-    count = len(columns)
-    lags = int(min(max(segments) - 1, _REACH * count))
-    covariances = autocovariance(columns, segments, lags=lags)
-    memory = covariances / np.where(covariances[0] > 0.0, covariances[0], 1.0)
-    return count / np.maximum(1.0 + 2.0 * memory[1:].T @ memory[1:], 1.0)
 
 
 #: number of lags that are tested
@@ -185,17 +169,10 @@ class Whiteness:
     @property
     def colours(self) -> tuple[Colour, ...]:
         """The classification of each column."""
-        return tuple(self._colour(column) for column in range(len(self.rejected)))
-
-    def _colour(self, column: int) -> Colour:
-        memory = self.autocorrelation[1:, column]
-        if not self.rejected[column]:
-            return "white"
-        if self.predicted_share[column] < _NEGLIGIBLE:
-            return "nearly white"
-        if memory[0] < _OF_NOISE and np.abs(memory[1:]).max() < _BEYOND:
-            return "noise of the start"
-        return "coloured"
+        first, *beyond = self.autocorrelation[1:]
+        of_start = (first < _OF_NOISE) & (np.abs(beyond).max(axis=0) < _BEYOND)
+        by_rank: list[Bools] = [~self.rejected, self.predicted_share < _NEGLIGIBLE, of_start]
+        return tuple(np.select(by_rank, get_args(Colour)[:3], "coloured").tolist())
 
 
 def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
@@ -216,12 +193,12 @@ def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
         autocorrelation=covariance / variance,
         p_value=p_value,
         rejected=holm(p_value, level=WHITENESS_LEVEL),
+        # by the past values at all lags, from the autocorrelation
         predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),
     )
 
 
 def _predicted_share(memory: Floats) -> float:
-    """Return the share of a series' variance that the past values at all lags predict, from its autocorrelation."""
     if memory[0] <= 0.0:
         return 0.0
     past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])

@@ -102,9 +102,8 @@ def learn_colour(pictures: Sequence[NDArray[np.uint8]], inside: Bools, *, radius
             w /= np.linalg.norm(w)
             threshold = float(0.5 * w @ (seam.mean(axis=0) + rest.mean(axis=0)))
             separation = float(w @ apart / np.sqrt(w @ spread @ w))
-        detail = _detail(
-            logs, ball, chosen, around, (w, threshold)
-        )  # again with surroundings that are free of the seam
+        # again with surroundings that are free of the seam
+        detail = _detail(logs, ball, chosen, around, (w, threshold))
     if separation < _LEAST_SEPARATION:
         raise InputError(_NO_SEAM)
     along = detail @ w
@@ -228,11 +227,8 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
     joined = max(1, int(np.ceil(view.radius / _LARGEST_RADIUS)))
     high = low + (high - low) // joined * joined
     columns, rows = np.arange(low[0], high[0]), np.arange(low[1], high[1])
-    middles = np.stack(
-        np.meshgrid(columns.reshape(-1, joined).mean(axis=1), rows.reshape(-1, joined).mean(axis=1)), axis=-1
-    )
-    shape = (len(rows) // joined, len(columns) // joined)
-    pixels = middles.reshape(-1, 2)
+    middles = np.meshgrid(*(places.reshape(-1, joined).mean(axis=1) for places in (columns, rows)))
+    pixels, shape = np.stack(middles, axis=-1).reshape(-1, 2), middles[0].shape
     p, facing = view.points(pixels)
     facing = np.nan_to_num(facing)
     indices = np.flatnonzero(facing > LEAST_FACING)
@@ -284,15 +280,9 @@ class SeamFinder:
         begins = np.float32(max(_BEGINS, _LEAST_CONTRAST * self.colour.noise))
         width = np.float32(max(_WHOLLY - begins, 0.2))
         seam = np.clip((score - begins) / width, np.float32(0.0), np.float32(1.0))
-        indices = np.flatnonzero(seam)
-        pixels = self.pixels
-        seen = SeamPoints(
-            p=pixels.p[indices],
-            area=seam[indices] * pixels.area[indices],
-            indices=indices,
-            toward=pixels.toward,
-            rim=pixels.rim,
-        )
+        used, pixels = np.flatnonzero(seam), self.pixels
+        area = seam[used] * pixels.area[used]
+        seen = SeamPoints(p=pixels.p[used], area=area, indices=used, toward=pixels.toward, rim=pixels.rim)
         return seen, seam
 
 

@@ -104,12 +104,10 @@ class _Follower:
     def next(self, frame: NDArray[np.uint8]) -> tuple[SeamFit, float, int] | None:
         """Return the orientation, its quality and its stretch; None if the ball is lost."""
         seen, seam = self._finder.find(frame)
-        result = None
-        if len(seen.p) >= _LEAST_PIXELS:
-            result = self._followed(seen, seam) or self._searched(seen, seam)
+        enough = len(seen.p) >= _LEAST_PIXELS
+        result = (self._followed(seen, seam) or self._searched(seen, seam)) if enough else None
         if result is None:
-            self._lost += 1
-            self._settled = False
+            self._lost, self._settled = self._lost + 1, False
             return None
         self._lost = 0
         return *result, self._stretch
@@ -152,11 +150,8 @@ class _Follower:
         """
         curve = self._table.seam.points
         points = curve[:: max(1, len(curve) // _CURVE_POINTS)] @ fit.R.T
-        index = self._finder.pixels.index_at(
-            self._finder.pixels.view.project(points)[0][
-                points @ self._finder.pixels.toward > self._finder.pixels.rim
-            ]
-        )
+        pixels = self._finder.pixels
+        index = pixels.index_at(pixels.view.project(points[points @ pixels.toward > pixels.rim])[0])
         index = index[index >= 0]
         return min(fit.inliers, float(np.mean(seam[index] > _SEEN))) if len(index) else 0.0
 
@@ -176,12 +171,10 @@ class _Follower:
             fit = fit_rotation(self._table, seen, grid[k].astype(np.float64), reaches=_SEARCH_REACHES)
             best.append((fit, self._score(fit, seam)))
         top = max(best, key=lambda candidate: candidate[1])
+        if near is None:
+            return top
         alike = [candidate for candidate in best if candidate[1] > 0.97 * top[1]]
-        return (
-            top
-            if near is None
-            else max(alike, key=lambda candidate: float(np.trace(candidate[0].R.T @ near)))
-        )
+        return max(alike, key=lambda candidate: float(np.trace(candidate[0].R.T @ near)))
 
 
 def follow(
@@ -345,8 +338,8 @@ def _smooth(ready: _Steps, before: _States, after: _States) -> _States:
 
 def _jerk(dt: float) -> Floats:
     """Return the covariance (9, 9) that white jerk of density 1 adds over a step to angle, velocity, acceleration."""
-    powers = [[dt**5 / 20.0, dt**4 / 8.0, dt**3 / 6.0], [dt**4 / 8.0, dt**3 / 3.0, dt**2 / 2.0]]
-    return np.kron(np.array([*powers, [dt**3 / 6.0, dt**2 / 2.0, dt]]), _EYE).astype(np.float64)
+    a, b, c, d, e = dt**5 / 20.0, dt**4 / 8.0, dt**3 / 6.0, dt**3 / 3.0, dt**2 / 2.0
+    return np.kron(np.array([[a, b, c], [b, d, e], [c, e, dt]]), _EYE).astype(np.float64)
 
 
 def _averaged(values: Floats, t: Floats) -> Floats:

@@ -145,25 +145,18 @@ def find_outline(frames: Sequence[NDArray[np.uint8]]) -> Floats:
     still = np.median(few, axis=0).astype(np.uint8)
     picture = np.asarray(cv2.GaussianBlur(still, (0, 0), 1.0), np.float32)
     size = (picture.shape[1], picture.shape[0])
-    refined = [
-        candidate
-        for candidate in (_refined(picture, circle, size) for circle in _voted(still))
-        if candidate[2] >= _LEAST_SHARE
-    ]
+    candidates = [_refined(picture, circle, size) for circle in _voted(still)]
+    refined = [candidate for candidate in candidates if candidate[2] >= _LEAST_SHARE]
     if not refined:
         raise InputError(
             "No ball was found: no circle in the picture has an edge along "
             "half of its circumference. Give the circle with --circle x,y,r."
         )
-    changing = _changing(few)
-    return max(refined, key=lambda candidate: candidate[2] + _moves(changing, candidate[0]))[1]
-
-
-def _changing(frames: NDArray[np.uint8]) -> Bools:
-    """Return which pixels (height, width) change over frames (k, height, width, 3) by more than the picture's noise."""
-    calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in frames]).astype(np.float32)
+    # pixels that change over the frames by more than the picture's noise
+    calm = np.stack([cv2.GaussianBlur(frame, (0, 0), 1.0) for frame in few]).astype(np.float32)
     spread = calm.std(axis=0).max(axis=2)
-    return spread > 3.0 * np.median(spread) + 2.0
+    changing = spread > 3.0 * np.median(spread) + 2.0
+    return max(refined, key=lambda candidate: candidate[2] + _moves(changing, candidate[0]))[1]
 
 
 def _moves(changing: Bools, view: View) -> float:
@@ -199,10 +192,8 @@ def _voted(still: NDArray[np.uint8]) -> list[tuple[float, float, float]]:
     shorter = min(small.shape[:2])
     smallest, largest = int(_SMALLEST * shorter), int(_LARGEST * shorter)
     circles: list[Floats] = []
-    for channel in (
-        cv2.cvtColor(small, cv2.COLOR_BGR2GRAY),
-        *cv2.split(cv2.cvtColor(small, cv2.COLOR_BGR2LAB)),
-    ):
+    gray, lab = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY), cv2.cvtColor(small, cv2.COLOR_BGR2LAB)
+    for channel in (gray, *cv2.split(lab)):
         votes = cv2.HoughCircles(
             cv2.medianBlur(channel, 5), cv2.HOUGH_GRADIENT, 1.5, 0.06 * shorter, param1=80.0, param2=_VOTES,
             minRadius=smallest, maxRadius=largest,
@@ -228,9 +219,8 @@ def _strongest(picture: NDArray[np.uint8], x: float, y: float, smallest: int, la
         picture.astype(np.float32), columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
     change = np.median(np.linalg.norm(colours[:, 2:] - colours[:, :-2], axis=2), axis=0)
-    peaks = (
-        np.flatnonzero((change[1:-1] >= change[:-2]) & (change[1:-1] > change[2:]) & (change[1:-1] > 2.0)) + 1
-    )
+    inner = change[1:-1]
+    peaks = np.flatnonzero((inner >= change[:-2]) & (inner > change[2:]) & (inner > 2.0)) + 1
     return [float(shares[peak] + 1) for peak in peaks[np.argsort(-change[peaks])][:3]]
 
 
@@ -254,10 +244,11 @@ def _refined(
             return view, points, 0.0
         points = positions[good]
         view = view_of_outline(points, size=size, closeness=ASSUMED_CLOSENESS)
-        after = view.outline(_RAYS)
-        miss = np.linalg.norm(positions - np.array([view.x, view.y]), axis=1) / np.linalg.norm(
-            after - np.array([view.x, view.y]), axis=1
+        found, expected = (
+            np.linalg.norm(places - np.array([view.x, view.y]), axis=1)
+            for places in (positions, view.outline(_RAYS))
         )
+        miss = found / expected
         share = float(np.mean(np.abs(miss - 1.0) < _EDGE_TOLERANCE))
     return view, points, share
 

@@ -223,8 +223,10 @@ class _File:
                     f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
                 ) from None
             value = float(values[0])
-        wanted = {"--time": "give the variable with the time, or the time between rows, a number above zero"}
-        wanted |= {"--time-scale": "it must be above zero"}
+        wanted = {
+            "--time": "give the variable with the time, or the time between rows, a number above zero",
+            "--time-scale": "it must be above zero",
+        }
         if not 0.0 < abs(value) <= LARGEST_CELL or (option in wanted and value < 0.0):
             text = wanted.get(option, "it must not be zero")
             raise InputError(f"{self.name}: {option} is {value:g}; {text}.")
@@ -257,13 +259,6 @@ class _File:
         rest, unit = unit_at_the_end(parts)
         return unit if unit and len("".join(parts[len(rest) :])) > 1 else ""
 
-    def times(self, name: str, rows: int) -> Floats:
-        """Return the time of each row (N,), from a variable or from the interval between rows."""
-        times = self.variables.get(name)
-        if times is not None and times.size != 1:
-            return times
-        return self.number(name, "--time") * np.arange(rows, dtype=np.float64)
-
 
 def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     """Read a record from a file.
@@ -282,7 +277,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     variables, units = read_variables(path)
     file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
     motion = "velocity" if columns.position is None and columns.velocity else "position"
-    moving = (columns.velocity if motion == "velocity" else columns.position) or "position"
+    moving = getattr(columns, motion) or "position"
     names = {"time": columns.time, motion: moving, "force": columns.force}
     # all missing default variables are named in one message
     defaults = {"time": "t", "position": "position", "force": "force"}.items()
@@ -301,7 +296,10 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     values = factors[motion] * file.column(moving, f"--{motion}")
     force = factors["force"] * file.column(columns.force, "--force")
     added = file.column(columns.added_force, "--added-force") if columns.added_force else np.zeros(len(force))
-    t = factors["time"] * file.times(columns.time, len(values))
+    t = variables.get(columns.time, np.empty(1))
+    if t.size == 1:  # the interval between rows
+        t = file.number(columns.time, "--time") * np.arange(len(values), dtype=np.float64)
+    t = factors["time"] * t
     rows = _complete_rows(file.name, {"time": t, motion: values, "force": force, "the added force": added})
     t, values, force = t[rows], values[rows], (force + added)[rows]
     if motion == "velocity":
@@ -352,9 +350,11 @@ def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, l
         usual = float(steps[~jumps].max(initial=0.0))
         wraps = 0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any()
         # the axis moves during the step in which it wraps
-        if not wraps or usual > _LARGEST_STEP * period:
-            continue
-        if np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period:
+        if (
+            not wraps
+            or usual > _LARGEST_STEP * period
+            or (np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period)
+        ):
             continue
         size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
         findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
