@@ -213,8 +213,8 @@ def connect(
     *,
     address: str,
     say: Callable[[str], None],  # prints what the person is to do
-    filmed_by: int
-    | None = None,  # random seed of a camera above an emulated robot upside down, if there is one
+    # random seed of a camera above an emulated robot upside down, if there is one
+    filmed_by: int | None = None,
     stream: Sequence[StreamAddress] = (),  # where its rows are shown live
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs."""

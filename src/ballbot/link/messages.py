@@ -12,10 +12,10 @@ same schemas, so that both sides agree; a digest of all messages is exchanged in
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from enum import IntEnum
 from hashlib import sha256
-from typing import ClassVar
+from typing import ClassVar, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,9 +59,8 @@ class AnswerResult(IntEnum):
     """Answers of the robot to a command."""
 
     OK = 0
-    CONFIRM = (
-        1  #: first step of arming: `value` must come back within `CONFIRMATION_TIME`, confirmed at the host
-    )
+    #: first step of arming: `value` must come back within `CONFIRMATION_TIME`, confirmed at the host
+    CONFIRM = 1
     SELF_TEST = 2  #: the self-test has not passed
     ACTIVE = 3  #: only while disarmed and without a self-test that runs
     NONCE = 4  #: arming was not asked for, too long ago, or the number is another
@@ -95,17 +94,17 @@ MESSAGES: dict[int, type[Message]] = {}
 _FIRST_TO_HOST = 64
 
 
+@dataclass_transform(frozen_default=True, kw_only_default=True, eq_default=False, field_specifiers=(field,))
 class Message:
-    """A message; its class is in `MESSAGES` by the number that its frames have."""
+    """A frozen dataclass; it is in `MESSAGES` by the number that its frames have."""
 
     TYPE: ClassVar[int]
 
     def __init_subclass__(cls, *, kind: int) -> None:
         cls.TYPE = kind
-        MESSAGES[kind] = cls
+        MESSAGES[kind] = dataclass(frozen=True, kw_only=True, eq=False)(cls)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Hello(Message, kind=1):
     """Open a session. The frame's session is a random number of the host; the robot's answer has the session."""
 
@@ -114,17 +113,14 @@ class Hello(Message, kind=1):
     state_every: int = field(metadata=whole())  #: samples from one `State` to the next
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Keep(Message, kind=2):
     """Show that the host is there."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class SelfTest(Message, kind=3):
     """Start the self-test."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Arm(Message, kind=4):
     """Arm in two steps: ask with the number 0, then return the number that the robot answered."""
 
@@ -134,26 +130,22 @@ class Arm(Message, kind=4):
     ramp: float = field(metadata=number("s"))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Disarm(Message, kind=5):
     """Disarm, or end a self-test."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Reference(Message, kind=6):
     """Give the controller on the robot a reference; it holds until the next one."""
 
     reference: NDArray[np.float32] = field(metadata=number("state", 10))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Torques(Message, kind=7):
     """Give the torques of a controller on the host; they pass the robot's safety layer."""
 
     torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Read(Message, kind=8):
     """Ask for a part of the parameters."""
 
@@ -161,7 +153,6 @@ class Read(Message, kind=8):
     count: int = field(metadata=whole())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Write(Message, kind=9):
     """Write a part of the parameters into a copy that is not in use; only while disarmed."""
 
@@ -170,19 +161,16 @@ class Write(Message, kind=9):
     words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Commit(Message, kind=10):
     """Use the parameters that were written, if their CRC-32 is this one and they are allowed."""
 
     crc: int = field(metadata=whole())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class AskCounts(Message, kind=11):
     """Ask for the counts of frames."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Tune(Message, kind=12):
     """Change the controller on the robot while it balances; it moves there at a limited rate.
 
@@ -190,19 +178,16 @@ class Tune(Message, kind=12):
     """
 
     weights: NDArray[np.float32] = field(metadata=number("1", MAX_GAINS))  #: of its gains, with a sum of 1
-    compensation: float = field(
-        metadata=number("1")
-    )  #: share of its compensation, 0 to the one that is certain
+    #: share of its compensation, 0 to the one that is certain
+    compensation: float = field(metadata=number("1"))
     torque_limit: float = field(metadata=number("1"))  #: share of its torque limit, `LEAST_LIMIT` to 1
     lean_limit: float = field(metadata=number("1"))  #: share of its lean limit, `LEAST_LIMIT` to 1
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class StepBack(Message, kind=13):
     """Return to the setting before the last `Tune`; answered like that one."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Welcome(Message, kind=64):
     """Answer a `Hello`; the frame repeats its random number."""
 
@@ -214,7 +199,6 @@ class Welcome(Message, kind=64):
     capabilities: int = field(metadata=whole())  #: bits of `Capability`
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class State(Message, kind=65):
     """A sample: sensors, estimate, torques, and whether the robot is armed or why it is stopped."""
 
@@ -238,7 +222,6 @@ class State(Message, kind=65):
     torques: NDArray[np.float32] = field(metadata=number("N m", MAX_WHEELS))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Answer(Message, kind=66):
     """Answer a command."""
 
@@ -248,7 +231,6 @@ class Answer(Message, kind=66):
     value: int = field(metadata=whole())
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Parameters(Message, kind=67):
     """A part of the parameters that are in use."""
 
@@ -257,7 +239,6 @@ class Parameters(Message, kind=67):
     words: NDArray[np.int32] = field(metadata=whole(PARAMETER_WORDS))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Counts(Message, kind=68):
     """How many frames the robot accepted, how many each layer refused, and how many of its own found no room."""
 
@@ -296,11 +277,9 @@ def pack_body(message: Message) -> bytes:
 
 def unpack_body(kind: int, body: bytes) -> Message:
     """Return the message of a type from its body, which has the length of that type."""
-    record = np.frombuffer(body, _DTYPES[kind])[0] if body else None
     values: dict[str, object] = {}
     for name, member in SCHEMAS[kind].fields.items():
-        assert record is not None
-        value = record[name]
+        value = np.frombuffer(body, _DTYPES[kind])[0][name]
         values[name] = np.array(value, value.dtype.newbyteorder("=")) if member.shape else value.item()  # type: ignore[union-attr]
     return MESSAGES[kind](**values)
 
@@ -312,7 +291,4 @@ def wrapped(value: object) -> NDArray[np.int32]:
 
 def finite(message: Message) -> bool:
     """Return whether every real number of a message is finite."""
-    return all(
-        bool(np.isfinite(getattr(message, field.name)).all())
-        for field in fields(message)  # type: ignore[arg-type]
-    )
+    return all(np.isfinite(getattr(message, name)).all() for name in SCHEMAS[message.TYPE].fields)

@@ -15,6 +15,7 @@ every 50 ms: it sends what the robot's watchdog waits for, and notices that the 
 import secrets
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from fastcrc import crc32
@@ -75,7 +76,7 @@ _ANSWER_TIME, _OPENING_TIME, _TEST_TIME = 0.1, 2.0, 3.0
 #: how often a command is sent before it counts as lost
 _ATTEMPTS = 5
 _WORD = np.dtype("<i4")
-
+M = TypeVar("M", bound=Message)
 _REASONS = {
     AnswerResult.SELF_TEST: "the self-test has not passed",
     AnswerResult.ACTIVE: "it is armed or its self-test runs",
@@ -127,8 +128,7 @@ class Session:
         LinkError if nothing answers, or the robot has firmware of another version.
         """
         hello = Hello(firmware=FIRMWARE_WORDS, messages=MESSAGE_WORDS, state_every=1)
-        self.welcome, self.state, self._last = None, None, None
-        self._queued = []
+        self.welcome, self.state, self._last, self._queued = None, None, None, []
         self._session = secrets.randbelow(2**32 - 1) + 1
         end = self.clock() + _OPENING_TIME
         while self.clock() < end:
@@ -142,11 +142,9 @@ class Session:
 
     def _open(self, welcome: Welcome) -> None:
         """Take the session that the robot has opened; raise LinkError if its firmware is of another version."""
-        for name, ours, theirs in (
-            ("messages", MESSAGE_WORDS, welcome.messages),
-            ("parameters", FIRMWARE_WORDS, welcome.firmware),
-        ):
-            if not np.array_equal(ours, theirs):
+        own, theirs = (MESSAGE_WORDS, FIRMWARE_WORDS), (welcome.messages, welcome.firmware)
+        for name, digest, other in zip(("messages", "parameters"), own, theirs, strict=True):
+            if not np.array_equal(digest, other):
                 raise LinkError(
                     f"The robot's firmware has {name} of another version; export it again and flash it."
                 )
@@ -172,8 +170,7 @@ class Session:
 
     def _step(self, timeout: float) -> list[Message]:
         """Send what the robot's watchdog waits for, and return what comes within a time."""
-        if self.welcome is None:
-            raise LinkError("There is no session with a robot; connect first.")
+        self._opened()
         try:
             if self.clock() - self._sent >= KEEP_INTERVAL:
                 self._write(Keep())
@@ -204,10 +201,9 @@ class Session:
             self._last = frame.sequence
             if isinstance(message, Welcome):
                 self._open(message)
-                continue
-            if isinstance(message, State):
-                self.state = message
-            messages.append(message)
+            else:
+                self.state = message if isinstance(message, State) else self.state
+                messages.append(message)
         return messages
 
     def _accepted(self, frame: Frame) -> Message | Layer:
@@ -221,9 +217,13 @@ class Session:
 
     def send(self, message: Message) -> int:
         """Send a message and return its sequence number; LinkError if there is no session."""
+        self._opened()
+        return self._write(message)
+
+    def _opened(self) -> Welcome:
         if self.welcome is None:
             raise LinkError("There is no session with a robot; connect first.")
-        return self._write(message)
+        return self.welcome
 
     def _write(self, message: Message) -> int:
         self._sequence = (self._sequence + 1) % 65536
@@ -232,8 +232,8 @@ class Session:
         return self._sequence
 
     def _exchange(
-        self, message: Message, wanted: Callable[[Message, set[int]], bool]
-    ) -> tuple[Message, bool]:
+        self, message: Message, kind: type[M], wanted: Callable[[M, set[int]], bool]
+    ) -> tuple[M, bool]:
         """Send a message until its answer comes; return that, and whether the message was sent again before it came.
 
         Other messages wait for the next `poll`. `wanted` knows the answer by the sequence numbers that were sent.
@@ -245,7 +245,7 @@ class Session:
             while self.clock() < end:
                 answer = None
                 for received in self._step(KEEP_INTERVAL):
-                    if answer is None and wanted(received, sent):
+                    if answer is None and isinstance(received, kind) and wanted(received, sent):
                         answer = received
                     else:
                         self._queued.append(received)
@@ -255,13 +255,9 @@ class Session:
 
     def _request(self, message: Message) -> tuple[Answer, bool]:
         """Return the answer to a command, and whether the command was sent again before it came."""
-
-        def is_answer(reply: Message, sent: set[int]) -> bool:
-            return isinstance(reply, Answer) and reply.command == message.TYPE and reply.sequence in sent
-
-        answer, resent = self._exchange(message, is_answer)
-        assert isinstance(answer, Answer)
-        return answer, resent
+        return self._exchange(
+            message, Answer, lambda reply, sent: reply.command == message.TYPE and reply.sequence in sent
+        )
 
     def _demand(self, message: Message) -> None:
         """Send a command; raise LinkError if the robot refuses it."""
@@ -338,9 +334,8 @@ class Session:
             return AnswerResult(asked.result)
         self._heard = self.clock()  # the link was not read while the person decided
         answer, resent = self._request(Arm(nonce=asked.value, controller=controller, ramp=ramp))
-        if resent and answer.result == AnswerResult.ACTIVE:
-            return AnswerResult.OK  # the answer to the first was lost
-        return AnswerResult(answer.result)
+        armed = resent and answer.result == AnswerResult.ACTIVE  # the answer to the first was lost
+        return AnswerResult.OK if armed else AnswerResult(answer.result)
 
     def disarm(self) -> None:
         """Disarm the robot, or end its self-test."""
@@ -360,10 +355,9 @@ class Session:
 
         InputError if they are not as many finite numbers as the robot has wheels.
         """
-        if self.welcome is None:
-            raise LinkError("There is no session with a robot; connect first.")
+        count = self._opened().wheel_count
         room = np.zeros(MAX_WHEELS, dtype=np.float32)
-        room[: self.welcome.wheel_count] = real_array(torques, (self.welcome.wheel_count,), "The torques")
+        room[:count] = real_array(torques, (count,), "The torques")
         return self.send(Torques(torques=room))
 
     def tune(self, setting: Setting | None) -> tuple[AnswerResult, int]:
@@ -379,34 +373,27 @@ class Session:
         if setting is not None:
             weights = np.zeros(MAX_GAINS, np.float32)
             weights[: len(setting.weights)] = setting.weights
-            message = Tune(
-                weights=weights,
-                compensation=setting.compensation,
-                torque_limit=setting.torque_limit,
-                lean_limit=setting.lean_limit,
-            )
+            shares = {name: getattr(setting, name) for name in ("compensation", "torque_limit", "lean_limit")}
+            message = Tune(weights=weights, **shares)
         answer, _ = self._request(message)
         return AnswerResult(answer.result), answer.value % 2**32
 
     def ask_counts(self) -> Counts:
         """Return the robot's counts of frames."""
-        counts, _ = self._exchange(AskCounts(), lambda message, _: isinstance(message, Counts))
-        assert isinstance(counts, Counts)
-        return counts
+        return self._exchange(AskCounts(), Counts, lambda *_: True)[0]
 
     def read_parameters(self) -> NDArray[np.void]:
         """Return the robot's parameters (1,), of `PARAMETERS` in single precision."""
         record = np.zeros(1, PARAMETERS.dtype("single"))
         words = record.view(_WORD)
         for first in range(0, len(words), PARAMETER_WORDS):
-            count = min(PARAMETER_WORDS, len(words) - first)
-
-            def is_part(message: Message, _: set[int], span: tuple[int, int] = (first, count)) -> bool:
-                return isinstance(message, Parameters) and (message.offset, message.count) == span
-
-            part, _ = self._exchange(Read(offset=first, count=count), is_part)
-            assert isinstance(part, Parameters)
-            words[first : first + count] = part.words[:count]
+            asked = Read(offset=first, count=min(PARAMETER_WORDS, len(words) - first))
+            part, _ = self._exchange(
+                asked,
+                Parameters,
+                lambda part, _, asked=asked: (part.offset, part.count) == (asked.offset, asked.count),
+            )
+            words[first : first + asked.count] = part.words[: asked.count]
         return record
 
     def write_parameters(self, record: NDArray[np.void]) -> None:

@@ -90,17 +90,12 @@ def measure_turns(
         raise InputError(
             "The IMU's axes were checked before; switch the robot off and on to check the wiring again."
         )
-    return tuple(
-        Turn(
-            movement=movement,
-            attitude=_turned(before, after),
-            wheels=robot.encoder_step
-            * wrapped(after.wheel_counts.astype(float) - before.wheel_counts)[: robot.wheel_count].astype(
-                float
-            ),
-        )
-        for movement, before, after in zip(movements, rests[::2], rests[1::2], strict=True)
-    )
+    turns = []
+    for movement, before, after in zip(movements, rests[::2], rests[1::2], strict=True):
+        counts = wrapped(after.wheel_counts.astype(float) - before.wheel_counts)[: robot.wheel_count]
+        wheels = robot.encoder_step * counts.astype(float)
+        turns.append(Turn(movement=movement, attitude=_turned(before, after), wheels=wheels))
+    return tuple(turns)
 
 
 def _turned(before: State, after: State) -> NDArray[np.float64]:
@@ -131,47 +126,40 @@ def check_turns(
     correlations = products * sizes / np.maximum(np.linalg.norm(measured, axis=0), 1e-9)[:, None]
     scales, findings = [], []
     for encoder in range(measured.shape[1]):
-        finding = _encoder_finding(encoder, correlations[encoder], products[encoder], measured[:, encoder])
-        findings += [finding] if finding else []
-        scales.append(math.nan if finding else float(products[encoder, encoder]))
+        fault = _encoder_fault(encoder, correlations[encoder], products[encoder], measured[:, encoder])
+        findings += [error("encoders", f"Encoder {encoder + 1} {fault}")] if fault else []
+        scales.append(math.nan if fault else float(products[encoder, encoder]))
     return WiringCheck(turns=tuple(turns), wheel_scales=tuple(scales), findings=by_severity(findings))
 
 
-def _encoder_finding(
+def _encoder_fault(
     encoder: int,
     correlations: NDArray[np.float64],
     products: NDArray[np.float64],
     turned: NDArray[np.float64],
-) -> Finding | None:
-    """Return what is wrong with one encoder."""
-    name = f"Encoder {encoder + 1}"
+) -> str:
+    """Return what is wrong with one encoder, in words that follow its name; empty if nothing is."""
     wheel = int(np.argmax(np.abs(correlations)))
     if float(np.abs(turned).max()) < _LEAST_WHEEL_TURN:
-        return error(
-            "encoders", f"{name} did not count when the robot was turned; check its cable and supply."
-        )
+        return "did not count when the robot was turned; check its cable and supply."
     if abs(correlations[wheel]) < math.sqrt(_EXPLAINED):
-        return error(
-            "encoders",
-            f"{name} did not turn as any wheel must: the ball rolled, or the wheel slipped. Hold the ball with a "
-            "foot and repeat the check.",
+        return (
+            "did not turn as any wheel must: the ball rolled, or the wheel slipped. Hold the ball with a foot and "
+            "repeat the check."
         )
     if wheel != encoder:
-        return error(
-            "encoders",
-            f"{name} turned as wheel {wheel + 1} must: exchange the cables, of motor and encoder alike, or correct "
-            "the azimuths in the robot file.",
+        return (
+            f"turned as wheel {wheel + 1} must: exchange the cables, of motor and encoder alike, or correct the "
+            "azimuths in the robot file."
         )
     if correlations[wheel] < 0.0:
-        return error(
-            "encoders",
-            f"{name} counts backward: reverse it in ballbot_read_encoders. If the self-test then fails, reverse the "
-            "motor as well.",
+        return (
+            "counts backward: reverse it in ballbot_read_encoders. If the self-test then fails, reverse the motor as "
+            "well."
         )
     if not _SCALE[0] < products[wheel] < _SCALE[1]:
-        return error(
-            "encoders",
-            f"{name} turned {products[wheel]:.2g} times as far as wheel {wheel + 1} must: correct encoder_counts or "
-            "gear_ratio in the robot file, or count all four edges.",
+        return (
+            f"turned {products[wheel]:.2g} times as far as wheel {wheel + 1} must: correct encoder_counts or "
+            "gear_ratio in the robot file, or count all four edges."
         )
-    return None
+    return ""

@@ -102,6 +102,7 @@ from ballbot.log.columns import (
     torque_names,
     unit_of,
     wheel_angle_names,
+    wheel_speed_names,
 )
 from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
@@ -313,22 +314,26 @@ class LogMapping:
     def sources(self) -> dict[str, Source]:
         """The file's columns by Ballbot's names, t, `IMU_NAMES`, and u1, u2, .. of the commands among them."""
         imu, wheels, drive = self.attitude, self.wheels, self.input
-        sources = {
-            name: _source(name, column) for name, column in self.columns.items() if column.source is not None
-        }
-        for key, series, suffix, kind in (
-            ("angle", wheels.angle, "", "rad"),
-            ("speed", wheels.speed, "_dot", "rad/s"),
+        sources = {}
+        for name, entry in self.columns.items():
+            if entry.source is not None:
+                unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
+                factor = entry.sign * entry.scale * unit
+                sources[name] = Source(
+                    column=entry.source, factor=factor, offset=entry.offset, delay=entry.delay
+                )
+        for key, series, of, kind in (
+            ("angle", wheels.angle, wheel_angle_names, "rad"),
+            ("speed", wheels.speed, wheel_speed_names, "rad/s"),
         ):
-            names = [f"{name}{suffix}" for name in wheel_angle_names(len(series.sources))]
-            unit = (kind, series.unit, series.counts_per_turn)
+            names, unit = of(len(series.sources)), (kind, series.unit, series.counts_per_turn)
             sources |= _series(f"[wheels] {key}", names, series, wheels.sign, unit, order=wheels.order)
         if imu is not None:
             angles = replace(imu, sources=QUATERNION_ANGLES) if imu.quaternion else imu
             sources |= _series("[attitude]", IMU_NAMES, angles, imu.sign, ("rad", imu.unit, None))
-        if imu is not None and (gyro := imu.rates) is not None:
-            unit = ("rad/s", gyro.unit, None)
-            sources |= _series("[attitude] rates", IMU_NAMES[3:], gyro, gyro.sign, unit)
+            if (gyro := imu.rates) is not None:
+                unit = ("rad/s", gyro.unit, None)
+                sources |= _series("[attitude] rates", IMU_NAMES[3:], gyro, gyro.sign, unit)
         if drive is not None:
             unit = ("N m", drive.unit if isinstance(drive, TorqueTable) else None, None)
             if isinstance(drive, DutyTable) and drive.kind == "voltage":
@@ -360,10 +365,8 @@ class LogMapping:
         """The file's columns that it takes; None if rows with words in any column are left out."""
         if self.file.damaged_rows == "drop":
             return None
-        named = {
-            name for source in self.sources.values() for name in (source.column, source.direction) if name
-        }
-        return named | set(self.attitude.quaternion if self.attitude else ())
+        columns = {column for source in self.sources.values() for column in (source.column, source.direction)}
+        return {*filter(None, columns), *(self.attitude.quaternion if self.attitude else ())}
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -464,12 +467,6 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
 _Unit = tuple[str | None, str | tuple[str, ...] | None, float | None]
 
 
-def _source(name: str, entry: ColumnTable) -> Source:
-    unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
-    factor = entry.sign * entry.scale * unit
-    return Source(column=entry.source or "", factor=factor, offset=entry.offset, delay=entry.delay)
-
-
 def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: float | None) -> float:
     """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
     if given is None or unit is None:
@@ -487,7 +484,7 @@ def _series(
     sign: Sign | tuple[Sign, ...],
     unit: _Unit,
     zero: float | tuple[float, ...] = 0.0,
-    direction: tuple[str, ...] | None = None,
+    directions: tuple[str, ...] | None = None,
     *,
     order: tuple[int, ...] | None = None,
 ) -> dict[str, Source]:
@@ -506,17 +503,14 @@ def _series(
         return values
 
     units, signs, zeros = each("unit", unit[1]), each("sign", sign), each("zero", zero)
-    directions = each("direction", direction)
+    directions_of = each("direction", directions)
     sources = {}
     for name, number in zip(names, order, strict=False):
         k = number - 1
         factor = signs[k] * table.scale * _factor(where, unit[0], units[k], unit[2])
+        offset, direction = -zeros[k] * factor, directions_of[k]
         sources[name] = Source(
-            column=table.sources[k],
-            factor=factor,
-            offset=-zeros[k] * factor,
-            delay=table.delay,
-            direction=directions[k],
+            column=table.sources[k], factor=factor, offset=offset, delay=table.delay, direction=direction
         )
     return sources
 
@@ -527,11 +521,7 @@ _ROUNDING = 1e-9
 
 @np.errstate(over="ignore", invalid="ignore")  # a scale may turn a cell into an infinity
 def apply_mapping(
-    mapping: LogMapping,
-    table: Table,
-    *,
-    even_from: float | None = None,
-    changes: list[Finding] | None = None,
+    mapping: LogMapping, table: Table, *, even_from: float | None = None, changes: list[Finding] | None = None
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
@@ -542,8 +532,7 @@ def apply_mapping(
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
-    raw = _raw_columns(mapping, table, t, changes)
-    columns = _resampled(mapping, t, raw, even_from)
+    columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes), even_from)
     imu, drive = mapping.attitude, mapping.input
     if imu is not None:
         motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
@@ -551,7 +540,13 @@ def apply_mapping(
         columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn))
         if len(imu.sources) < 3 and imu.rates is None:  # the wheels give the heading (`ballbot.log.pose`)
             del columns["psi"]
-    columns = _cut(mapping, columns, t)
+    # rows for which every delayed column has a value in the file
+    ahead = [source.delay * (-1 if n in mapping.commands else 1) for n, source in mapping.sources.items()]
+    rows = columns["t"]
+    kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
+    if not kept.any():
+        raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
+    columns = {name: values[kept] for name, values in columns.items()}
     for name, origin in mapping.derivatives.items():
         if origin in columns:
             if len(columns["t"]) < 2:
@@ -627,7 +622,7 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
 
 def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | None) -> Columns:
     """Return the columns at the log's rows, those of the file or even ones, without their delays."""
-    even, rows = mapping.time.sample_time, t
+    even, rows, sampled = mapping.time.sample_time, t, t
     if even is not None:
         count = len(raw) + len(mapping.derivatives) + 10
         rows_between(float(t[-1] - t[0]), even, columns=count, source="By the mapping's t, the file")
@@ -635,7 +630,14 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | 
         # a part of an interval more at either end, so that a row that rounding moved is kept
         first, last = math.ceil((t[0] - start) / even - 1e-6), math.floor((t[-1] - start) / even + 1e-6)
         rows = start + even * np.arange(first, last + 1)
-    sampled = sampling_times(t, _angles_to_repair_by(t, raw)) if mapping.time.repair else t
+    if mapping.time.repair:
+        names = numbered_names(raw, prefix="wheel")
+        if len(names) < 2:
+            raise InputError("[time] repair needs the angles of at least two wheels.")
+        angles = np.column_stack([without_holes(t, raw[name]) for name in names])
+        if not np.isfinite(angles).all():
+            raise InputError("[time] repair needs wheel angles without long holes.")
+        sampled = sampling_times(t, angles)
     interpolated = even is not None or mapping.time.repair
     new = new_messages(sampled) if interpolated else np.ones(len(t), dtype=np.bool_)
     columns: Columns = {"t": rows}
@@ -663,27 +665,6 @@ def _scaled(name: str, source: Source, table: Table) -> Floats:
         return values
     direction = table[source.direction]
     return values * np.where(np.isnan(direction), np.nan, np.where(direction > 0.0, 1.0, -1.0))
-
-
-def _angles_to_repair_by(t: Floats, raw: Columns) -> Floats:
-    """Return the wheels' angles (N, n), from which the times are estimated at which sensors were read."""
-    names = numbered_names(raw, prefix="wheel")
-    if len(names) < 2:
-        raise InputError("[time] repair needs the angles of at least two wheels.")
-    angles = np.column_stack([without_holes(t, raw[name]) for name in names])
-    if not np.isfinite(angles).all():
-        raise InputError("[time] repair needs wheel angles without long holes.")
-    return angles
-
-
-def _cut(mapping: LogMapping, columns: Columns, t: Floats) -> Columns:
-    """Return the rows for which every delayed column has a value in the file, whose times are t."""
-    rows, commands = columns["t"], mapping.commands
-    ahead = [source.delay * (-1 if name in commands else 1) for name, source in mapping.sources.items()]
-    kept = (rows + min(ahead) >= t[0] - _ROUNDING) & (rows + max(ahead) <= t[-1] + _ROUNDING)
-    if not kept.any():
-        raise InputError("The delays in the mapping are longer than the log; give delays in seconds.")
-    return {name: values[kept] for name, values in columns.items()}
 
 
 def _mean_acting(t: Floats, rows: Floats, values: Floats, delay: float) -> Floats:

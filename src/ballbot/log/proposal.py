@@ -245,22 +245,19 @@ def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Qu
     far = not 1.0 / CLEAR_GAIN < best.gain < CLEAR_GAIN
     if error is None or error > CLEAR_TURN or far:
         known = "unknown" if error is None else f"known to {math.degrees(error):.0f} deg"
-        known += (
-            f", and the lean responds {best.gain:.2g} times as strongly as this robot's should" if far else ""
-        )
-        words = (f"{math.degrees(frame.turn):.0f} deg",)
-        yield Question("[attitude] turn", "turn of the IMU", words, known)
+        if far:
+            known += f", and the lean responds {best.gain:.2g} times as strongly as this robot's should"
+        yield Question("[attitude] turn", "turn of the IMU", (f"{math.degrees(frame.turn):.0f} deg",), known)
 
 
 def _scale_questions(drive: CommandDrive) -> Iterator[Question]:
     if drive.kind is None:
-        shown = [
-            f"as {kind_of_command} the torques are {times:.2g} times those that the motion needs"
-            for kind_of_command, (_, times) in drive.ratios.items()
+        shown = "; ".join(
+            f"as {kind} the torques are {times:.2g} times those that the motion needs"
+            for kind, (_, times) in drive.ratios.items()
             if math.isfinite(times)
-        ]
-        evidence = "; ".join(shown) or "state it with --command"
-        yield Question("[input] kind", "kind of the command", KINDS, evidence)
+        )
+        yield Question("[input] kind", "kind of the command", KINDS, shown or "state it with --command")
     elif drive.scales:
         name = "full scale of the duty" if drive.kind == "duty" else f"unit of the {drive.kind}"
         yield Question("[input] scale", name, drive.scales, "the motion fits both")
@@ -300,13 +297,13 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
     if not roles.commands:
         sentence = "No column is named as a motor's command. If there are any, name them u1, .. by --columns."
         yield warning("columns", sentence)
-    if tested is not None and tested.pushed.any():
-        seconds = float(tested.pushed.sum()) * INTERVAL
-        sentence = f"For {seconds:.1f} s something other than the wheels moves the robot; left out."
-        yield warning("hands", sentence)
-    if tested is not None and tested.lag > 0.01 + tested.lag_error:
-        seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
-        yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
+    if tested is not None:
+        if seconds := float(tested.pushed.sum()) * INTERVAL:
+            sentence = f"For {seconds:.1f} s something other than the wheels moves the robot; left out."
+            yield warning("hands", sentence)
+        if tested.lag > 0.01 + tested.lag_error:
+            seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
+            yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
     ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
     if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
         sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need."
@@ -317,10 +314,8 @@ def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[
     """Yield the logs of one robot that contradict the surest of them, with the first thing that they contradict."""
     wanted = _answers(surest)
     for proposal in proposals:
-        other = next(
-            (key for key, value in _answers(proposal).items() if wanted.get(key, value) != value), None
-        )
-        if other is not None:
+        different = (key for key, value in _answers(proposal).items() if wanted.get(key, value) != value)
+        if other := next(different, ""):
             yield proposal, other
 
 
@@ -340,12 +335,10 @@ def _answers(proposal: Proposal) -> dict[str, object]:
 
 def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-
-    def doubt(proposal: Proposal) -> tuple[int, float]:
-        asked = len(proposal.questions) + bool(proposal.refusal)
-        return asked, -proposal.tested.margin if proposal.tested else 0.0
-
-    return min(evaluated, key=doubt)
+    return min(
+        evaluated,
+        key=lambda p: (len(p.questions) + bool(p.refusal), -p.tested.margin if p.tested else 0.0),
+    )
 
 
 def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
@@ -398,11 +391,11 @@ def _too_coarse(log: Log) -> str:
     u = log.torques if "u1" in log else np.zeros((2, 1))
     power = 2.0 * float(np.var(u, axis=0).sum())
     share = float(np.var(np.diff(u, axis=0), axis=0).sum()) / power if power > 0.0 else 0.0
+    if share <= MOST_CHANGE:
+        return ""
     return (
         f"the torques change by {100.0 * share:.0f} % of their variance from row to row, {1e3 * log.sample_time:.3g} "
         "ms apart, which is too coarse to show when they act. Log every control period."
-        if share > MOST_CHANGE
-        else ""
     )
 
 

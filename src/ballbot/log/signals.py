@@ -17,6 +17,9 @@ squares with the prior that e is of size a, under which slow wheels do not chang
 correction converge. The intervals between messages may vary.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import factorial
 
@@ -228,6 +231,10 @@ class Smooth:
     rate: Floats
     acceleration: Floats
 
+    def each(self, change: Callable[[Floats], Floats]) -> Smooth:
+        """Return the signal with its values and their derivatives changed alike."""
+        return Smooth(change(self.value), change(self.rate), change(self.acceleration))
+
 
 def even_rows(t: Floats) -> Floats:
     """Return times at even intervals over a log's (M,); InputError if they are too many."""
@@ -245,11 +252,9 @@ def smooth(rows: Floats, t: Floats, values: Floats, *, width: float = WIDTH) -> 
     even = np.column_stack([_on_even_rows(rows, t, column) for column in values.T])
     padded = np.pad(even, ((reach, reach), (0, 0)), mode="edge")
     kernels = [_kernel(order, reach, width) for order in range(3)]
-    value, rate, acceleration = (
-        np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
-        for kernel in kernels
+    return Smooth(
+        *(np.column_stack([np.convolve(c, kernel, mode="valid") for c in padded.T]) for kernel in kernels)
     )
-    return Smooth(value=value, rate=rate, acceleration=acceleration)
 
 
 def _on_even_rows(rows: Floats, t: Floats, values: Floats) -> Floats:
@@ -277,8 +282,7 @@ def _kernel(order: int, reach: int, width: float) -> Floats:
 
 def turning_points(values: Floats, least_turn: float) -> list[int]:
     """Return the first row of a signal (n,), the rows where it turns back by more than `least_turn`, and the last."""
-    turns, highest, lowest, rising = [0], 0, 0, 0
-    listed = values.tolist()
+    turns, highest, lowest, rising, listed = [0], 0, 0, 0, values.tolist()
     for row, value in enumerate(listed):
         highest = row if value > listed[highest] else highest
         lowest = row if value < listed[lowest] else lowest
@@ -307,11 +311,7 @@ SHORTEST_SPAN = 2.0
 SHORTEST_GAP = 0.2
 
 
-def balancing_rows(
-    lean: Floats | None,
-    speeds: Floats,
-    commands: Floats | None,
-) -> Bools:
+def balancing_rows(lean: Floats | None, speeds: Floats, commands: Floats | None) -> Bools:
     """Return the even rows (N,) at which the robot moves and has not fallen.
 
     By roll and pitch (N, 2) [rad], the wheels' speeds (N, n) [rad/s] and their commands (N, n), as far as known.
@@ -330,10 +330,8 @@ def row_spans(rows: Floats, kept: Bools) -> tuple[tuple[float, float], ...]:
 
     gaps: Bools = np.asarray(binary_opening(~kept, np.ones(round(SHORTEST_GAP / INTERVAL))), np.bool_)
     closed = binary_opening(~gaps, np.ones(round(SHORTEST_SPAN / INTERVAL)))
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8)))
-    return tuple(
-        (float(rows[first]), float(rows[last - 1] + INTERVAL)) for first, last in edges.reshape(-1, 2)
-    )
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], closed, [False])).astype(np.int8))).reshape(-1, 2)
+    return tuple((float(rows[first]), float(rows[last - 1] + INTERVAL)) for first, last in edges)
 
 
 def near(marked: Bools, reach: float) -> Bools:

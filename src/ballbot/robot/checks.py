@@ -265,13 +265,10 @@ def _check_wheels(wheels: Wheels) -> None:
             )
     if np.linalg.svd(axles(wheels.azimuths, wheels.tilt), compute_uv=False)[-1] < _WEAKEST_AXIS:
         places = ", ".join(f"{math.degrees(azimuth):.4g}" for azimuth in wheels.azimuths)
+        hint = "spread the azimuths, and keep the tilt away from 0 and 90 deg."
         # 0, 2.09 and 4.19 written as degrees
-        radians = 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi
-        hint = (
-            f"did you mean azimuths of [{places}] rad?"
-            if radians
-            else "spread the azimuths, and keep the tilt away from 0 and 90 deg."
-        )
+        if 0.0 < max(map(math.degrees, map(abs, wheels.azimuths))) <= 2.0 * math.pi:
+            hint = f"did you mean azimuths of [{places}] rad?"
         raise InputError(
             f"wheels.tilt of {math.degrees(wheels.tilt):.3g} deg with azimuths of [{places}] deg cannot give three "
             f"independent torques; {hint}"
@@ -315,13 +312,9 @@ def _check_drive(drive: Drive) -> None:
     low, high = _MOTOR_CONSTANTS
     product = drive.torque_constant * drive.speed_constant
     if not low <= product <= high:
-        as_rpm = to_si(drive.speed_constant, "rpm/V", "rad/s/V")
-        rpm_fits = low <= drive.torque_constant * as_rpm <= high
-        hint = (
-            f"did you mean {drive.speed_constant:g} rpm/V?"
-            if rpm_fits
-            else "one of the two is in another unit."
-        )
+        hint = "one of the two is in another unit."
+        if low <= drive.torque_constant * to_si(drive.speed_constant, "rpm/V", "rad/s/V") <= high:
+            hint = f"did you mean {drive.speed_constant:g} rpm/V?"
         raise InputError(
             f"drive.torque_constant {drive.torque_constant:g} N m/A times drive.speed_constant "
             f"{drive.speed_constant:g} rad/s/V is {product:.3g}; for every motor it is near 1; {hint}"

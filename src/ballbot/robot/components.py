@@ -416,13 +416,10 @@ def scaled_friction(
     proportional = {item.name for item in law.own if item.is_proportional} if law else ()
 
     def scaled(value: Value) -> Value:
-        if isinstance(value, tuple):
-            return (
-                tuple(factor * number for factor, number in zip(factors, value, strict=True))
-                if value
-                else value
-            )
-        return value * max(factors)
+        if not isinstance(value, tuple):
+            return value * max(factors)
+        # a term that the robot lacks is empty
+        return tuple(factor * number for factor, number in zip(factors if value else (), value, strict=True))
 
     names = ("viscous", "coulomb", "stribeck", "coulomb_asymmetry", "stribeck_asymmetry", "load")
     return replace(

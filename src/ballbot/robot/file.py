@@ -95,9 +95,8 @@ def parse_entry(parameter: Parameter, raw: object) -> tuple[Value, str, Value | 
         return value, entry.source, None
     if parameter.shape == "whole number":
         raise InputError(f"{parameter.name} is a whole number and cannot have a standard deviation.")
-    if isinstance(entry.value, list) and not isinstance(
-        deviation, list
-    ):  # one number stands for every wheel's
+    # one number stands for every wheel's
+    if isinstance(entry.value, list) and not isinstance(deviation, list):
         deviation = [float(deviation)] * len(entry.value)
     return value, entry.source, _in_si(parameter, deviation, entry.unit)
 
@@ -114,9 +113,8 @@ def example(parameter: Parameter, value: object = None) -> str:
 def _in_si(parameter: Parameter, value: float | list[float], unit: str) -> Value:
     fits = isinstance(value, list) == (parameter.shape == "list")
     if not fits or (parameter.shape == "whole number" and not isinstance(value, int)):
-        wanted = (
-            "a list with a number for each wheel" if parameter.shape == "list" else f"one {parameter.shape}"
-        )
+        listed = parameter.shape == "list"
+        wanted = "a list with a number for each wheel" if listed else f"one {parameter.shape}"
         raise InputError(f"{parameter.name} has the value {value!r}; it must be {wanted}.")
     try:
         if isinstance(value, list):

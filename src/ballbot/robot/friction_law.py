@@ -167,18 +167,12 @@ def register_friction_law(
             f"{', '.join(own) or 'none'}; they must be speed, load and at most {MOST_PARAMETERS} parameters, each "
             f"described or one of {', '.join(SHARED)}."
         )
-    others = {
-        parameter.name: (parameter, law.name)
-        for law in _LAWS.values()
-        if law.name != name
-        for parameter in law.own
-    }
-    for parameter in own.values():
-        other, of_law = others.get(parameter.name, (parameter, ""))
-        if other != parameter:
-            raise InputError(
-                f"The law {of_law} has another parameter {parameter.name}; give it a name of its own."
-            )
+    for other in _LAWS.values():
+        for parameter in other.own if other.name != name else ():
+            if own.get(parameter.name, parameter) != parameter:
+                raise InputError(
+                    f"The law {other.name} has another parameter {parameter.name}; give it a name of its own."
+                )
     law = FrictionLaw(
         name=name,
         size=size,

@@ -12,7 +12,6 @@ unit, explains the findings on a robot.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,128 +22,96 @@ from ballbot.robot.parameters import DIMENSIONLESS, UNITS, Value, numbers_of, to
 from ballbot.robot.robot import Robot, with_values
 
 Range = tuple[float, float]
-
-
-class _Usual(NamedTuple):
-    """A number that follows from a robot's parameters, with its usual range."""
-
-    code: str  #: of its findings
-    names: str  #: of the parameters that the sentence shows, with blanks between
-    value: float
-    usual: Range
-    possible: Range  #: a value beyond is an error
-    meaning: str  #: the number in words, {} for itself; empty if it is the parameter's own
-
+#: a number that follows from a robot's parameters: the code of its findings; the parameters that the sentence shows,
+#: with blanks between; its value; its usual range; the range beyond which it is an error; and the number in words, {}
+#: for itself, empty if it is the parameter's own
+_Usual = tuple[str, str, float, Range, Range, str]
 
 _ANY = (-math.inf, math.inf)
 #: a single value this many times beyond the usual ones is an error; friction may be, after a poor identification
 _FAR = 10.0
 
 
-def _of_body(robot: Robot) -> Iterator[_Usual]:
+def _of_body(robot: Robot) -> list[_Usual]:
     ball, body = robot.ball, robot.body
     r_b, height = ball.radius, body.center_of_mass
     moments = np.diag(body.inertia_about_center_of_mass())
     xx, yy, zz = (math.sqrt(max(float(moment), 0.0) / body.mass) for moment in moments)
-    # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
     density = ball.mass / (4.0 / 3.0 * math.pi * r_b**3)
-    words = "a mean density of {} kg/m^3"
-    yield _Usual("robot-ball", "ball.radius ball.mass", density, (30.0, 2500.0), (5.0, 9000.0), words)
-    words = "the body weighs {} times the ball"
-    yield _Usual(
-        "robot-ball", "ball.mass body.mass", body.mass / ball.mass, (0.7, 100.0), (0.1, 1000.0), words
-    )
-    words = "{} ball radii above its centre"
-    yield _Usual(
-        "robot-body", "body.center_of_mass ball.radius", height / r_b, (1.2, 10.0), (1.0, 25.0), words
-    )
     # a body of rods and plates rocks about its centre of mass like a mass at this fraction of l from it
-    words = "the radius of gyration about the centre of mass is {} times that height"
-    for axis, arm in (("xx", xx), ("yy", yy)):
-        names = f"body.mass body.center_of_mass body.inertia.{axis}"
-        yield _Usual("robot-body", names, arm / height, (0.15, 1.2), (0.04, 2.5), words)
-    words = "the body's mass lies {} ball radii from its vertical axis"
-    yield _Usual(
-        "robot-body", "body.inertia.zz body.mass ball.radius", zz / r_b, (0.2, 4.0), (0.05, 12.0), words
-    )
+    rocks = "the radius of gyration about the centre of mass is {} times that height"
     ratio = float(moments[:2].max() / moments[:2].min())
-    words = "about the centre of mass they differ {} times; check that xx, yy and zz are in their order"
-    yield _Usual("robot-body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0), words)
+    return [
+        # a basketball has 84 kg/m^3, a bowling ball 1300; an inflated film and solid steel are possible
+        ("robot-ball", "ball.radius ball.mass", density, (30.0, 2500.0), (5.0, 9000.0),
+         "a mean density of {} kg/m^3"),
+        ("robot-ball", "ball.mass body.mass", body.mass / ball.mass, (0.7, 100.0), (0.1, 1000.0),
+         "the body weighs {} times the ball"),
+        ("robot-body", "body.center_of_mass ball.radius", height / r_b, (1.2, 10.0), (1.0, 25.0),
+         "{} ball radii above its centre"),
+        *(("robot-body", f"body.mass body.center_of_mass body.inertia.{axis}", arm / height, (0.15, 1.2),
+           (0.04, 2.5), rocks) for axis, arm in (("xx", xx), ("yy", yy))),
+        ("robot-body", "body.inertia.zz body.mass ball.radius", zz / r_b, (0.2, 4.0), (0.05, 12.0),
+         "the body's mass lies {} ball radii from its vertical axis"),
+        ("robot-body", "body.inertia.xx body.inertia.yy", ratio, (1.0, 3.0), (1.0, 40.0),
+         "about the centre of mass they differ {} times; check that xx, yy and zz are in their order"),
+    ]  # fmt: skip
 
 
-def _of_wheels(robot: Robot) -> Iterator[_Usual]:
+def _of_wheels(robot: Robot) -> list[_Usual]:
     wheels, r_b, r_w = robot.wheels, robot.ball.radius, robot.wheels.radius
-    words = "a wheel has {} times the ball's radius"
-    yield _Usual("robot-wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5), words)
-    words = "{} deg from the ball's zenith"
-    yield _Usual("robot-wheels", "wheels.tilt", math.degrees(wheels.tilt), (25.0, 65.0), (10.0, 80.0), words)
     azimuths = np.sort(np.mod(wheels.azimuths, 2.0 * math.pi))
     gap = float(np.diff(np.append(azimuths, azimuths[0] + 2.0 * math.pi)).min())
     room = (r_b + r_w) * math.sin(wheels.tilt) * math.tan(0.5 * min(gap, 3.0))
-    names = "wheels.radius wheels.tilt wheels.azimuths ball.radius"
-    words = "neighbouring wheels cut into each other, with {} times the radius at which they touch"
-    yield _Usual("robot-wheels", names, r_w / room, (0.0, 1.0), (0.0, 1.0), words)
-    words = "{} of the wheel's radius"
-    for name, size, most in (
-        ("radius", wheels.rollers.radius, 0.35),
-        ("row_spacing", wheels.rollers.row_spacing, 1.0),
-    ):
-        yield _Usual(
-            "robot-wheels",
-            f"wheels.rollers.{name} wheels.radius",
-            size / r_w,
-            (0.0, most),
-            (0.0, 1.5 * most),
-            words,
-        )
-    rims = (
-        robot.wheel_count * wheels.inertia / r_w**2 / robot.body.mass or math.nan
-    )  # without inertia, wheels are light
-    words = "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels"
-    yield _Usual(
-        "robot-wheels", "wheels.inertia wheels.radius body.mass", rims, (1e-4, 1.0), (0.0, 2.0), words
-    )
+    # without inertia, wheels are light
+    rims = robot.wheel_count * wheels.inertia / r_w**2 / robot.body.mass or math.nan
+    rollers = ("radius", wheels.rollers.radius, 0.35), ("row_spacing", wheels.rollers.row_spacing, 1.0)
+    return [
+        ("robot-wheels", "wheels.radius ball.radius", r_w / r_b, (0.15, 0.9), (0.03, 1.5),
+         "a wheel has {} times the ball's radius"),
+        ("robot-wheels", "wheels.tilt", math.degrees(wheels.tilt), (25.0, 65.0), (10.0, 80.0),
+         "{} deg from the ball's zenith"),
+        ("robot-wheels", "wheels.radius wheels.tilt wheels.azimuths ball.radius", r_w / room, (0.0, 1.0), (0.0, 1.0),
+         "neighbouring wheels cut into each other, with {} times the radius at which they touch"),
+        *(("robot-wheels", f"wheels.rollers.{name} wheels.radius", size / r_w, (0.0, most), (0.0, 1.5 * most),
+           "{} of the wheel's radius") for name, size, most in rollers),
+        ("robot-wheels", "wheels.inertia wheels.radius body.mass", rims, (1e-4, 1.0), (0.0, 2.0),
+         "even with all their mass at the rim, the wheels would weigh {} times the body with its wheels"),
+    ]  # fmt: skip
 
 
-def _of_drive(robot: Robot) -> Iterator[_Usual]:
+def _of_drive(robot: Robot) -> list[_Usual]:
     body, wheels, drive, friction = robot.body, robot.wheels, robot.drive, robot.friction
     r_b, r_w = robot.ball.radius, robot.wheels.radius
     about_ball = np.diag(body.inertia_about_ball_center())[:2]
     weight = body.mass * robot.gravity * body.center_of_mass
     rotor = (drive.reflected_inertia + wheels.inertia) * (r_b / r_w) ** 2 / float(about_ball.min())
-    names = "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia"
-    words = "on the ball, a rotor and its wheel have {} times the body's inertia"
-    yield _Usual("robot-drive", names, rotor, (0.0, 0.5), (0.0, 3.0), words)
-    names = "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius"
-    words = "the wheels reach {} m/s at their rim"
-    yield _Usual("robot-drive", names, drive.top_speed * r_w, (0.2, 25.0), (0.05, 100.0), words)
     current = drive.torque_limit / (drive.gear_ratio * drive.torque_constant)
-    names = "drive.torque_limit drive.torque_constant drive.gear_ratio"
-    yield _Usual("robot-drive", names, current, (0.2, 120.0), (0.02, 600.0), "takes {} A")
-    yield _Usual(
-        "robot-drive", "drive.backlash", math.degrees(drive.backlash), (0.0, 5.0), _ANY, "{} deg at the wheel"
-    )
-
     # (r_b / r_w) cos(tilt) sum |cos(beta - direction)| u, at its least over directions
     directions = np.linspace(0.0, math.pi, 61)[:, None]
     strongest = np.abs(np.cos(np.array(wheels.azimuths) - directions)).sum(axis=1).min()
     held = float(strongest) * r_b / r_w * math.cos(wheels.tilt) * drive.torque_limit
     lean = math.degrees(math.asin(min(1.0, held / weight)))
-    names = "drive.torque_limit body.mass body.center_of_mass"
-    yield _Usual("robot-balance", names, lean, (2.0, 90.0), (0.5, 90.0), "holds a lean of {} deg")
     fall = robot.sensors.sample_time * math.sqrt(weight / float(about_ball.max()))
-    words = "{} of the time in which the body falls e-fold"
-    yield _Usual("robot-balance", "sensors.sample_time", fall, (0.0, 0.15), (0.0, 0.5), words)
-
     dry = max(friction.breakaway) / drive.torque_limit
-    names = "friction.coulomb friction.stribeck drive.torque_limit"
-    words = "a wheel's dry friction c + s takes {} of the motor's largest torque"
-    yield _Usual("robot-friction", names, dry, (0.0, 0.5), (0.0, 0.999), words)
     rim = drive.torque_limit / max(max(friction.viscous), 1e-300) * r_w
-    words = "against viscous friction alone a wheel's rim reaches {} m/s"
-    yield _Usual(
-        "robot-friction", "friction.viscous drive.torque_limit", rim, (0.3, math.inf), (0.03, math.inf), words
-    )
+    return [
+        ("robot-drive", "drive.gear_ratio drive.motor_inertia drive.gear_inertia wheels.inertia", rotor, (0.0, 0.5),
+         (0.0, 3.0), "on the ball, a rotor and its wheel have {} times the body's inertia"),
+        ("robot-drive", "drive.supply_voltage drive.speed_constant drive.gear_ratio wheels.radius",
+         drive.top_speed * r_w, (0.2, 25.0), (0.05, 100.0), "the wheels reach {} m/s at their rim"),
+        ("robot-drive", "drive.torque_limit drive.torque_constant drive.gear_ratio", current, (0.2, 120.0),
+         (0.02, 600.0), "takes {} A"),
+        ("robot-drive", "drive.backlash", math.degrees(drive.backlash), (0.0, 5.0), _ANY, "{} deg at the wheel"),
+        ("robot-balance", "drive.torque_limit body.mass body.center_of_mass", lean, (2.0, 90.0), (0.5, 90.0),
+         "holds a lean of {} deg"),
+        ("robot-balance", "sensors.sample_time", fall, (0.0, 0.15), (0.0, 0.5),
+         "{} of the time in which the body falls e-fold"),
+        ("robot-friction", "friction.coulomb friction.stribeck drive.torque_limit", dry, (0.0, 0.5), (0.0, 0.999),
+         "a wheel's dry friction c + s takes {} of the motor's largest torque"),
+        ("robot-friction", "friction.viscous drive.torque_limit", rim, (0.3, math.inf), (0.03, math.inf),
+         "against viscous friction alone a wheel's rim reaches {} m/s"),
+    ]  # fmt: skip
 
 
 def _single(robot: Robot) -> Iterator[_Usual]:
@@ -152,29 +119,20 @@ def _single(robot: Robot) -> Iterator[_Usual]:
     for parameter in PARAMETERS:
         value, (low, high) = value_of(robot, parameter), parameter.usual
         table = parameter.table.partition(".")[0]
-        if isinstance(value, tuple) or math.isinf(low):
+        # the speed and the exponent of a term that no wheel has
+        unused = parameter.key.startswith("stribeck_") and not any(robot.friction.stribeck)
+        if isinstance(value, tuple) or math.isinf(low) or unused:
             continue
-        if parameter.key.startswith("stribeck_") and not any(robot.friction.stribeck):
-            continue  # the speed and the exponent of a term that no wheel has
         possible = _ANY if table == "friction" else (low / _FAR if low > 0.0 else -math.inf, _FAR * high)
         in_file_units = value > high and parameter.written_in != parameter.unit
         slip = f"was it meant in {parameter.written_in}?" if in_file_units else ""
-        rest = parameter.name, value, parameter.usual, possible, slip
-        if table:
-            code = f"robot-{table}"
-            yield _Usual("robot-sensors", *rest) if table == "sensors" else _Usual(code, *rest)
-        else:
-            yield _Usual("robot-gravity", *rest)
+        yield f"robot-{table or 'gravity'}", parameter.name, value, parameter.usual, possible, slip
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:
     """Yield a finding for each number outside the usual range of robots."""
-    for code, columns, value, (least, most), possible, meaning in (
-        *_single(robot),
-        *_of_body(robot),
-        *_of_wheels(robot),
-        *_of_drive(robot),
-    ):
+    table = (*_single(robot), *_of_body(robot), *_of_wheels(robot), *_of_drive(robot))
+    for code, columns, value, (least, most), possible, meaning in table:
         if math.isnan(value) or least <= value <= most:
             continue
         names = columns.split()
@@ -195,13 +153,12 @@ def robot_findings(robot: Robot, *, file: str = "") -> tuple[Finding, ...]:
     slip = _likeliest_slip(robot, errors) if errors else None
 
     def completed(finding: Finding) -> Finding:
-        text = finding.text
+        hint = ""
         if finding.severity == "error":
             hint = f" Check {every(finding.where.columns)}."
             if slip and all((item.code, item.where) != (finding.code, finding.where) for item in slip[1]):
                 hint = f" Did you mean {slip[0]}?"
-            text += hint
-        return replace(finding, text=text, where=replace(finding.where, file=file))
+        return replace(finding, text=finding.text + hint, where=replace(finding.where, file=file))
 
     return by_severity(map(completed, findings))
 
@@ -231,8 +188,8 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
         if name.startswith("friction.") or (name.startswith("body.inertia.") and name[-2] != name[-1]):
             continue
         values, deviations = (
-            np.atleast_1d(np.array(value_or_deviation, dtype=float))
-            for value_or_deviation in (value_of(robot, BY_NAME[name]), deviation)
+            np.array(numbers_of(either), dtype=float)
+            for either in (value_of(robot, BY_NAME[name]), deviation)
         )
         # an azimuth of zero, say, is known by its own scale
         scale = np.where(BY_NAME[name].unit == "rad", np.maximum(np.abs(values), 1.0), np.abs(values))
@@ -260,19 +217,16 @@ def _likeliest_slip(robot: Robot, errors: Sequence[Finding]) -> tuple[str, Seque
         parameter, together = BY_NAME[name], _INERTIA if name in _INERTIA else (name,)
         if parameter.shape == "whole number":
             continue
-        factors = [
-            to_si(1.0, unit, parameter.unit) for unit in UNITS[parameter.unit] if unit != parameter.unit
-        ]
+        units = [unit for unit in UNITS[parameter.unit] if unit != parameter.unit]
+        factors = [to_si(1.0, unit, parameter.unit) for unit in units]
         for scale in [scale for factor in factors for scale in (factor, 1.0 / factor)]:
-            changed = {key: value_of(robot, BY_NAME[key]) for key in together}
+            changed: dict[str, Value] = {}
+            for key in together:
+                value = value_of(robot, BY_NAME[key])
+                scaled = tuple(scale * number for number in numbers_of(value))
+                changed[key] = scaled if isinstance(value, tuple) else scaled[0]
             try:
-                meant = with_values(
-                    robot,
-                    {
-                        key: tuple(scale * k for k in value) if isinstance(value, tuple) else scale * value
-                        for key, value in changed.items()
-                    },
-                )
+                meant = with_values(robot, changed)
             except InputError:
                 continue
             left = _findings(meant)

@@ -90,8 +90,7 @@ class Robot(RobotValues):
         >>> heavier.body.mass, heavier.friction.coulomb
         (20.0, (0.1, 0.1, 0.1))
         """
-        numbers = dict(values or {})
-        before = self
+        numbers, before = dict(values or {}), self
         if "friction.law" in numbers:
             law = str(numbers.pop("friction.law"))
             before = dataclasses.replace(self, friction=self.friction.with_law(law, dict(self.friction.own)))
@@ -106,16 +105,11 @@ class Robot(RobotValues):
             friction=friction or changed.friction,
             gravity=changed.gravity if gravity is None else gravity,
         )
-        stays = {
-            key
-            for key, parameter in BY_NAME.items()
-            if value_of(copy, parameter) == value_of(self, parameter)
-        }
+        stays = {key for key, item in BY_NAME.items() if value_of(copy, item) == value_of(self, item)}
+        deviations = self.standard_deviations.items()
         return copy.annotated(
             sources={key: source for key, source in self.sources.items() if key in stays},
-            standard_deviations={
-                key: deviation for key, deviation in self.standard_deviations.items() if key in stays
-            },
+            standard_deviations={key: deviation for key, deviation in deviations if key in stays},
             correlation=self.correlation,
             intervals=self.intervals,
             identified_from=self.identified_from,
@@ -189,13 +183,8 @@ class Robot(RobotValues):
             )
         if not Path(source).exists():
             near, file = nearest(str(source), presets), nearest_file(source)
-            hint = (
-                f"did you mean the preset {near[0]!r}?"
-                if near
-                else f"did you mean the file {file}?"
-                if file
-                else f"the presets are {', '.join(presets)}."
-            )
+            hint = f"did you mean the file {file}?" if file else f"the presets are {', '.join(presets)}."
+            hint = f"did you mean the preset {near[0]!r}?" if near else hint
             raise InputError(f"There is no robot file or preset {str(source)!r}; {hint}")
         if is_model_file(source):
             raise InputError(

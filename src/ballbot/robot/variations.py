@@ -41,11 +41,11 @@ class Uncertain:
 def uncertain(robot: Robot) -> list[Uncertain]:
     """Return the numbers that have a standard deviation above zero, in the files' order."""
     even = {label: (most - least) / math.sqrt(12.0) for label, (least, most) in robot.intervals.items()}
-    numbers = [
-        Uncertain(label=label, name=name, place=place, deviation=even.get(label, deviation))
+    return [
+        Uncertain(label=label, name=name, place=place, deviation=known)
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
+        if (known := even.get(label, deviation)) > 0.0
     ]
-    return [number for number in numbers if number.deviation > 0.0]
 
 
 def correlations(robot: Robot) -> NDArray[np.float64]:
@@ -93,16 +93,14 @@ def draw_robots(
     mixing, same = _square_root(related), [int(np.argmax(row >= 1.0)) for row in related]
     added = [further.get(number.label, 0.0) for number in numbers] if further else []
     robots: list[Robot] = []
-    for _ in range(_MOST_REFUSALS * count + _MOST_REFUSALS):
+    for _ in range(_MOST_REFUSALS * (count + 1)):
         if len(robots) == count:
             break
         errors = own * (mixing @ random.standard_normal(len(numbers)))  # N(0, 1), correlated as stated
         if added:
             errors += added * random.standard_normal(len(numbers))[same]
-        amounts = {
-            number: _within(robot, number, float(error))
-            for number, error in zip(numbers, errors, strict=True)
-        }
+        pairs = zip(numbers, errors, strict=True)
+        amounts = {number: _within(robot, number, float(error)) for number, error in pairs}
         try:
             robots.append(shifted(robot, amounts))
         except InputError:

@@ -7,6 +7,7 @@ states yet, see `ballbot.log.mapping_search`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -130,9 +131,8 @@ def _misread_axes(log: Log, robot: Robot, agreement: WheelAgreement | None) -> l
     if least > min(UNEXPLAINED, left(states, logged) / CLEARLY_LESS, AS_GOOD * ordered):
         return []
     if agreement and ordered < AS_GOOD * least:
-        words += (
-            f", or the wheels are in the order {list(agreement.order)} with signs {list(agreement.signs)}"
-        )
+        order, signs = list(agreement.order), list(agreement.signs)
+        words += f", or the wheels are in the order {order} with signs {signs}"
     return judged(key, columns, fault=words)
 
 
@@ -195,8 +195,7 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
     """Return the finding on gains that are not one: an error if slip cannot explain them."""
     if all(GAIN_RANGE[0] < gain < GAIN_RANGE[1] for gain in gains):
         return []
-    common, alike = float(np.median(gains)), max(gains) < ALIKE * min(gains)
-    ratio = robot.drive.gear_ratio
+    common, alike, ratio = float(np.median(gains)), max(gains) < ALIKE * min(gains), robot.drive.gear_ratio
     counts = robot.sensors.encoder_counts * ratio / (2.0 * np.pi)
     causes = {
         60.0 / (2.0 * np.pi): "their speeds are in rpm, not in rad/s",
@@ -228,10 +227,7 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
         return None
     _, usable, motion = moved
     lean, heading, wheels = (
-        Smooth(
-            *(part_of_motion[:, part] for part_of_motion in (motion.value, motion.rate, motion.acceleration))
-        )
-        for part in (slice(2), slice(2, 3), slice(3, None))
+        motion.each(itemgetter(part)) for part in (np.s_[:, :2], np.s_[:, 2:3], np.s_[:, 3:])
     )
     return lean_test(robot, lean, wheels, heading, usable)
 

@@ -115,42 +115,34 @@ def _gaps(log: Log, *_: object) -> Floats:
 #: faults in single rows of a signal: the key, the signals that may have it, and the statistic of each row (N,)
 ROW_CHECKS: tuple[tuple[str, tuple[str, ...], Callable[[Log, str, Drive | None], Floats | Bools]], ...] = (
     ("gap", ("t",), _gaps),
-    (  # accelerometers measure shocks, and references may jump
-        "spike", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
-        lambda log, name, _: spikes(log[name]),
-    ),
-    (
-        "wrap", wheel_angle_names(MAX_WHEELS),
-        lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5,
-    ),
+    # accelerometers measure shocks, and references may jump
+    ("spike", tuple(n for n in KNOWN_NAMES[1:] if not n.startswith(("acc_", *_NOT_MEASURED))),
+     lambda log, name, _: spikes(log[name])),
+    ("wrap", wheel_angle_names(MAX_WHEELS),
+     lambda log, name, _: np.abs(np.abs(np.diff(log[name], prepend=log[name][:1])) - 2.0 * np.pi) < 0.5),
     ("jump", POSITION_NAMES, _jumps),
     ("saturation", _TORQUES, _rows_at_top),
-    (
-        "torque-limit", _TORQUES,
-        lambda log, name, drive: np.abs(log[name]) / (drive.torque_limit if drive else math.inf),
-    ),
-    (
-        "speed-limit", wheel_speed_names(MAX_WHEELS),
-        lambda log, name, drive: np.abs(log[name]) / (drive.top_speed if drive else math.inf),
-    ),
+    ("torque-limit", _TORQUES,
+     lambda log, name, drive: np.abs(log[name]) / (drive.torque_limit if drive else math.inf)),
+    ("speed-limit", wheel_speed_names(MAX_WHEELS),
+     lambda log, name, drive: np.abs(log[name]) / (drive.top_speed if drive else math.inf)),
 )  # fmt: skip
 
 
 def check_rows(log: Log, robot: Robot | None) -> Iterator[Finding]:
     """Return a finding for each column with rows beyond the limit of one of `ROW_CHECKS`."""
     drive = robot.drive if robot else None
-    for key, name, statistic in (
-        (key, name, f) for key, signals, f in ROW_CHECKS for name in signals if name in log
-    ):
-        size = statistic(log, name, drive)
-        over = np.flatnonzero(size > min(CHECKS[key][0].values()))
-        if over.size:
-            k, times = int(over[0]), counted(over.size, "row" if key != "gap" else "place")
-            limits = {"torque": drive.torque_limit, "speed": drive.top_speed} if drive else {}
-            yield from judged(
-                key, [name], size.max(), float(log.t[k]), name=name, rows=times, place=_place(log, k), first=size[k],
-                value=float(log[name][k]), unit=unit_of(name), period=log.sample_time, largest=size.max(), **limits,
-            )  # fmt: skip
+    limits = {"torque": drive.torque_limit, "speed": drive.top_speed} if drive else {}
+    for key, signals, statistic in ROW_CHECKS:
+        for name in (name for name in signals if name in log):
+            size = statistic(log, name, drive)
+            over = np.flatnonzero(size > min(CHECKS[key][0].values()))
+            if over.size:
+                k, times = int(over[0]), counted(over.size, "row" if key != "gap" else "place")
+                numbers = {"name": name, "rows": times, "place": _place(log, k), "first": size[k]}
+                numbers |= {"value": float(log[name][k]), "unit": unit_of(name), "period": log.sample_time}
+                numbers |= {"largest": size.max(), **limits}
+                yield from judged(key, [name], size.max(), float(log.t[k]), **numbers)
 
 
 def _place(log: Log, row: int) -> str:
@@ -274,9 +266,9 @@ def check_stuck(log: Log) -> Iterator[Finding]:
         end, live = start + rows, len(starts) - 1 >= LIVE_FRACTION * (len(log) - rows) > 0
         extreme = name in torques and 0.999 * np.nanmax(np.abs(values)) <= abs(values[start]) > 0.0
         if rows >= max(STUCK_ROWS, shortest / log.sample_time) and live and not extreme:
-            near = (names for a, b, names in together if max(abs(a - start), abs(b - end)) <= 2)
-            if (names := next(near, None)) is not None:
-                names.append(name)
+            near = [names for a, b, names in together if max(abs(a - start), abs(b - end)) <= 2]
+            if near:
+                near[0].append(name)
             else:
                 together.append((start, end, [name]))
     for start, end, names in together:

@@ -200,10 +200,8 @@ class LeanTest:
 
         The wheels' motion by itself may decide if the lean does not.
         """
-        likeliest, count = self.placements[0], len(self.placements[0].positions)
-        own = [
-            placement for placement in self.placements if placement.positions == tuple(range(1, count + 1))
-        ]
+        likeliest = self.placements[0]
+        own = [one for one in self.placements if one.positions == tuple(sorted(one.positions))]
         if likeliest is not own[0] or self.confidence < CONFIDENT:
             likeliest, second = sorted(own, key=lambda placement: placement.together)[:2]
             if likeliest.together > min(RIGHT_TOGETHER, second.together / WRONG_TOGETHER):
@@ -243,10 +241,8 @@ def lean_test(
     if heading is None:  # that which the wheels give, as the likeliest placement without one has them
         ranked, _ = _ranked_placements(robot, law, None, weights, gamma)
         law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
-    law = min(
-        (replace(law, sigma=sigma) for sigma in sigmas),
-        key=lambda candidate: float(candidate.left(weights).sum()),
-    )
+    laws = [replace(law, sigma=sigma) for sigma in sigmas]
+    law = min(laws, key=lambda law: float(law.left(weights).sum()))
     weights, _ = _weights(law, usable)
     lag, lag_error = vertex_with_error(LAGS, np.array([replace(law, lag=lag).left(weights) for lag in LAGS]))
     law = replace(law, lag=lag)
@@ -264,6 +260,7 @@ def lean_test(
     gravity = kappa * (lean.value[:, 0] + 1j * lean.value[:, 1])
     phase_error = float(jackknife_error(np.angle(np.array(gains) * np.exp(-1j * best.phase))))
     same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
+    turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
         placements=tuple(placements),
         confidence=confidence,
@@ -275,9 +272,7 @@ def lean_test(
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
-        heading=None
-        if heading is None
-        else _heading_test(robot, best, wheels.rate[usable], heading.rate[usable]),
+        heading=turned,
     )
 
 
@@ -309,14 +304,14 @@ class _LeanLaw:
     @property
     def driven(self) -> Complex:
         """D^2 Theta - kappa Theta (N,), a lag later: what the wheels must explain."""
-        plane = np.array([1.0, 1j])
-        value, rate, acceleration = (
-            self.late(signal) @ plane for signal in (self.lean.value, self.lean.rate, self.lean.acceleration)
+        lean, turn, changing = (
+            self.lean.each(lambda signal: self.late(signal) @ [1.0, 1j]),
+            self.turn_rate,
+            0.0,
         )
-        turn, changing = self.turn_rate, 0.0
         if self.heading is not None:
             changing = self.sigma * self.late(self.heading.acceleration)[:, 0]
-        return acceleration + 2j * turn * rate + (1j * changing - turn**2 - self.kappa) * value
+        return lean.acceleration + 2j * turn * lean.rate + (1j * changing - turn**2 - self.kappa) * lean.value
 
     @property
     def columns(self) -> Complex:
@@ -345,7 +340,7 @@ def _turns(robot: Robot) -> float:
 def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
     way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / _turns(robot)
-    return Smooth(value=wheels.value @ way, rate=wheels.rate @ way, acceleration=wheels.acceleration @ way)
+    return wheels.each(lambda signal: signal @ way)
 
 
 def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floats) -> HeadingTest:
@@ -402,9 +397,8 @@ def _blocks(count: int) -> NDArray[np.intp]:
 def _sums(table: Complex, weights: Floats) -> Complex:
     """Return products of columns (B, k, k) by the blocks that have a weight."""
     blocks = _blocks(len(weights))
-    return np.array(
-        [table[blocks == b].conj().T @ table[blocks == b] for b in np.unique(blocks[weights > 0.0])]
-    )
+    rows = [table[blocks == block] for block in np.unique(blocks[weights > 0.0])]
+    return np.array([block.conj().T @ block for block in rows])
 
 
 def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
@@ -419,10 +413,8 @@ def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
     swings = np.abs(driven - np.average(driven, weights=weights)) ** 2
     for _ in range(FIT_ROUNDS):
         rest = np.abs(driven - X @ _solve(X, driven, weights)) ** 2
-        size, whole = (
-            np.sqrt(np.bincount(blocks, weights=rows * usable) / np.maximum(count, 1.0))
-            for rows in (rest, swings)
-        )
+        powers = (np.bincount(blocks, weights=rows * usable) for rows in (rest, swings))
+        size, whole = (np.sqrt(power / np.maximum(count, 1.0)) for power in powers)
         usual = float(np.median(size[count > 0]))
         pushed = usable & (size > np.maximum(PUSHED * usual, math.sqrt(PUSHED_SHARE) * whole))[blocks]
         weights = np.where(usable & ~pushed, usual / np.maximum(size, LEAST_SIZE * usual)[blocks], 0.0)
@@ -494,12 +486,9 @@ def _same_wheels(angles: Floats, first: _Way, second: _Way) -> bool:
     n = angles.shape[1]
     moved = angles - angles.mean(axis=0)
     mine, others = ((moved * signs)[:, np.argsort(order)] for order, signs in (first, second))
-    size = np.maximum(mine.std(axis=0), 1e-9)
-    return any(
-        float((np.std(mine - sign * np.roll(others, turn, axis=1), axis=0) / size).max()) < SAME_WHEELS
-        for turn in range(n)
-        for sign in (1.0, -1.0)
-    )
+    allowed = SAME_WHEELS * np.maximum(mine.std(axis=0), 1e-9)
+    turned = [sign * np.roll(others, turn, axis=1) for turn in range(n) for sign in (1.0, -1.0)]
+    return any(bool(np.all(np.std(mine - angles, axis=0) < allowed)) for angles in turned)
 
 
 def _scores(
@@ -567,10 +556,8 @@ def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> 
     if tested is None:
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, heading, beta = tested.placements[0], tested.heading, robot.wheels.azimuths
-    weight = STILL_WEIGHT if tested.headings < STILL_HEADING else 1.0
-    shown = (
-        math.copysign((weight * tested.handedness) ** 2, tested.handedness) + gyro_shows if heading else 0.0
-    )
+    z = (STILL_WEIGHT if tested.headings < STILL_HEADING else 1.0) * tested.handedness
+    shown = math.copysign(z**2, z) + gyro_shows if heading else 0.0
     same = 1.0 / (1.0 + math.exp(-max(min(shown, MOST_ODDS), -MOST_ODDS)))
     positions, phase, axes = best.positions, best.phase, (1, 1, 1)
     if same < 1.0 - CONFIDENT:  # one handedness is usual, and is taken if the log leaves it open
