@@ -389,8 +389,6 @@ def _trial(trial: Trial) -> dict[str, object]:
     return entries_of(("", trial), _trial_columns(trial))
 
 
-
-
 def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
     """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
     gains = [

@@ -133,6 +133,7 @@ def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Bloc
 def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with intervals and verdicts."""
     ends, verdicts, known = pair.ratio_interval().T, pair.verdicts(), pair.runs >= LEAST_RUNS
+
     def of_models(i: int, values: Floats) -> list[str]:
         # below the rounding error digits mean nothing
         return [
@@ -158,8 +159,6 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
         caption=caption,
         shaded=frozenset(i for i, row in enumerate(rows) if row[5] != "better"),
     )
-
-
 
 
 def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:

@@ -267,8 +267,7 @@ def robust_design(
     units = CostUnits.of(measure_runs([nominal], *drawn))
 
     def cost_of(candidates: Floats) -> Floats:
-        costs = np.full(len(candidates), _NO_GAIN)
-        by_row: dict[int, Controller] = {}
+        costs, by_row = np.full(len(candidates), _NO_GAIN), dict[int, Controller]()
         for row, candidate in enumerate(candidates):
             # weights may be so far apart that the equations have no solution in these digits
             with suppress(InputError):
@@ -285,6 +284,7 @@ def robust_design(
     fresh = draw_perturbed(robot, effort.fresh, spread=spread, scenario=scenario, seed=run.seed + 1_000_003)
     controllers = {"robust": controller_of(weights), "nominal": nominal}
     seen = measure_runs(list(controllers.values()), *fresh)
+    costs, stood = units.costs(seen), ~seen.fell
     return RobustDesign(
         design=design_gain(robot, state_weights=weights),
         controller=controllers["robust"],
@@ -295,16 +295,14 @@ def robust_design(
         compared={
             name: ComparedDesign(
                 gain=controller.gain,
-                worst_tenth=float(worst_tenth(costs)),
-                mean=float(costs.mean()),
-                worst_error=float(worst_tenth(error[~fell])),
-                worst_roughness=float(worst_tenth(roughness[~fell])),
-                falls=int(fell.sum()),
-                costs=costs,
+                worst_tenth=float(worst_tenth(costs[k])),
+                mean=float(costs[k].mean()),
+                worst_error=float(worst_tenth(seen.error[k, stood[k]])),
+                worst_roughness=float(worst_tenth(seen.roughness[k, stood[k]])),
+                falls=int(seen.fell[k].sum()),
+                costs=costs[k],
             )
-            for (name, controller), costs, error, roughness, fell in zip(
-                controllers.items(), units.costs(seen), seen.error, seen.roughness, seen.fell, strict=True
-            )
+            for k, (name, controller) in enumerate(controllers.items())
         },
         fresh=effort.fresh,
         spread=spread,
