@@ -7,7 +7,8 @@ passed.
 
 import ctypes
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partialmethod
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,25 +54,19 @@ class Library:
 
 def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
     """Give the functions of ballbot.h the types of their arguments and results."""
-    pointer = ctypes.c_void_p
-    functions.ballbot_init.argtypes = (pointer, pointer)
-    functions.ballbot_init.restype = ctypes.c_bool
-    actions = (
-        "ballbot_start_self_test",
-        "ballbot_skip_self_test",
-        "ballbot_skip_imu_check",
-        "ballbot_disarm",
-    )
-    answers = {"ballbot_arm": ctypes.c_bool, "ballbot_self_test_of": ctypes.c_int}
-    for name, result in (dict.fromkeys(actions) | answers).items():
-        getattr(functions, name).argtypes = (pointer,)
-        getattr(functions, name).restype = result
-    functions.ballbot_update.argtypes = (pointer, pointer, pointer, ctypes.c_uint32, pointer, pointer)
-    functions.ballbot_update.restype = ctypes.c_bool
-    functions.ballbot_stop_of.argtypes = (pointer,)
-    functions.ballbot_stop_of.restype = ctypes.c_int
-    functions.ballbot_stop_word.argtypes = (ctypes.c_int,)
-    functions.ballbot_stop_word.restype = ctypes.c_char_p
+    pointer, number, truth = ctypes.c_void_p, ctypes.c_int, ctypes.c_bool
+    actions = ("start_self_test", "skip_self_test", "skip_imu_check", "disarm")
+    types = dict.fromkeys(actions, (None, pointer)) | {
+        "init": (truth, pointer, pointer),
+        "update": (truth, pointer, pointer, pointer, ctypes.c_uint32, pointer, pointer),
+        "arm": (truth, pointer),
+        "self_test_of": (number, pointer),
+        "stop_of": (number, pointer),
+        "stop_word": (ctypes.c_char_p, number),
+    }
+    for name, (result, *arguments) in types.items():
+        function = getattr(functions, f"ballbot_{name}")
+        function.restype, function.argtypes = result, arguments
     return functions
 
 
@@ -111,30 +106,23 @@ class Firmware:
         if not self._functions.ballbot_init(self.state.ctypes.data, parameters.ctypes.data):
             raise InputError("The firmware does not know these parameters: they are of another version.")
 
+    def _call(self, name: str) -> Any:
+        return getattr(self._functions, f"ballbot_{name}")(self.state.ctypes.data)
+
+    #: commands without an answer, as of ballbot.h
+    start_self_test = partialmethod(_call, "start_self_test")
+    skip_self_test = partialmethod(_call, "skip_self_test")
+    skip_imu_check = partialmethod(_call, "skip_imu_check")
+    disarm = partialmethod(_call, "disarm")
+
     def arm(self) -> bool:
         """Forget a stop, and give torques from the next update on; return False unless the self-test has passed."""
-        return bool(self._functions.ballbot_arm(self.state.ctypes.data))
-
-    def start_self_test(self) -> None:
-        """Let the next updates be the self-test."""
-        self._functions.ballbot_start_self_test(self.state.ctypes.data)
-
-    def skip_self_test(self) -> None:
-        """Count the self-test as passed."""
-        self._functions.ballbot_skip_self_test(self.state.ctypes.data)
-
-    def skip_imu_check(self) -> None:
-        """Count the IMU's axes as checked."""
-        self._functions.ballbot_skip_imu_check(self.state.ctypes.data)
+        return bool(self._call("arm"))
 
     @property
     def self_test(self) -> SelfTestOutcome:
         """The result of the self-test."""
-        return SelfTestOutcome(self._functions.ballbot_self_test_of(self.state.ctypes.data))
-
-    def disarm(self) -> None:
-        """Give no torques until armed again."""
-        self._functions.ballbot_disarm(self.state.ctypes.data)
+        return SelfTestOutcome(self._call("self_test_of"))
 
     def update(
         self, reading: NDArray[np.void], time: int, reference: NDArray[np.float64] | None
@@ -162,6 +150,5 @@ class Firmware:
     @property
     def stop(self) -> StopReason | None:
         """Why the robot was stopped, or None."""
-        number = self._functions.ballbot_stop_of(self.state.ctypes.data)
-        word = self._functions.ballbot_stop_word(number).decode()
+        word = self._functions.ballbot_stop_word(self._call("stop_of")).decode()
         return StopReason(word) if word else None

@@ -35,11 +35,8 @@ class _Beside:
     """The firmware as a plant's controller; `torques` are Python's differences from it."""
 
     def __init__(self, controller: Controller, tap: _Tap) -> None:
-        self.controller, self.sample_time, self.estimator = (
-            controller,
-            controller.sample_time,
-            controller.estimator,
-        )
+        self.controller, self.estimator = controller, controller.estimator
+        self.sample_time = controller.sample_time
         limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
         self.firmware = Firmware(parameter_record(controller, limits))
         self.firmware.skip_self_test()

@@ -9,6 +9,7 @@ the symbols here and nowhere else.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -79,47 +80,32 @@ _SCALARS: dict[str, Callable[[Robot], float]] = {
 _UPPER = tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Symbols:
-    """Generalised coordinates, input and parameters of a robot with n wheels, as SymPy symbols."""
-
-    q: tuple[sp.Symbol, ...]  #: (II.1) x y theta phi psi
-    q_dot: tuple[sp.Symbol, ...]  #: their rates
-    u: tuple[sp.Symbol, ...]  #: torque of each wheel
-    r_b: sp.Symbol
-    m_b: sp.Symbol
-    j_b: sp.Symbol
-    l: sp.Symbol  # noqa: E741 (the thesis's letter for the height of the body's centre of mass)
-    m_r: sp.Symbol
-    J_given: sp.Matrix  #: (II.22) the body's, as the robot file gives it
-    J_com: sp.Matrix  #: the body's, about its centre of mass
-    r_w: sp.Symbol
-    j_w: sp.Symbol
-    alpha: sp.Symbol
-    beta: tuple[sp.Symbol, ...]
-    n: sp.Symbol  #: gear ratio
-    j_m: sp.Symbol
-    j_g: sp.Symbol
-    g: sp.Symbol
-    b: tuple[sp.Symbol, ...]  #: viscous friction of each wheel
-
-
-def symbols(wheel_count: int) -> Symbols:
-    """Return the symbols for a robot with that many wheels."""
+def symbols(wheel_count: int) -> SimpleNamespace:
+    """Return coordinates, inputs and parameters of a robot with so many wheels, `_SCALARS` among them."""
     coordinates = ("x", "y", "theta", "phi", "psi")
-    return Symbols(
-        q=tuple(map(_real, coordinates)),
-        q_dot=tuple(_real(f"{name}_dot") for name in coordinates),
-        u=_numbered("u", wheel_count),
-        J_given=_inertia("j_r"),
-        J_com=_inertia("j_c"),
-        beta=_numbered("beta", wheel_count),
-        b=_numbered("b", wheel_count),
+
+    def real(name: str) -> sp.Symbol:
+        return sp.Symbol(name, real=True)
+
+    def of_wheels(name: str) -> tuple[sp.Symbol, ...]:
+        return tuple(real(f"{name}_{i + 1}") for i in range(wheel_count))
+
+    def inertia(name: str) -> sp.Matrix:
+        return sp.Matrix(3, 3, lambda i, j: real(name + "".join("xyz"[k] for k in sorted((int(i), int(j))))))
+
+    return SimpleNamespace(
+        q=tuple(map(real, coordinates)),  # (II.1)
+        q_dot=tuple(real(f"{name}_dot") for name in coordinates),
+        u=of_wheels("u"),  # torques
+        J_given=inertia("j_r"),  # (II.22) the body's, as the robot file gives it
+        J_com=inertia("j_c"),  # the body's, about its centre of mass
+        beta=of_wheels("beta"),
+        b=of_wheels("b"),  # viscous friction
         **{name: sp.Symbol(name, positive=True) for name in _SCALARS},
     )
 
 
-def parameter_symbols(s: Symbols) -> list[sp.Symbol]:
+def parameter_symbols(s: SimpleNamespace) -> list[sp.Symbol]:
     """Return every parameter's symbol, in the order of `parameter_numbers`."""
     inertias = [J[place] for J in (s.J_given, s.J_com) for place in _UPPER]
     return [*(getattr(s, name) for name in _SCALARS), *s.beta, *s.b, *inertias]
@@ -127,59 +113,16 @@ def parameter_symbols(s: Symbols) -> list[sp.Symbol]:
 
 def parameter_numbers(robot: Robot) -> list[float]:
     """Return the robot's number for every parameter's symbol, SI units and radians."""
-    body = robot.body
-    inertias = [
-        float(J[place])
-        for J in (body.inertia_matrix(), body.inertia_about_center_of_mass())
-        for place in _UPPER
-    ]
+    given, com = robot.body.inertia_matrix(), robot.body.inertia_about_center_of_mass()
+    inertias = [float(J[place]) for J in (given, com) for place in _UPPER]
     scalars = (number_of(robot) for number_of in _SCALARS.values())
     return [*scalars, *robot.wheels.azimuths, *robot.friction.viscous, *inertias]
-
-
-def _inertia(name: str) -> sp.Matrix:
-    return sp.Matrix(3, 3, lambda i, j: _real(name + "".join("xyz"[k] for k in sorted((int(i), int(j))))))
-
-
-def _numbered(name: str, count: int) -> tuple[sp.Symbol, ...]:
-    return tuple(_real(f"{name}_{i + 1}") for i in range(count))
-
-
-def _real(name: str) -> sp.Symbol:
-    return sp.Symbol(name, real=True)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SymbolicTransforms:
-    """Appendix II's transformation matrices in symbols; shapes and frames as in `mechanics.geometry`."""
-
-    T_tbw: sp.Matrix
-    T_trw: sp.Matrix
-    T_tbg: sp.Matrix
-    T_fgb: sp.Matrix
-    T_owb: sp.Matrix
-    T_owr: sp.Matrix
-    T_obg: sp.Matrix  #: (II.19) (3, 3) the ball's turning from its velocity over ground, world
-    axles: sp.Matrix  #: (3, n) a_i as columns; the appendix has no name for them
-
-
-@dataclass(frozen=True, kw_only=True)
-class Motion:
-    """Velocities of the bodies, linear in q_dot; (II.16), (II.18), (II.19), (II.23), (II.24)."""
-
-    v_g: sp.Matrix  #: (3, 1) the ball's centre, world frame
-    Omega_ball: sp.Matrix  #: (3, 1) world frame
-    v_body: sp.Matrix  #: (3, 1) the body's centre of mass, world frame
-    Omega_body: sp.Matrix  #: (3, 1) (II.24) the body's angular velocity, world frame
-    turned_back: sp.Matrix  #: (3, 1) R^-1 Omega_body, the same in the body's frame
-    wheel_spin: sp.Matrix  #: (n, 1) (II.16), absolute
-    encoder_speed: sp.Matrix  #: (n, 1) relative to the body
 
 
 # --- positions and rotations: (II.1) to (II.9) ----------------------------------------------------
 
 
-def positions(s: Symbols, R: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
+def positions(s: SimpleNamespace, R: sp.Matrix) -> tuple[sp.Matrix, sp.Matrix]:
     """Return (II.2) r_1, the ball, and (II.3) r_2, the body's centre of mass."""
     r_1 = sp.Matrix([s.q[0], s.q[1], 0])
     return r_1, r_1 + R * sp.Matrix([0, 0, s.l])
@@ -203,7 +146,7 @@ def rotation_z(angle: sp.Expr) -> sp.Matrix:
     return sp.Matrix([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def body_rotation(s: Symbols) -> sp.Matrix:
+def body_rotation(s: SimpleNamespace) -> sp.Matrix:
     """Return (II.8), (II.9) R_body, which takes body to world."""
     _, _, theta, phi, psi = s.q
     return rotation_x(theta) * rotation_y(phi) * rotation_z(psi)
@@ -212,9 +155,13 @@ def body_rotation(s: Symbols) -> sp.Matrix:
 # --- transformation matrices: (II.10) to (II.15) --------------------------------------------------
 
 
-def transforms(s: Symbols) -> SymbolicTransforms:
-    """Return (II.10) to (II.15): levers crossed with forces, and the same backwards for speeds."""
-    contact = [_direction(beta, s.alpha) for beta in s.beta]
+def transforms(s: SimpleNamespace) -> SimpleNamespace:
+    """Return (II.10) to (II.15): levers crossed with forces, and the same backwards for speeds.
+
+    Shapes and frames are as in `mechanics.geometry`.
+    """
+    sin, cos = sp.sin(s.alpha), sp.cos(s.alpha)
+    contact = [sp.Matrix([sp.cos(beta) * sin, sp.sin(beta) * sin, cos]) for beta in s.beta]
     push = [sp.Matrix([sp.cos(beta + sp.pi / 2), sp.sin(beta + sp.pi / 2), 0]) for beta in s.beta]
     r_pw = [n * s.r_b for n in contact]
     r_cw = [n * (s.r_b + s.r_w) for n in contact]
@@ -225,20 +172,15 @@ def transforms(s: Symbols) -> SymbolicTransforms:
     T_tbg = _torque_from_forces(r_pg, u_pg)
     # (II.15) mended: the velocity over ground is not divided by r_w
     T_vgb = _speed_from_rotation(r_pg, u_pg).col_join(sp.zeros(1, 3))
-    return SymbolicTransforms(
+    return SimpleNamespace(
         T_tbw=_torque_from_forces(r_pw, push) / s.r_w,
         T_trw=_torque_from_forces(r_cw, back) / s.r_w,
-        T_tbg=T_tbg,
         T_fgb=T_tbg.pinv(),
         T_owb=_speed_from_rotation(r_pw, push) / s.r_w,
         T_owr=_speed_from_rotation(r_cw, back) / s.r_w,
-        T_obg=T_vgb.pinv(),
-        axles=_torque_from_forces(contact, push),
+        T_obg=T_vgb.pinv(),  # (II.19) (3, 3) the ball's turning from its velocity over ground, world
+        axles=_torque_from_forces(contact, push),  # (3, n) a_i as columns; the appendix has no name for them
     )
-
-
-def _direction(beta: sp.Expr, alpha: sp.Expr) -> sp.Matrix:
-    return sp.Matrix([sp.cos(beta) * sp.sin(alpha), sp.sin(beta) * sp.sin(alpha), sp.cos(alpha)])
 
 
 def _torque_from_forces(levers: Sequence[sp.Matrix], directions: Sequence[sp.Matrix]) -> sp.Matrix:
@@ -260,26 +202,30 @@ def _speed_from_rotation(levers: Sequence[sp.Matrix], directions: Sequence[sp.Ma
 # --- velocities: (II.16), (II.18), (II.19), (II.23), (II.24) --------------------------------------
 
 
-def velocities(s: Symbols, R: sp.Matrix, T: SymbolicTransforms, corrections: Corrections) -> Motion:
-    """Return the velocities of ball, body and wheels."""
+def velocities(
+    s: SimpleNamespace, R: sp.Matrix, T: SimpleNamespace, corrections: Corrections
+) -> SimpleNamespace:
+    """Return the velocities of ball, body and wheels, linear in q_dot; columns (3, 1), or (n, 1) of wheels."""
     r_1, r_2 = positions(s, R)
     v_g = _time_derivative(s, r_1)
     Omega_ball = T.T_obg * v_g
     Omega_body, turned_back = body_angular_velocity(s, R, corrections)
     wheel_spin = T.T_owr * turned_back + T.T_owb * (R.T * Omega_ball)  # (II.16)
-    return Motion(
-        v_g=v_g,
+    return SimpleNamespace(
+        v_g=v_g,  # of the ball's centre, world frame, as what follows
         Omega_ball=Omega_ball,
-        v_body=_time_derivative(s, r_2),
+        v_body=_time_derivative(s, r_2),  # of the centre of mass
         Omega_body=Omega_body,
         turned_back=turned_back,
-        wheel_spin=wheel_spin,
+        wheel_spin=wheel_spin,  # absolute
         # the wheel counts its spin against a_i (it turns against the ball), so the body's share is added
         encoder_speed=wheel_spin + T.axles.T * turned_back,
     )
 
 
-def body_angular_velocity(s: Symbols, R: sp.Matrix, corrections: Corrections) -> tuple[sp.Matrix, sp.Matrix]:
+def body_angular_velocity(
+    s: SimpleNamespace, R: sp.Matrix, corrections: Corrections
+) -> tuple[sp.Matrix, sp.Matrix]:
     """Return (II.24) Omega_body and R^-1 Omega_body.
 
     As printed, Omega_body = Phi_dot. Corrected: each Euler angle turns about an axis that the later rotations
@@ -296,7 +242,7 @@ def body_angular_velocity(s: Symbols, R: sp.Matrix, corrections: Corrections) ->
     return R * w, w
 
 
-def _time_derivative(s: Symbols, vector: sp.Matrix) -> sp.Matrix:
+def _time_derivative(s: SimpleNamespace, vector: sp.Matrix) -> sp.Matrix:
     return vector.jacobian(s.q) * sp.Matrix(s.q_dot)
 
 
@@ -307,13 +253,13 @@ def _dot(a: sp.Matrix, b: sp.Matrix) -> sp.Expr:
 # --- energies: (II.17) to (II.28) -----------------------------------------------------------------
 
 
-def kinetic_energy_ball(s: Symbols, motion: Motion) -> sp.Expr:
+def kinetic_energy_ball(s: SimpleNamespace, motion: SimpleNamespace) -> sp.Expr:
     """Return (II.20) T_ball; its inertia (II.17) is the same about every axis."""
     return s.m_b * _dot(motion.v_g, motion.v_g) / 2 + s.j_b * _dot(motion.Omega_ball, motion.Omega_ball) / 2
 
 
 def kinetic_energy_body(
-    s: Symbols, motion: Motion, T: SymbolicTransforms, corrections: Corrections
+    s: SimpleNamespace, motion: SimpleNamespace, T: SimpleNamespace, corrections: Corrections
 ) -> sp.Expr:
     """Return (II.25) T_body, as a quadratic form, so that products of inertia count too.
 
@@ -330,7 +276,7 @@ def kinetic_energy_body(
     return energy
 
 
-def kinetic_energy_wheels(s: Symbols, motion: Motion, corrections: Corrections) -> sp.Expr:
+def kinetic_energy_wheels(s: SimpleNamespace, motion: SimpleNamespace, corrections: Corrections) -> sp.Expr:
     """Return (II.27) T_wheels; corrected: with rotor and gear, n times as fast relative to the body."""
     energy = s.j_w * _dot(motion.wheel_spin, motion.wheel_spin) / 2
     if corrections.reflected_rotors:
@@ -339,7 +285,7 @@ def kinetic_energy_wheels(s: Symbols, motion: Motion, corrections: Corrections) 
     return energy
 
 
-def potential_energy(s: Symbols, R: sp.Matrix) -> sp.Expr:
+def potential_energy(s: SimpleNamespace, R: sp.Matrix) -> sp.Expr:
     """Return (II.21) V_ball + (II.26) V_body; zero with the body's centre of mass as high as the ball's."""
     r_1, r_2 = positions(s, R)
     up = sp.Matrix([0, 0, 1])
@@ -350,10 +296,10 @@ def potential_energy(s: Symbols, R: sp.Matrix) -> sp.Expr:
 
 
 def generalized_force(
-    s: Symbols,
+    s: SimpleNamespace,
     R: sp.Matrix,
-    T: SymbolicTransforms,
-    motion: Motion,
+    T: SimpleNamespace,
+    motion: SimpleNamespace,
     torque: sp.Matrix,
     corrections: Corrections,
 ) -> sp.Matrix:
@@ -371,14 +317,14 @@ def generalized_force(
     return r_1q * F_g + Phi_12q * T_b
 
 
-def lagrange(s: Symbols, L: sp.Expr) -> tuple[sp.Matrix, sp.Matrix]:
+def lagrange(s: SimpleNamespace, L: sp.Expr) -> tuple[sp.Matrix, sp.Matrix]:
     """Return M (5, 5) and bias (5, 1) of (II.34): d/dt(dL/dq_dot) - dL/dq = M q_ddot + bias."""
     momentum = sp.Matrix([sp.diff(L, rate) for rate in s.q_dot])
     force = sp.Matrix([sp.diff(L, coordinate) for coordinate in s.q])
     return momentum.jacobian(s.q_dot), momentum.jacobian(s.q) * sp.Matrix(s.q_dot) - force
 
 
-def nonholonomic_terms(s: Symbols, motion: Motion, corrections: Corrections) -> sp.Matrix:
+def nonholonomic_terms(s: SimpleNamespace, motion: SimpleNamespace, corrections: Corrections) -> sp.Matrix:
     """Return what (II.34) counts too much (5, 1) because the wheels' angles are no functions of q.
 
     With relative rates W(q) q_dot and the momenta p that belong to them, Lagrange's equation with the rates put

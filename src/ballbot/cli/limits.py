@@ -8,7 +8,6 @@ from ballbot.cli.context import changed_robot, open_result
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
-from ballbot.progress import Progress
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
@@ -50,22 +49,22 @@ def limits(
         Also find the limits on the twin, in four directions: with slip and play.
     """
     described, candidates = changed_robot(robot, change), parse_candidates(controllers or ("none", "full"))
-    chosen = {
-        candidate.name: _law(candidate.name, candidate.controller(described)) for candidate in candidates
-    }
+    chosen = dict[str, Controller]()
+    for candidate in candidates:
+        controller = candidate.controller(described)
+        if not isinstance(controller, Controller):
+            raise InputError(
+                f"{candidate.name} is a controller of your own; limits are computed for controller files only."
+            )
+        chosen[candidate.name] = controller
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
     truth = load_scenario(scenario, described)
-    models: dict[str, RobotLimits] = {}
-    twins: dict[str, Sequence[TwinLimit]] = {}
+    models, twins = dict[str, RobotLimits](), dict[str, Sequence[TwinLimit]]()
     with open_result(out, doing="limits", seed=seed) as result:
         for name, controller in chosen.items():
-
-            def report(now: Progress, name: str = name) -> None:
-                result.report(replace(now, note=name))
-
             loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
-            run = Run(seed=seed, progress=report)
+            run = Run(seed=seed, progress=lambda now, name=name: result.report(replace(now, note=name)))
             models[name] = find_limits(loop, run=run)
             if twin:
                 twins[name] = twin_limits(loop, models[name], directions=_ON_TWIN, run=run)
@@ -74,11 +73,3 @@ def limits(
             "`ballbot export CONTROLLER --robot ROBOT --lean RADIANS --out firmware`, below the tilt found."
         )
         result.write(page, next_step=step)
-
-
-def _law(name: str, controller: object) -> Controller:
-    if not isinstance(controller, Controller):
-        raise InputError(
-            f"{name} is a controller of your own; limits are computed for controller files only."
-        )
-    return controller

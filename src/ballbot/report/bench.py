@@ -19,7 +19,7 @@ from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import between, digits, unit_heading, value_and_error
+from ballbot.rounding import between, digits, value_and_error
 from ballbot.summary import counted
 
 #: windows shown of the log, from its middle
@@ -34,10 +34,7 @@ def swing_series(fit: SwingFit, *, label: str = "measured") -> TimeSeries:
     difference = (Line("difference", measured - fitted, "first"),)
     return TimeSeries(
         fit.swing.t - fit.swing.t[0],
-        (
-            Panel(unit_heading(what, unit), lines),
-            Panel(unit_heading("measured less fitted", unit), difference),
-        ),
+        (Panel(f"{what} [{unit}]", lines), Panel(f"measured less fitted [{unit}]", difference)),
         "The swing as recorded, and the pendulum with friction that was fitted to it.",
     )
 
@@ -62,15 +59,6 @@ def _parameter_table(fit: UpsideDown, described: Robot) -> Sheet:
         rows,
         f"Friction of drivelines and ball-wheel contacts. {driveline_symbols([kind.name for kind in QUANTITIES])} "
         "A dash: held at a bound, or the log does not show it.",
-    )
-
-
-def _error_table(fit: UpsideDown) -> Sheet:
-    columns = np.array([*fit.held_out.values()]).T
-    return Sheet(
-        ("axis", *(_MODELS[name] for name in fit.held_out)),
-        [(f"Ω about {axis}", *map(digits, row)) for axis, row in zip("xyz", columns.tolist(), strict=True)],
-        f"Open-loop RMSE [rad/s] on {len(fit.held_out_windows)} held-out windows of {fit.window:g} s.",
     )
 
 
@@ -103,6 +91,12 @@ def upside_down_report(
         f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
     )
     has_friction = described.friction != Friction.none(described.wheel_count)
+    errors = zip("xyz", *fit.held_out.values(), strict=True)
+    error_table = Sheet(
+        ("axis", *(_MODELS[name] for name in fit.held_out)),
+        [(f"Ω about {axis}", *map(digits, values)) for axis, *values in errors],
+        f"Open-loop RMSE [rad/s] on {len(fit.held_out_windows)} held-out windows of {fit.window:g} s.",
+    )
     return Result(
         title=f"{described.name}: friction with the ball on its wheels",
         lead=f"The robot clamped upside down, {logs_words(logs)}. Predictions over windows of {fit.window:g} s.",
@@ -113,7 +107,7 @@ def upside_down_report(
                 _parameter_table(fit, described),
                 Paragraph(_COMPARISON) if has_friction else None,
             ),
-            section("Predictions", _error_table(fit), prediction_series(fit, next(iter(logs.values())))),
+            section("Predictions", error_table, prediction_series(fit, next(iter(logs.values())))),
         ],
         undecided=[
             *texts(fit.findings),
@@ -243,7 +237,8 @@ def driveline_report(
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
     curves = "Friction over speed, up to the speed limit and at low speeds."
     measured = "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
-    laws = [fit.law.steady_friction for fit in fits]
+    laws, wheels = [fit.law.steady_friction for fit in fits], [f"wheel {fit.wheel}" for fit in fits]
+    errors = [(wheel, fit.rmse, fit.rmse_without) for wheel, fit in zip(wheels, fits, strict=True)]
     of_fits = [finding for fit in fits for finding in fit.findings]
     words = (
         "A driveline resists with b ω + (c + s exp(−|ω/v_s|)) sgn ω. Each is identified as an axis of the file's "
@@ -257,11 +252,7 @@ def driveline_report(
             section(
                 "Friction found",
                 Paragraph(words),
-                Sheet(
-                    ("parameter", "unit", *(f"wheel {fit.wheel}" for fit in fits)),
-                    parameter_rows(fits),
-                    "With 95 % intervals.",
-                ),
+                Sheet(("parameter", "unit", *wheels), parameter_rows(fits), "With 95 % intervals."),
                 Paragraph(
                     "`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
                     "standard errors and correlation, and finds s, v_s and δ from its logs alone. `robot.toml` has b, "
@@ -274,11 +265,7 @@ def driveline_report(
             ),
             section(
                 "Measured and modelled",
-                Sheet(
-                    ("", "RMS [rad/s]", "without friction"),
-                    [(f"wheel {fit.wheel}", digits(fit.rmse), digits(fit.rmse_without)) for fit in fits],
-                    "Errors of the simulated speed.",
-                ),
+                Sheet(("", "RMS [rad/s]", "without friction"), errors, "Errors of the simulated speed."),
                 *(comparison_series(*row) for row in zip(sweeps, fits, strict=True)),
             ),
         ],
@@ -288,22 +275,18 @@ def driveline_report(
             "second each time. The inertia is from the robot file.",
         ],
         findings=findings,
-        data=_results(fits, [*findings, *of_fits]),
-    )
-
-
-def _results(fits: Sequence[DrivelineFit], findings: Sequence[Finding]) -> dict[str, object]:
-    return {
-        "parameters": _by_symbol([fit.values for fit in fits]),
-        "standard_errors": _by_symbol([fit.standard_errors for fit in fits]),
-        "intervals": {
-            f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
+        data={
+            "parameters": _by_symbol([fit.values for fit in fits]),
+            "standard_errors": _by_symbol([fit.standard_errors for fit in fits]),
+            "intervals": {
+                f"wheel {fit.wheel}": dict(zip(NAMES, fit.intervals.tolist(), strict=True)) for fit in fits
+            },
+            "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
+            "rmse": [fit.rmse for fit in fits],
+            "rmse_without_friction": [fit.rmse_without for fit in fits],
+            "findings": finding_results([*findings, *of_fits]),
         },
-        "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
-        "rmse": [fit.rmse for fit in fits],
-        "rmse_without_friction": [fit.rmse_without for fit in fits],
-        "findings": finding_results(findings),
-    }
+    )
 
 
 def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
@@ -321,16 +304,14 @@ def _sentence(fit: DrivelineFit) -> str:
 
 
 def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
-    """Return each parameter's symbol, unit and values by wheel, with 95 % intervals."""
+    """Return each parameter's symbol, unit and values by wheel, with 95 % intervals; "unknown" without one."""
+
+    def written(value: float, ends: Floats) -> str:
+        if np.isfinite(ends[1]):
+            return between(value, *ends)
+        return "unknown" if value else "0, at its bound"
+
     return [
-        (quantity.symbol, quantity.unit, *(_written(fit, i) for fit in fits))
+        (quantity.symbol, quantity.unit, *(written(float(fit.values[i]), fit.intervals[i]) for fit in fits))
         for i, quantity in enumerate(QUANTITIES)
     ]
-
-
-def _written(fit: DrivelineFit, index: int) -> str:
-    """Return a parameter with its 95 % interval; "unknown" without one."""
-    value, (low, high) = float(fit.values[index]), fit.intervals[index]
-    if np.isfinite(high):
-        return between(value, low, high)
-    return "unknown" if value else "0, at its bound"

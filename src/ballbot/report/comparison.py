@@ -61,9 +61,7 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
         x, y = thinned(position["x"], position["y"])
         axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
-        axes.plot(
-            position["x"][:1], position["y"][:1], marker="o", color=INK, markersize=3.5, linestyle="none"
-        )
+        axes.plot(position["x"][:1], position["y"][:1], "o", color=INK, markersize=3.5)
         title = CANDIDATE_NAMES[name].replace(" compensation", "\ncompensation")
         axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")

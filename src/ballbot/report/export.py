@@ -41,13 +41,17 @@ def export_report(
         ("stops if a sensor repeats itself for", f"{limits.max_unchanged} samples"),
         ("stops if a wheel does not turn under", f"{limits.turning_torque:.3g} N m"),
     ]
+    worst = load and (
+        f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
+        f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
+    )
     return Result(
         title=f"{robot.name}: a controller as firmware",
         lead="In C99; README.md says how to build it.",
         verdict=[
             ("Firmware", about),
             ("Gains", exported.gains.sentence() if exported.gains else ""),
-            ("Processor", _worst(load) if load else ""),
+            ("Processor", worst or ""),
         ],
         sections=[
             section("The controller", Sheet(_HEADINGS, rows)),
@@ -73,13 +77,6 @@ def export_report(
             and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},
             "processor": load and load.to_dict(),
         },
-    )
-
-
-def _worst(load: ProcessorLoad) -> str:
-    return (
-        f"The worst update takes at most {load.worst_cycles:,} cycles, {100.0 * load.worst_share:.1f} % of the period "
-        f"of {1e3 * load.period:g} ms at {load.clock / 1e6:g} MHz."
     )
 
 

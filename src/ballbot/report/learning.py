@@ -6,25 +6,37 @@ import numpy as np
 
 from ballbot.learning.learn import Confirmed, Learned
 from ballbot.log import Log
-from ballbot.report.blocks import Animation, Result, Section, Sheet, section
+from ballbot.report.blocks import Animation, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.viewer.page import replay_part
 
+_HEADINGS = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
+
 
 def learning_report(learned: Learned, *, scenario: str, film: Mapping[str, Log]) -> Result:
     """Return the page of a learned controller, with the runs of `ballbot.learning.learn.film`."""
     name = learned.controller.robot.name
+    rows = [
+        (who, run.plant, f"{run.runs}", f"{run.fell}", 1e3 * run.rms_position, run.rms_velocity)
+        for who, runs in (("learned", learned.confirmed), (_linear(learned), learned.baseline_confirmed))
+        for run in runs
+    ]
+    tried = "Fresh robots that are asked for the most that the task asks for, turn by turn"
+    caption = (
+        "The same robot from the same start, under the best policy after so many seconds of learning. A robot that "
+        "falls stays where it fell. Drag to orbit."
+    )
     return Result(
         title=f"{name}: {learned.task.name}, learned",
         lead="A network that learned on simulated robots what torques to give. Its rewards are those of the training, "
         "with the noise that it explores by; the runs afterwards are of other robots, without that noise.",
         verdict=[("", sentence) for sentence in learning_sentences(learned, scenario=scenario)],
         sections=[
-            section("On other robots", _tried(learned)),
+            section("On other robots", Sheet(_HEADINGS, rows, tried)),
             section("The learning curve", curve_series(learned)),
-            _film(learned, film),
+            section("As it learned", Animation(replay_part(film, learned.controller.robot), caption)),
         ],
         undecided=[
             "Whether the real robot is like the simulated ones: try it with a person who catches the robot.",
@@ -62,43 +74,17 @@ def _errors(tried: Confirmed) -> str:
     return f"{digits(1e3 * tried.rms_position)} mm and {digits(tried.rms_velocity)} m/s"
 
 
-def _tried(learned: Learned) -> Sheet:
-    rows = [
-        (who, tried.plant, f"{tried.runs}", f"{tried.fell}", 1e3 * tried.rms_position, tried.rms_velocity)
-        for who, each in (("learned", learned.confirmed), (_linear(learned), learned.baseline_confirmed))
-        for tried in each
-    ]
-    headings = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
-    caption = "Fresh robots that are asked for the most that the task asks for, turn by turn"
-    return Sheet(headings, rows, caption)
-
-
-def _film(learned: Learned, film: Mapping[str, Log]) -> Section:
-    """Return the runs side by side in three dimensions."""
-    caption = (
-        "The same robot from the same start, under the best policy after so many seconds of learning. A robot that "
-        "falls stays where it fell. Drag to orbit."
-    )
-    return section("As it learned", Animation(replay_part(film, learned.controller.robot), caption))
-
-
 def curve_series(learned: Learned) -> TimeSeries:
     """Return the learning curve by the clock."""
-    points = learned.curve
-    seconds = np.array([point.seconds for point in points])
-    lengths = np.array([point.length for point in points])
+    seconds, rewards, lengths = np.array(
+        [(point.seconds, point.reward, point.length) for point in learned.curve]
+    ).T
+    reward, length = Line("reward", rewards, "measured"), Line("length", lengths, "first")
     return TimeSeries(
         seconds,
         (
-            Panel(
-                "reward a second",
-                [Line("reward", np.array([point.reward for point in points]), "measured")],
-                levels=(learned.baseline,),
-                from_zero=True,
-            ),
-            Panel(
-                "length of the episodes that ended [s]", [Line("length", lengths, "first")], from_zero=True
-            ),
+            Panel("reward a second", [reward], levels=(learned.baseline,), from_zero=True),
+            Panel("length of the episodes that ended [s]", [length], from_zero=True),
         ),
         "The learning curve by the clock.",
         across="time of training [s]",

@@ -9,23 +9,19 @@ from matplotlib.patches import Patch
 
 from ballbot.control.overcompensation import has_friction
 from ballbot.report.blocks import Column, Result, section, sheet_of
-from ballbot.report.palette import BLUE, GREEN, INK, LOWER, MUTED, ORANGE, UPPER, VIOLET, YELLOW
-from ballbot.report.style import drawn_picture, label_of
+from ballbot.report.comparison import TRACK_LOOKS
+from ballbot.report.palette import INK, LOWER, MUTED, UPPER
+from ballbot.report.style import LOOKS, MARKS, drawn_picture, label_of
 from ballbot.report.words import NO_FRICTION
 from ballbot.results import to_results
 from ballbot.robot import Robot
 from ballbot.summary import counted
 from ballbot.workflows.limits import RobotLimits, TwinLimit
 
-#: look of the first, second, ... controller: colour, marker of the twin's limits, and width (lines beneath still show)
-_LOOKS = (
-    (ORANGE, "o", 3.6),
-    (BLUE, "s", 2.8),
-    (GREEN, "^", 2.1),
-    (VIOLET, "D", 1.5),
-    (INK, "v", 1.0),
-    (YELLOW, "P", 0.6),
-)
+#: width of the first, second, ... controller's lines: those beneath still show
+_WIDTHS = (3.6, 2.8, 2.1, 1.5, 1.0, 0.6)
+#: look of each: colour, marker of the twin's limits, and width
+_LOOKS = [(LOOKS[look]["color"], *each) for look, *each in zip(TRACK_LOOKS, MARKS, _WIDTHS, strict=True)]
 #: that have looks of their own
 MOST_CONTROLLERS = len(_LOOKS)
 _DEGREES = 180.0 / np.pi

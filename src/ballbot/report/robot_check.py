@@ -34,9 +34,8 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     robot, following, swing = checked.robot, checked.following, checked.swing
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    errors, warnings = (
-        sum(finding.severity == severity for finding in checked.findings) for severity in ("error", "warning")
-    )
+    severities = [finding.severity for finding in checked.findings]
+    errors, warnings = map(severities.count, ("error", "warning"))
     plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""

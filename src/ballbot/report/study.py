@@ -260,8 +260,8 @@ def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
         ]
         low, middle, high = np.array(quantiles).T
         color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
-        words = "full" if variant.compensation else "no", "" if variant.observer else "no "
-        label = f"{words[0]} compensation, {words[1]}observer"
+        compensation, observer = "full" if variant.compensation else "no", "" if variant.observer else "no "
+        label = f"{compensation} compensation, {observer}observer"
         axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
         axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
         fell = gains[[trial.falls > 0 for trial in trials]]
@@ -279,10 +279,6 @@ def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
 def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
     """Return how stiff the gain may be, and up to which stiffness compensation pays."""
     plain, softest = VARIANTS[0], stiffness.gains[0]
-    pays = [
-        f"{words} {_paying(stiffness, observer)}"
-        for observer, words in ((False, "without the observer"), (True, "with it"))
-    ]
     stiffest = stiffness.stiffest(plain)
     if stiffest is None:
         limit = f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
@@ -295,7 +291,8 @@ def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
             f"{digits(stiffest.position_gain / softest.position_gain, 2)} times the soft gain: without compensation "
             f"and observer the peak error is {millimetres(stiffest.trials[plain].peak.median)} mm there; {beyond}."
         )
-    return f"{limit} Compensating the friction pays {', and '.join(pays)}."
+    without, with_it = (_paying(stiffness, observer) for observer in (False, True))
+    return f"{limit} Compensating the friction pays without the observer {without}, and with it {with_it}."
 
 
 def _paying(stiffness: FrictionByStiffness, observer: bool) -> str:
@@ -324,7 +321,7 @@ def study_results(study: Study) -> dict[str, object]:
         "by_log": {entry.name: part.results() for entry, part in zip(study.logs, study.by_log, strict=True)},
         "held_out": {entry.name: entry.held_out for entry in study.logs},
     }
-    choice, chosen = study.choice, study.choice.controller
+    choice, chosen, confirmation = study.choice, study.choice.controller, study.confirmation
     return {
         "robot": study.robot.name,
         "parameters": identification.pop("parameters"),
@@ -344,7 +341,15 @@ def study_results(study: Study) -> dict[str, object]:
         "comparison": {
             **{name: _trial(trial) for name, trial in choice.trials.items()},
             "scenario": study.scenario.name,
-            "confirmation": study.confirmation and _confirmation(study.confirmation),
+            "confirmation": confirmation
+            and {
+                "course": confirmation.course,
+                "contradiction": confirmation.contradiction,
+                **{
+                    name: {"twin": _trial(twin), "loop": _trial(confirmation.on_loop[name])}
+                    for name, twin in confirmation.on_twin.items()
+                },
+            },
             "draws": len(choice.plants),
             "course": choice.course,
             "chosen": choice.chosen,
@@ -382,17 +387,6 @@ def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
 
 def _trial(trial: Trial) -> dict[str, object]:
     return entries_of(("", trial), _trial_columns(trial))
-
-
-def _confirmation(confirmation: Confirmation) -> dict[str, object]:
-    return {
-        "course": confirmation.course,
-        "contradiction": confirmation.contradiction,
-        **{
-            name: {"twin": _trial(twin), "loop": _trial(confirmation.on_loop[name])}
-            for name, twin in confirmation.on_twin.items()
-        },
-    }
 
 
 def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:

@@ -85,12 +85,19 @@ def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
     if comparison is None:
         yield Paragraph(f"Not possible. {validation.refused[key]}")
         return
+    first, second = models.names
     for caption, shown in comparison.shown():
         match shown:
             case ErrorPair():
                 yield error_sheet(models, shown, caption)
             case Trajectories():
-                yield _trajectories(models, shown, caption)
+                lines = (
+                    Line("measured", shown.measured, "measured"),
+                    Line(f"model {first}", shown.first, "first"),
+                    Line(f"model {second}", shown.second, "second"),
+                )
+                panels = state_panels(("x", "y", "theta", "phi", "psi", "psi_dot"), lines)
+                yield TimeSeries(shown.t, panels, caption, across="time of the log [s]")
             case None:
                 yield Paragraph(caption)
     if isinstance(comparison, Horizons):
@@ -98,7 +105,7 @@ def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
             "horizon",
             "Root mean square error of the forecast against how far ahead it looks. Dotted: the error that noise of "
             "the measured start alone causes in a perfect model. A filled dot: the interval of the ratio is wholly "
-            f"above one, the model {models.first.name} is better.",
+            f"above one, the model {first} is better.",
             horizon_figure,
             comparison,
             models.names,
@@ -154,18 +161,6 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
     )
 
 
-def _trajectories(models: ModelPair, shown: Trajectories, caption: str) -> TimeSeries:
-    """Return the measured states beside those of both models."""
-    first, second = models.names
-    lines = (
-        Line("measured", shown.measured, "measured"),
-        Line(f"model {first}", shown.first, "first"),
-        Line(f"model {second}", shown.second, "second"),
-    )
-    panels = state_panels(("x", "y", "theta", "phi", "psi", "psi_dot"), lines)
-    return TimeSeries(shown.t, panels, caption, across="time of the log [s]")
-
-
 def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     """Return the forecast's RMSE against how far it looks ahead, a panel for each state.
 
@@ -176,15 +171,13 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     errors = horizon.errors
     ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
     # errors below any sensor's resolution are drawn at that resolution
-    first_model, second_model = np.maximum(errors.rmse, FINEST)
-    for index, (axes, name) in enumerate(zip(panels.flat, STATE_NAMES, strict=True)):
-        first = first_model[:, index]
+    shown = [*np.maximum(errors.rmse, FINEST), horizon.noise_floor, better]
+    for axes, name, *columns in zip(panels.flat, STATE_NAMES, *(each.T for each in shown), strict=True):
+        first, second, noise, filled = columns
         axes.loglog(ahead, first, label=label_of(names[0]), **LOOKS["first"])
-        axes.loglog(ahead, second_model[:, index], label=label_of(names[1]), **LOOKS["second"])
-        axes.loglog(
-            ahead, horizon.noise_floor[:, index], label="noise of the start alone", color=MUTED, linestyle=":"
-        )
-        for which, face in ((better[:, index], BLUE), (~better[:, index], "white")):
+        axes.loglog(ahead, second, label=label_of(names[1]), **LOOKS["second"])
+        axes.loglog(ahead, noise, label="noise of the start alone", color=MUTED, linestyle=":")
+        for which, face in ((filled, BLUE), (~filled, "white")):
             axes.loglog(ahead[which], first[which], "o", color=BLUE, markerfacecolor=face, markersize=3)
         axes.set_title(f"{STATE_SYMBOLS[name]} [{STATE_UNITS[name]}]")
         axes.set_xticks([10, 100, 500], ["10", "100", "500"])

@@ -183,12 +183,9 @@ def run_grid(
     together = _loop_blocks(runs)
     alone = [[index] for index in sorted({*range(len(runs))}.difference(*together))]
     answers_by_index: dict[int, Answer] = {}
-    for makers, make, blocks in (
-        (Threads(count=threads), _logs_of_block, together),
-        (workers, _logs_alone, alone),
-    ):
+    for makers, on_loop, blocks in ((Threads(count=threads), True, together), (workers, False, alone)):
         pieces = [[runs[index] for index in block] for block in blocks]
-        with closing(makers.each(partial(_asked, ask, make), pieces)) as results:
+        with closing(makers.each(partial(_asked, ask, on_loop), pieces)) as results:
             for piece, answers in results:
                 answers_by_index.update(zip(blocks[piece], answers, strict=True))
                 run.progress(
@@ -198,9 +195,7 @@ def run_grid(
 
 
 def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
-    """Return the indices of the runs for the compiled loop, in blocks as wide as its lanes, by controllers."""
-    # the first run of each controller
-    first = {id(grid_run.controller): index for index, grid_run in reversed(list(enumerate(runs)))}
+    """Return the indices of the runs for the compiled loop, in blocks as wide as its lanes."""
     alike: dict[tuple[object, ...], list[int]] = {}
     for index, grid_run in enumerate(runs):
         condition, plant = grid_run.condition, grid_run.condition.plant
@@ -212,10 +207,7 @@ def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
             key = (condition.course, condition.duration, period, grid_run.controller.estimator)
             key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
             alike.setdefault(key, []).append(index)
-    grouped = [
-        sorted(indices, key=lambda index: first[id(runs[index].controller)]) for indices in alike.values()
-    ]
-    return [indices[k : k + LANES] for indices in grouped for k in range(0, len(indices), LANES)]
+    return [indices[k : k + LANES] for indices in alike.values() for k in range(0, len(indices), LANES)]
 
 
 def _logs_of_block(runs: Sequence[GridRun]) -> list[Log]:
@@ -240,13 +232,6 @@ def _logs_of_block(runs: Sequence[GridRun]) -> list[Log]:
     return [batch.log(lane) for lane in range(len(runs))]
 
 
-def _logs_alone(runs: Sequence[GridRun]) -> list[Log]:
-    return [grid_run.log() for grid_run in runs]
-
-
-def _asked(
-    ask: Callable[[GridRun, Log], Answer],
-    make: Callable[[Sequence[GridRun]], list[Log]],
-    runs: Sequence[GridRun],
-) -> list[Answer]:
-    return [ask(grid_run, log) for grid_run, log in zip(runs, make(runs), strict=True)]
+def _asked(ask: Callable[[GridRun, Log], Answer], on_loop: bool, runs: Sequence[GridRun]) -> list[Answer]:
+    logs = _logs_of_block(runs) if on_loop else [grid_run.log() for grid_run in runs]
+    return [ask(grid_run, log) for grid_run, log in zip(runs, logs, strict=True)]

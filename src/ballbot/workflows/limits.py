@@ -100,10 +100,9 @@ class Loop:
         """When a run's outcome is known; the state alone does not determine the future of a loop that is late."""
         borne = self.plant.imperfections
         late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
-        settled = settled_rows(self.model, self.controller, grip=self.grip)
-        return OutcomeBounds(
-            settled=np.full((1, 10), np.inf) if late else settled, lost=lost_lean(self.model), grip=self.grip
-        )
+        never = np.full((1, 10), np.inf)
+        settled = never if late else settled_rows(self.model, self.controller, grip=self.grip)
+        return OutcomeBounds(settled=settled, lost=lost_lean(self.model), grip=self.grip)
 
     def recovers(self, starts: Floats, *, cut_short: bool = True) -> Bools:
         """Return from which starts (runs, 10) the robot recovers; `cut_short` ends runs whose outcome is known."""
@@ -303,9 +302,7 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     leans, rates = (np.linspace(-end, end, POINTS) for end in (lean_end, rate_end))
     starts = leaning_state(directions[worst], np.repeat(leans, POINTS), np.tile(rates, POINTS))
     lower, upper = (each.recovers(starts).reshape(POINTS, POINTS) for each in (loop, unlimited))
-    lower_area, upper_area = (
-        float(kept.sum() * (leans[1] - leans[0]) * (rates[1] - rates[0])) for kept in (lower, upper)
-    )
+    lean_step, rate_step = leans[1] - leans[0], rates[1] - rates[0]
     plane = Plane(
         direction=float(directions[worst]),
         lean=lean_end,
@@ -314,8 +311,8 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
         rates=rates,
         lower=lower,
         upper=upper,
-        lower_area=lower_area,
-        upper_area=upper_area,
+        lower_area=float(lower.sum() * lean_step * rate_step),
+        upper_area=float(upper.sum() * lean_step * rate_step),
     )
     return RobotLimits(directions=directions, heights=heights, lean=lean, impulse=impulse, plane=plane)
 
@@ -333,15 +330,12 @@ def twin_limits(
     assert loop.scenario is not None
     scenario = replace(loop.scenario, fallen_lean=LARGEST_LEAN)
     bounds: dict[Kind, LimitBounds] = {"lean": on_loop.lean, "impulse": on_loop.central_impulse}
+    towards = on_loop.directions.tolist()
     rays = [
         TwinLimit(
-            kind=kind,
-            direction=float(on_loop.directions[index]),
-            lower=float(each.lower[index]),
-            twin=0.0,
-            upper=float(each.upper[index]),
+            kind=kind, direction=towards[k], lower=float(each.lower[k]), twin=0.0, upper=float(each.upper[k])
         )
-        for index in directions
+        for k in directions
         for kind, each in bounds.items()
     ]
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Literal, TypedDict
+from typing import Any, Literal
 
 import numpy as np
 from scipy.fft import dst
@@ -145,17 +145,12 @@ def _jump_times(log: Log) -> Floats:
     return log.t[np.concatenate([[True], np.logical_or.reduce(jumps)])]
 
 
-class StopResult(TypedDict, total=False):
-    """How a moving robot came to rest; empty if it was to stop after the end of its run."""
+def stop_of(log: Log, at: float) -> dict[str, Any]:
+    """Return how a robot that had to stop at a time [s] came to rest, as `Score` has it; nothing if its run was over.
 
-    stopping_time: float  #: until its speed stays below `REST` [s]; up to the end of the run if it does not
-    rested: bool  #: whether it does
-    stopping_distance: float  #: largest, from its position when it was to stop [m]
-    overshoot: float  #: beyond its final position, in its direction of motion [m]
-
-
-def stop_of(log: Log, at: float) -> StopResult:
-    """Return how a robot that had to stop at a time [s] came to rest."""
+    It is at rest once its speed stays below `REST`; if it does not, the time is up to the end of the run. The distance
+    is the largest from its position when it was to stop; it overshoots its final position in its direction of motion.
+    """
     truth = true_place(log)
     after = log.t >= at - _ROUNDING
     x, y, t = truth["x"][after], truth["y"][after], log.t[after]
@@ -165,12 +160,12 @@ def stop_of(log: Log, at: float) -> StopResult:
     last = int(moving[-1]) if moving.size else 0
     way = np.array([truth["x_dot"][after][0], truth["y_dot"][after][0]])
     way /= max(float(np.hypot(*way)), REST)
-    return StopResult(
-        stopping_time=float(t[last] - at),
-        rested=last < len(t) - 1 and log.ended is None,
-        stopping_distance=float(np.hypot(x - x[0], y - y[0]).max()),
-        overshoot=float(((x - x[-1]) * way[0] + (y - y[-1]) * way[1]).max()),
-    )
+    return {
+        "stopping_time": float(t[last] - at),
+        "rested": last < len(t) - 1 and log.ended is None,
+        "stopping_distance": float(np.hypot(x - x[0], y - y[0]).max()),
+        "overshoot": float(((x - x[-1]) * way[0] + (y - y[-1]) * way[1]).max()),
+    }
 
 
 def top_speed(log: Log) -> float:
@@ -221,7 +216,7 @@ class Score:
     energy: float  #: integral of |u w| over all wheels [J]
     peak_lean: float = np.nan  #: [rad]
     rms_speed_error: float = np.nan  #: see `metrics.rms_speed_error` [m/s]
-    stopping_time: float = np.nan  #: see `StopResult`; NaN, like the next two, where nothing is to stop [s]
+    stopping_time: float = np.nan  #: see `stop_of`; NaN, like the next two, where nothing is to stop [s]
     rested: bool = False  #: whether it came to rest; else the stopping time is a lower bound
     stopping_distance: float = np.nan  #: [m]
     overshoot: float = np.nan  #: [m]
@@ -297,11 +292,8 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
 
 
 def run_results(log: Log) -> dict[str, object]:
-    """Return the entries of results.json for one balancing run: the known values of its `Score`, and others."""
-    scores = score_results(score(log, unsettled=True))
-    if not settled(log, SETTLE).any():
-        late = ("settling_time", "settling_time_at_least", "arrived")
-        scores = {name: value for name, value in scores.items() if name not in late}
+    """Return the entries of results.json for one balancing run: its `Score`, and others."""
+    late = () if settled(log, SETTLE).any() else ("settling_time", "settling_time_at_least", "arrived")
     error = position_error(log)
     return {
         "rows": len(log),
@@ -309,8 +301,8 @@ def run_results(log: Log) -> dict[str, object]:
         "duration": float(log.t[-1] - log.t[0]),
         **{
             name: value
-            for name, value in scores.items()
-            if not (isinstance(value, float) and np.isnan(value))
+            for name, value in score_results(score(log, unsettled=True)).items()
+            if name not in late
         },
         "peak_position_error_whole_run": float(error.max()),
         "rms_position_error_whole_run": rms(error),
