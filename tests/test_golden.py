@@ -42,20 +42,14 @@ def test_every_command_has_a_golden():
 OLD = {"results.json": {"ladder": {"rungs": [{"law": "coulomb", "gain": 0.1}, {"law": "load", "gain": 0.2}]}}}
 
 
-def difference_texts(new, *, same_machine=True):
-    found = differences("identify", OLD, new, same_machine=same_machine)
-    return [str(one) for one in found]
-
-
 def with_gain(gain):
     return json.loads(json.dumps(OLD).replace("0.2", json.dumps(gain)))
 
 
 def test_last_digit_counts_on_the_same_machine_only():
     other = with_gain(0.20000000000000004)
-    assert difference_texts(OLD) == []
-    assert difference_texts(other) == [
-        "identify/results.json/ladder/rungs/1/gain: 0.2 -> 0.20000000000000004"
-    ]
-    assert difference_texts(other, same_machine=False) == []
-    assert difference_texts(with_gain("much"), same_machine=False)
+    assert differences("identify", OLD, OLD, same_machine=True) == []
+    (found,) = differences("identify", OLD, other, same_machine=True)
+    assert found == "identify/results.json/ladder/rungs/1/gain: 0.2 -> 0.20000000000000004"
+    assert differences("identify", OLD, other, same_machine=False) == []
+    assert differences("identify", OLD, with_gain("much"), same_machine=False)

@@ -29,24 +29,15 @@ def has_lyapunov(loops: np.ndarray, growth: float) -> bool:
     scale, entries = np.where(rows == columns, 1.0, np.sqrt(2.0)), np.arange(len(rows))
     changes = np.zeros((len(rows), m, m))
     changes[entries, rows, columns] = changes[entries, columns, rows] = 1.0
-    blocks = [
-        changes,
-        *(growth**2 * changes - M.T @ changes @ M for M in loops),
-    ]  # of P - I, and of each loop
+    # of P - I, and of each loop
+    blocks = [changes, *(growth**2 * changes - M.T @ changes @ M for M in loops)]
     A = np.vstack([-(scale * block[:, rows, columns]).T for block in blocks])
     b = np.zeros(len(A))
     b[: len(rows)] = -(rows == columns).astype(float)
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    nothing = sparse.csc_matrix((len(rows), len(rows)))
-    solver = clarabel.DefaultSolver(
-        nothing,
-        np.zeros(len(rows)),
-        sparse.csc_matrix(A),
-        b,
-        [clarabel.PSDTriangleConeT(m)] * len(blocks),
-        settings,
-    )
+    nothing, cones = sparse.csc_matrix((len(rows), len(rows))), [clarabel.PSDTriangleConeT(m)] * len(blocks)
+    solver = clarabel.DefaultSolver(nothing, np.zeros(len(rows)), sparse.csc_matrix(A), b, cones, settings)
     status = str(solver.solve().status)
     assert status in ("Solved", "PrimalInfeasible", "AlmostPrimalInfeasible")
     return status == "Solved"
@@ -159,23 +150,24 @@ def test_setting_moves_along_a_straight_line_of_mixtures():
         assert_array_equal(now, controller.memory["tuning"]["wanted"])
 
 
+def mixed_numbers(controller: Controller) -> list[np.ndarray]:
+    record = controller.record
+    return [record["gain"], record["integral"]["gain"], record["lean_limit"]["asked"]]
+
+
 def test_precise_gains_are_mixed_with_their_integrals_and_lean_limits():
     stiff = precise_controller(ROBOT)
     half = stiff.with_parts(stiff.parts)
-    half.record["gain"] *= 0.5
-    half.record["integral"]["gain"] *= 0.5
-    half.record["lean_limit"]["asked"] *= 0.5
+    for part in mixed_numbers(half):
+        part *= 0.5
     controller = tunable(stiff, [half])
     controller.tune(Setting(weights=(0.0, 1.0), torque_limit=0.5, lean_limit=0.5))
     for _ in range(201):
         controller.update(0.0, np.zeros(10), np.zeros(10))
     tuned = controller.memory["tuning"][0]
-    for name, own in (
-        ("gain", half.record["gain"]),
-        ("integral", half.record["integral"]["gain"]),
-        ("asked", half.record["lean_limit"]["asked"]),
+    for name, own, other in zip(
+        ("gain", "integral", "asked"), mixed_numbers(half), mixed_numbers(stiff), strict=True
     ):
-        parts = {"gain": stiff.record["gain"], "integral": stiff.record["integral"]["gain"]}
-        assert_allclose(parts.get(name, stiff.record["lean_limit"]["asked"])[0] + tuned[name], own[0])
+        assert_allclose(other[0] + tuned[name], own[0])
     far = np.array([1.0, 0.0, 0.3, *np.zeros(7)])
     assert np.abs(controller.update(0.0, far, np.zeros(10))).max() <= 0.5 * stiff.torque_limit + 1e-12

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
 from ballbot import Controller, InputError, Model, lqr
-from ballbot.cli.main import main
 from ballbot.control.linear import refuse_without_margin
 from ballbot.control.presets import NOMINAL_STATE_WEIGHTS, NOMINAL_TORQUE_WEIGHT
 from tests.support.control_examples import alten
@@ -59,43 +58,32 @@ def test_gain_cost_and_poles_are_python_controls(weights, cross, sample_time):
 
 
 @pytest.mark.parametrize(
-    ("q", "r", "n", "sentence"),
+    ("q", "r", "more", "sentence"),
     [
-        (Q[:9], R, None, "Q has the shape"),
-        (Q, R[:2], None, "R has the shape"),
-        (20.0, R, None, "Q is one number, 20; it must be 10 numbers"),
-        (Q, -30.0, None, "R is not positive definite"),
-        (Q, -R, None, "R is not positive definite"),
-        (Q, 0.0 * R, None, "R is not positive definite"),
-        (np.where(np.arange(10) == 2, -1.0, Q), R, None, "Q is not positive semidefinite"),
-        (np.diag(Q) + np.eye(10, k=1), R, None, "Q is not symmetric"),
-        (Q * np.nan, R, None, "not finite"),
-        (["many"] * 10, R, None, "Q is an array .* it must be of real numbers"),
-        (Q, R, np.ones((3, 10)), "N has the shape"),
-        (Q, R, np.full((10, 3), 100.0), "Q, R and N together"),
-        (np.zeros(10), R, None, "has no weight"),
+        (Q[:9], R, {}, "Q has the shape"),
+        (Q, R[:2], {}, "R has the shape"),
+        (20.0, R, {}, "Q is one number, 20; it must be 10 numbers"),
+        (Q, -30.0, {}, "R is not positive definite"),
+        (Q, 0.0 * R, {}, "R is not positive definite"),
+        (np.where(np.arange(10) == 2, -1.0, Q), R, {}, "Q is not positive semidefinite"),
+        (np.diag(Q) + np.eye(10, k=1), R, {}, "Q is not symmetric"),
+        (Q * np.nan, R, {}, "not finite"),
+        (["many"] * 10, R, {}, "Q is an array .* it must be of real numbers"),
+        (Q, R, {"N": np.ones((3, 10))}, "N has the shape"),
+        (Q, R, {"N": np.full((10, 3), 100.0)}, "Q, R and N together"),
+        (np.zeros(10), R, {}, "has no weight"),
+        *((Q, R, {"sample_time": one}, "sample time") for one in (0.0, -0.005, np.nan)),
     ],
 )
-def test_invalid_weights_are_refused(model, q, r, n, sentence):
+def test_invalid_arguments_are_refused(model, q, r, more, sentence):
     with pytest.raises(InputError, match=sentence):
-        lqr(model, q, r, N=n)
+        lqr(model, q, r, **more)
 
 
-def test_a_number_or_a_diagonal_stands_for_a_matrix(model):
+def test_a_number_or_a_diagonal_stands_for_a_matrix_and_python_controls_state_space_for_a_model(model):
     expected = lqr(model, np.diag(Q), np.diag(R)).gain
-    np.testing.assert_array_equal(lqr(model, Q, R[0]).gain, expected)
-    np.testing.assert_array_equal(lqr(model, Q, R).gain, expected)
-
-
-@pytest.mark.parametrize("sample_time", [0.0, -0.005, np.nan])
-def test_invalid_sample_times_are_refused(model, sample_time):
-    with pytest.raises(InputError, match="sample time"):
-        lqr(model, Q, R, sample_time=sample_time)
-
-
-def test_python_controls_state_space_is_taken(model):
-    space = model.linearize().to_control()
-    np.testing.assert_array_equal(lqr(space, Q, R).gain, lqr(model, Q, R).gain)
+    for one, r in ((model, R[0]), (model, R), (model.linearize().to_control(), R)):
+        np.testing.assert_array_equal(lqr(one, Q, r).gain, expected)
 
 
 def test_unstabilisable_systems_are_refused(model):
@@ -122,9 +110,3 @@ def test_sample_time_typed_in_milliseconds_is_refused(robot):
 def test_slow_plant_may_be_sampled_slowly():
     tank = Matrices(A=np.array([[-0.001]]), B=np.array([[1.0]]))
     assert lqr(tank, [1.0], [1.0], sample_time=50.0).poles.real.max() < 0.0
-
-
-def test_part_that_leaves_no_margin_is_refused(tmp_path, capsys):
-    """A notch at the loop's own frequency turns its phase."""
-    assert main(["design", "alten", "--notch", "1.0", "--out", str(tmp_path / "out")]) == 2
-    assert "unstable" in capsys.readouterr().err

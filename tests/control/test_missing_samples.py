@@ -12,7 +12,7 @@ from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.references import hold
 from ballbot.errors import InputError
-from ballbot.estimation.interface import Estimator, Fix, Reading
+from ballbot.estimation.interface import Estimator, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
 from ballbot.mechanics.model import Model
@@ -168,11 +168,3 @@ def test_there_is_no_state_before_the_first_whole_reading(kind):
     lost = replace(reading(0), gyro=np.array([0.0, np.nan, 0.0]))
     assert np.isnan(estimator.update(lost)).all()
     np.testing.assert_array_equal(estimator.update(reading(0)), fresh.update(reading(0)))
-
-
-def test_a_fix_may_lack_a_component():
-    estimator = started("kalman")
-    before = estimator.update(reading(50))
-    after = estimator.update(replace(reading(51), fix=Fix(position=[np.nan, 0.5], heading=np.nan)))
-    assert np.isfinite(after).all()
-    assert abs(after[0] - before[0]) < 0.02 < abs(after[1] - before[1])

@@ -148,14 +148,6 @@ def test_directed_friction_is_checked_in_both_directions():
     assert min(margin.at_speeds) < 0.0 < max(margin.at_speeds)
 
 
-def test_controller_file_keeps_the_terms_of_the_friction(tmp_path):
-    controller = Controller(alten(DIRECTED), designed_gain(), compensation="full")
-    write_controller(controller, tmp_path / "directed.toml")
-    with pytest.warns(UnsuitedController, match="wheel 3"):
-        read = read_controller(tmp_path / "directed.toml", alten(FRICTION))
-    assert read.robot.friction == DIRECTED
-
-
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_path, capsys):

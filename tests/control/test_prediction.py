@@ -73,13 +73,11 @@ def test_a_late_linear_robot_moves_as_a_punctual_one_from_where_it_is_when_the_f
     controller = predicting(robot, delay)
     K = design_gain(robot).gain
     F, G = held(A, B, SAMPLE)
-    steps, fine = 200, 10  # the delay in whole parts of a sample, so that the late robot is stepped exactly
-    part = SAMPLE / (fine * 5)
-    A_part, B_part = held(A, B, part)
-    late, per_sample = round(delay / part), fine * 5
-    x, torques = leaning(0.02, -0.03), []
-    when_acts = []
-    for k in range(steps * per_sample):
+    per_sample = 50  # the delay in whole parts of a sample, so that the late robot is stepped exactly
+    A_part, B_part = held(A, B, SAMPLE / per_sample)
+    late = round(delay / SAMPLE * per_sample)
+    x, torques, when_acts = leaning(0.02, -0.03), [], []
+    for k in range(200 * per_sample):
         if k % per_sample == 0:
             torques.append(controller.update(0.0, x, np.zeros(10)))
         acting = (k - late) // per_sample
@@ -117,14 +115,8 @@ def test_a_moving_reference_is_followed_without_the_delays_lag():
     ramp = change_pose(x=2.0, y=0.0, psi=0.0, at=1.0, ramp=10.0)
 
     def behind(controller: Controller, late: int) -> float:
-        found = simulate_batch(
-            Model(robot),
-            [controller],
-            ramp,
-            duration=11.0,
-            imperfections=[Imperfections(delay=late)],
-            every=1,
-        )
+        delayed = Imperfections(delay=late)
+        found = simulate_batch(Model(robot), controller, ramp, duration=11.0, imperfections=delayed)
         steady = (found.t > 9.0) & (found.t < 10.9)
         asked = np.array([ramp(t)[0] for t in found.t[steady]])
         return float(np.abs(found.states[0, steady, 0] - asked).max())
@@ -157,6 +149,7 @@ def test_observer_uses_the_torque_that_acted(delay):
         (["--delay", "0"], "The prediction: delay is 0 s; it must be above zero"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
         (["--notch", "200"], "A notch at 200 Hz needs a sample time below 0.0023 s"),
+        (["--notch", "1.0"], "unstable"),  # it turns the phase at the loop's own frequency
     ],
 )
 def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):

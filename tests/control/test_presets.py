@@ -6,7 +6,7 @@ from ballbot.cli.main import main
 from ballbot.control.file import read_controller
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import KINDS, nominal_controller, precise_controller
+from ballbot.control.presets import KINDS
 from ballbot.control.source import named_controller
 from ballbot.workflows.candidates import NAMED_CONTROLLERS
 from ballbot.workflows.controller_design import GainOptions, design_controller
@@ -20,11 +20,6 @@ def test_kind_is_made_designed_and_compared_by_its_name(name):
     assert made.packed.tolist() == designed.packed.tolist()
     assert made.compensation == KINDS[name].compensation
     assert name == "nominal" or name in NAMED_CONTROLLERS
-
-
-def test_kinds_are_the_functions_of_their_names():
-    for name, function in (("nominal", nominal_controller), ("precise", precise_controller)):
-        assert KINDS[name].made(alten()).packed.tolist() == function(alten()).packed.tolist()
 
 
 @pytest.mark.slow

@@ -35,18 +35,14 @@ def test_instructions_are_counted_exactly():
     board._core.hook_add(unicorn.UC_HOOK_CODE, lambda _, address, *__: addresses.append(address), **hooked)
     given, answer = board.place(random_floats(40, 1)), board.place(np.zeros(80, np.float32))
     run = board.call("sine_cosine", 40, given, answer, answer + 160)
-    skipped, left = (
-        0,
-        0,
-    )  # instructions that a condition skips; those of an IT block (IT, up to four) still to come
+    skipped = left = (
+        0  # instructions that a condition skips; those of an IT block (IT, up to four) still to come
+    )
     for here, after in zip(addresses, [*addresses[1:], 0], strict=True):
         first = int.from_bytes(board._core.mem_read(here, 2), "little")
         place = here + (4 if first >> 11 >= 0b11101 else 2)
-        left = (
-            4 - ((first & 0xF & -(first & 0xF)).bit_length() - 1)
-            if first >> 8 == 0xBF and first & 0xF
-            else left - 1
-        )
+        mask = first & 0xF
+        left = 5 - (mask & -mask).bit_length() if first >> 8 == 0xBF and mask else left - 1
         while left > 0 and here < place < after <= here + 20:
             first = int.from_bytes(board._core.mem_read(place, 2), "little")
             place, skipped, left = place + (4 if first >> 11 >= 0b11101 else 2), skipped + 1, left - 1

@@ -92,23 +92,15 @@ def apart(kept: Recorder, found: list[NDArray[np.float64]]) -> NDArray[np.float6
     return np.nanmax(np.abs(states - exact), axis=0)
 
 
-runs = pytest.mark.parametrize("run", ["balanced", "four wheels", "fixes"])
-
-
-@runs
-def test_kalman_filter_in_double_precision_is_python_s(run):
+@pytest.mark.parametrize("run", ["balanced", "four wheels", "fixes"])
+def test_kalman_filter_is_python_s_but_for_rounding(run):
     """The C code is Python's derivation: only the order of some sums differs, and the C library's sine and cosine."""
     kept = recorded(run)
     of_c = Compiled("kalman", kept.robot, precision="double")
     # 3e-15 measured; 3e-8 where what the sensors show is rounded to the single precision of a reading's record
     tolerance = 1e-13 if run == "four wheels" else 1e-7
     assert (apart(kept, [of_c.update(reading) for reading in kept.given]) < tolerance).all()
-
-
-@runs
-def test_kalman_state_is_python_s_but_for_rounding(run):
-    """In single precision, as on the robot."""
-    kept = recorded(run)
+    # in single precision, as on the robot
     of_c = Compiled("kalman", kept.robot)
     error = apart(kept, [of_c.update(reading) for reading in kept.given])
     assert (error < 3e-6).all()  # some tens of roundings of numbers of order one; 6e-7 measured

@@ -46,17 +46,18 @@ def double_library(weights: str) -> Library:
 
 
 @pytest.mark.parametrize(
-    "name", ["everything", "four wheels", "registered friction law", "policy", "policy alone"]
+    "make",
+    [
+        lambda: everything(alten(FRICTION)),
+        lambda: everything(robot_by_law()),
+        lambda: with_policy(everything(four_wheeled(friction=True)), feedback=0.6, units=24),
+        CONTROLLERS["policy alone, 3 wheels"],
+    ],
+    ids=["everything", "registered friction law", "four wheels, with a policy", "policy alone"],
 )
-def test_law_in_double_precision_is_python_s_law(name):
+def test_law_in_double_precision_is_python_s_law(make):
     """Torques and memories of many updates in a row agree to rounding: nothing but precision sets the two apart."""
-    controller = {
-        "everything": lambda: everything(alten(FRICTION)),
-        "four wheels": lambda: everything(four_wheeled(friction=True)),
-        "registered friction law": lambda: everything(robot_by_law()),
-        "policy": lambda: with_policy(everything(four_wheeled(friction=True)), feedback=0.6, units=24),
-        "policy alone": CONTROLLERS["policy alone, 3 wheels"],
-    }[name]()
+    controller = make()
     compiled = double_library(weights_of(controller))
     memory, of_python = (np.zeros(1, MEMORY.dtype()) for _ in range(2))
     torques, exact = np.zeros((1, len(controller.gain))), np.zeros(len(controller.gain))

@@ -16,19 +16,15 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.records import READING, parameter_record
 from ballbot.link.messages import SCHEMAS, AnswerResult, Arm, StepBack, Tune
+from tests.control.test_gain_set import mixed_numbers
 from tests.firmware.test_law import double_library
 from tests.support.control_examples import FRICTION, alten, everything
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 TUNING = schema_of(TuningState)
-SAMPLE = np.dtype(
-    [
-        ("type", np.int32),
-        ("setting", SCHEMAS[Tune.TYPE].dtype("single")),
-        ("reading", READING.dtype("single")),
-    ]
-)
+SETTING = SCHEMAS[Tune.TYPE].dtype("single")
+SAMPLE = np.dtype([("type", np.int32), ("setting", SETTING), ("reading", READING.dtype("single"))])
 OUTCOME = np.dtype([("result", np.int32), ("torques", np.float32, 4), ("tuning", TUNING.dtype("single"))])
 
 
@@ -38,11 +34,7 @@ def mixing() -> Controller:
     others = []
     for factor in (0.9, 0.7):
         other = whole.with_parts(whole.parts)
-        for numbers in (
-            other.record["gain"],
-            other.record["integral"]["gain"],
-            other.record["lean_limit"]["asked"],
-        ):
+        for numbers in mixed_numbers(other):
             numbers *= factor
         others.append(other)
     return tunable(whole, others)
@@ -68,9 +60,8 @@ def test_law_in_double_precision_moves_as_that_of_python():
         exact = controller.update(0.0, state, np.zeros(10))
         np.testing.assert_allclose(torques[0], exact, rtol=0, atol=1e-9 * controller.torque_limit)
     for name in ("now", "gain", "integral", "asked", "turn_rate"):
-        np.testing.assert_allclose(
-            memory["tuning"][name], controller.memory["tuning"][name], rtol=0, atol=1e-12
-        )
+        exact = controller.memory["tuning"][name]
+        np.testing.assert_allclose(memory["tuning"][name], exact, rtol=0, atol=1e-12)
     assert memory["tuning"]["gain"].any()
 
 
@@ -79,9 +70,8 @@ def drawn_numbers(random: np.random.Generator) -> list[float]:
     setting = random_setting(random)
     numbers = [*setting.weights, setting.compensation, setting.torque_limit, setting.lean_limit]
     if random.uniform() < 0.6:
-        numbers[random.integers(6)] = random.choice(
-            [np.nan, np.inf, -np.inf, -0.1, 0.1, 1.1, 1e30, -1e-30, 0.24, 2.0]
-        )
+        wrong = [np.nan, np.inf, -np.inf, -0.1, 0.1, 1.1, 1e30, -1e-30, 0.24, 2.0]
+        numbers[random.integers(6)] = random.choice(wrong)
     return numbers
 
 
@@ -114,9 +104,8 @@ def test_firmware_takes_the_settings_that_python_takes_and_sanitizers_find_nothi
         sample["setting"]["weights"] = weights
         for name, value in zip(names, (compensation, torque, lean), strict=True):
             sample["setting"][name] = value
-    record = parameter_record(
-        controller, SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
-    )
+    limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
+    record = parameter_record(controller, limits)
     given = record.tobytes() + samples.tobytes()
     done = subprocess.run([run], input=given, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()[:3000]

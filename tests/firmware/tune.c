@@ -1,5 +1,5 @@
 /* Reads parameters, then for each sample a command with the numbers of a setting and a reading; writes the answer's result and
- * the torques. Built with the sanitizers, as run.c.
+ * the torques. Built with the sanitizers, which a shared library inside Python cannot have.
  */
 #include <stdio.h>
 

@@ -33,13 +33,13 @@ def main() -> int:
         for outcome in run(reversed(cases) if options.reverse else cases, Path(folder)):
             spent += outcome.seconds
             name = outcome.case.name
-            found: list[object] = []
+            found: list[str] = []
             if outcome.code != outcome.case.code:
                 found = [f"exit code {outcome.code}. {outcome.refusal}"]
             elif options.update:
                 update(outcome)
             else:
-                found = [*compare(outcome, same_machine=same)]
+                found = compare(outcome, same_machine=same)
             print(f"{name}: {len(found)} differences, {outcome.seconds:.1f} s", flush=True)
             for one in found:
                 print(f"  {one}")

@@ -43,16 +43,16 @@ def _input(name: str, make: Callable[[Path], None], *, needs: tuple[str, ...] = 
 _ROBOT = "files/robot.toml"
 _WALK, _EIGHT = "record_square/log.csv", "record_eight/log.csv"
 _FEW = "--bounds files/bounds.toml --window 0.1"
+_FULL, _PRECISE = "files/controller_full.toml", "files/controller_precise.toml"
+_UPSIDE_DOWN = "record_upside_down/log.csv"
+_COURSES = "--courses files/courses.toml"
+_OVER = "--allow-overcompensation"
 
 CASES: tuple[Case, ...] = (
     # the robot's own file
     _command("new", "new bot --from alten --out new/bot.toml", sampled=True),
     _command("check", "check files/robot_geometry.toml", sampled=True),
-    _command(
-        "check_reference",
-        f"check {_ROBOT} --reference circle --controller files/controller_precise.toml",
-        alone=True,
-    ),
+    _command("check_reference", f"check {_ROBOT} --reference circle --controller {_PRECISE}", alone=True),
     _command("check_reference_file", f"check {_ROBOT} --reference files/reference.csv", sampled=True),
     # the twin
     _command("record_square", f"record nominal --robot {_ROBOT} --duration 16 --seed 1", sampled=True),
@@ -85,13 +85,11 @@ CASES: tuple[Case, ...] = (
     # the equations of motion
     _command("simulate", f"simulate {_ROBOT} --duration 4", sampled=True),
     _command(
-        "simulate_full",
-        f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_full.toml",
-        alone=True,
+        "simulate_full", f"simulate {_ROBOT} --duration 4 --scenario nominal --controller {_FULL}", alone=True
     ),
     _command(
         "simulate_precise",
-        f"simulate {_ROBOT} --duration 4 --scenario nominal --controller files/controller_precise.toml --seed 3",
+        f"simulate {_ROBOT} --duration 4 --scenario nominal --controller {_PRECISE} --seed 3",
         sampled=True,
         alone=True,
     ),
@@ -117,11 +115,11 @@ CASES: tuple[Case, ...] = (
         code=2,  # its torques are taken for duties, and are late
     ),
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv"),
-    _command("identify_upside_down", "identify-upside-down alten record_upside_down/log.csv --window 0.5"),
-    _command("identify_geometry", "identify-geometry alten --upside-down record_upside_down/log.csv"),
+    _command("identify_upside_down", f"identify-upside-down alten {_UPSIDE_DOWN} --window 0.5"),
+    _command("identify_geometry", f"identify-geometry alten --upside-down {_UPSIDE_DOWN}"),
     _command(
         "identify_geometry_mocap",
-        "identify-geometry alten --upside-down record_upside_down/log.csv --balancing record_eight/log.csv "
+        f"identify-geometry alten --upside-down {_UPSIDE_DOWN} --balancing record_eight/log.csv "
         "--motion-capture record_eight/motion_capture.csv",
     ),
     _input("axis", inputs.axis_record),
@@ -141,14 +139,8 @@ CASES: tuple[Case, ...] = (
     _command("design", "design files/robot_geometry.toml", sampled=True),
     _command("design_sampled", f"design {_ROBOT} --sample-time 0.01 --r 60 --notch 12", sampled=True),
     _command("design_full", f"design {_ROBOT} --compensation full --compensation-gain 0.5", sampled=True),
-    _command(
-        "design_partial", f"design {_ROBOT} --compensation partial --allow-overcompensation", sampled=True
-    ),
-    _command(
-        "design_precise",
-        f"design {_ROBOT} --kind precise --delay 0.016 --allow-overcompensation",
-        sampled=True,
-    ),
+    _command("design_partial", f"design {_ROBOT} --compensation partial {_OVER}", sampled=True),
+    _command("design_precise", f"design {_ROBOT} --kind precise --delay 0.016 {_OVER}", sampled=True),
     _command("export", f"export design_full/controller.toml --robot {_ROBOT}", sampled=True),
     _command(
         "run", f"run --emulated --robot {_ROBOT} --reference files/reference.csv --duration 2", sampled=True
@@ -157,15 +149,13 @@ CASES: tuple[Case, ...] = (
     _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2"),
     _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2"),
     _command("plan", f"plan {_ROBOT} --to 0.5 0.2 0.5 --runs 2", sampled=True, alone=True),
-    _command("limits", f"limits {_ROBOT} none files/controller_full.toml"),
+    _command("limits", f"limits {_ROBOT} none {_FULL}"),
     _command(
-        "compare",
-        f"compare {_ROBOT} none full precise --courses files/courses.toml --seeds 4,5 --processes 1",
-        alone=True,
+        "compare", f"compare {_ROBOT} none full precise {_COURSES} --seeds 4,5 --processes 1", alone=True
     ),
     _command(
         "compare_twin",
-        f"compare {_ROBOT} none partial@kalman --plant twin --courses files/courses.toml --seeds 1 --processes 2",
+        f"compare {_ROBOT} none partial@kalman --plant twin {_COURSES} --seeds 1 --processes 2",
     ),
     # the whole
     _command("excite", f"excite {_ROBOT} --duration 10", sampled=True),

@@ -5,8 +5,7 @@ In structure means the same keys, kinds of values, words without digits, and sha
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import TypeAlias
 
 from .freeze import DIGEST, Json
@@ -16,53 +15,27 @@ VARIABLE = frozenset({"evolution", "gauss_newton", "criterion_after_each_generat
 
 Parts: TypeAlias = tuple[str, ...]
 
-_ABSENT = "(absent)"
 
-
-@dataclass(frozen=True, kw_only=True)
-class Difference:
-    """One value that is not as it was."""
-
-    path: str  #: parts joined by /
-    old: str
-    new: str
-
-    def __str__(self) -> str:
-        return f"{self.path}: {self.old} -> {self.new}"
-
-
-def differences(name: str, golden: Json, result: Json, *, same_machine: bool) -> list[Difference]:
+def differences(name: str, golden: Json, result: Json, *, same_machine: bool) -> list[str]:
     """Return where the result of a case differs from its golden; numbers are compared on the `same_machine` alone."""
-    old, new = dict(_flatten(golden, (name,))), dict(_flatten(result, (name,)))
+    leaves = [dict(_flatten(one, (name,))) for one in (golden, result)]
     found = []
-    for path in dict.fromkeys([*old, *new]):
+    for path in dict.fromkeys([*leaves[0], *leaves[1]]):
         if not same_machine and VARIABLE.intersection(path):
             continue
-        before, after = _text(old, path), _text(new, path)
-        if before != after and (same_machine or not _alike(old, new, path)):
-            found.append(Difference(path="/".join(path), old=before, new=after))
+        before, after = (json.dumps(one[path]) if path in one else "(absent)" for one in leaves)
+        alike = not same_machine and all(path in one for one in leaves)
+        if before != after and not (alike and _outline(leaves[0][path]) == _outline(leaves[1][path])):
+            found.append(f"{'/'.join(path)}: {before} -> {after}")
     return found
 
 
 def _flatten(value: Json, path: Parts) -> Iterator[tuple[Parts, Json]]:
-    if isinstance(value, dict) and value:
-        for key, one in value.items():
-            yield from _flatten(one, (*path, key))
-    elif isinstance(value, list) and value:
-        for place, one in enumerate(value):
-            yield from _flatten(one, (*path, str(place)))
+    if isinstance(value, dict | list) and value:
+        for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _flatten(one, (*path, str(key)))
     else:
         yield path, value
-
-
-def _text(leaves: Mapping[Parts, Json], path: Parts) -> str:
-    return json.dumps(leaves[path]) if path in leaves else _ABSENT
-
-
-def _alike(old: Mapping[Parts, Json], new: Mapping[Parts, Json], path: Parts) -> bool:
-    if path not in old or path not in new:
-        return False
-    return _outline(old[path]) == _outline(new[path])
 
 
 def _outline(value: Json) -> str:

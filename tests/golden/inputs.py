@@ -45,10 +45,8 @@ def swing(folder: Path) -> None:
         rate += h * (-stiffness * math.sin(angle) - damping * rate)
         angle += h * rate
     noise = 5e-4 * np.random.default_rng(6).standard_normal(len(angles))
-    _write_csv(
-        folder / "swing.csv",
-        {"t": 0.02 * np.arange(len(angles)), "theta": math.pi + np.array(angles) + noise},
-    )
+    columns = {"t": 0.02 * np.arange(len(angles)), "theta": math.pi + np.array(angles) + noise}
+    _write_csv(folder / "swing.csv", columns)
 
 
 def foreign_log(folder: Path) -> None:
@@ -56,20 +54,12 @@ def foreign_log(folder: Path) -> None:
     with (folder.parent / "record_square/log.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     degree = 180.0 / math.pi
-    foreign: dict[str, tuple[str, float]] = {
-        "t_now": ("t", 1.0),
-        "u1": ("u2", 1.0),
-        "u2": ("u3", 1.0),
-        "u3": ("u1", 1.0),
-        "theta_x": ("theta", degree),
-        "theta_y": ("phi", -degree),
-        "theta_z": ("psi", degree),
-        "psi_1": ("wheel2", -1.0),
-        "psi_2": ("wheel3", -1.0),
-        "psi_3": ("wheel1", -1.0),
-    }
+    theirs = ["t_now", "u1", "u2", "u3", "theta_x", "theta_y", "theta_z", "psi_1", "psi_2", "psi_3"]
+    ours = ["t", "u2", "u3", "u1", "theta", "phi", "psi", "wheel2", "wheel3", "wheel1"]
+    factors = (*(1.0,) * 4, degree, -degree, degree, *(-1.0,) * 3)
     columns = {
-        new: np.array([factor * float(row[old]) for row in rows]) for new, (old, factor) in foreign.items()
+        new: np.array([factor * float(row[old]) for row in rows])
+        for new, old, factor in zip(theirs, ours, factors, strict=True)
     }
     _write_csv(folder / "log.csv", columns)
 
@@ -95,16 +85,11 @@ def reproduced_items(folder: Path) -> None:
     from ballbot.thesis.reproduce.figures import figure_iii_1
     from ballbot.thesis.reproduce.mistakes import MISTAKES
 
-    robot = Robot.load("alten")
-    bench = Bench(robot=robot, seed=0)
-    # this needs recordings
-    recorded = {"residual_pairs"}
+    bench = Bench(robot=Robot.load("alten"), seed=0)
+    made = [make(bench) for make in MISTAKES if make.__name__ != "residual_pairs"]  # that needs recordings
     results = {
-        "items": _checks((make.__name__, make(bench).checks) for make in (figure_iii_1,)),
-        "mistakes": _checks(
-            (str(one.number), one.shown_by)
-            for one in (make(bench) for make in MISTAKES if make.__name__ not in recorded)
-        ),
+        "items": _checks([("figure_iii_1", figure_iii_1(bench).checks)]),
+        "mistakes": _checks((str(one.number), one.shown_by) for one in made),
     }
     (folder / "results.json").write_text(json.dumps(results), encoding="utf-8")
 

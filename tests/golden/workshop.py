@@ -11,8 +11,10 @@ from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 
+from ballbot.cli.main import main
+
 from .cases import CASES, Case
-from .compare import Difference, differences
+from .compare import differences
 from .freeze import Json, freeze_folder, machine
 
 FOLDER = Path(__file__).parent
@@ -56,20 +58,14 @@ def run(cases: Iterable[Case], folder: Path) -> Iterator[Outcome]:
                     yield outcome
 
 
-def compare(outcome: Outcome, *, same_machine: bool) -> list[Difference]:
+def compare(outcome: Outcome, *, same_machine: bool) -> list[str]:
     """Return where an outcome differs from its golden."""
     golden = json.loads((RESULTS / f"{outcome.case.name}.json").read_text(encoding="utf-8"))
     return differences(outcome.case.name, golden, outcome.result, same_machine=same_machine)
 
 
 def update(outcome: Outcome) -> None:
-    """Make an outcome the golden."""
-    path = RESULTS / f"{outcome.case.name}.json"
-    path.write_text(written(outcome.result), encoding="utf-8")
-
-
-def written(result: Json) -> str:
-    """Return a golden as JSON text, objects indented and lists in one line, so that changes are read line by line."""
+    """Make an outcome the golden: JSON, objects indented and lists in one line, to be compared line by line."""
 
     def lines(value: Json, indent: str) -> str:
         if not isinstance(value, dict) or not value:
@@ -77,7 +73,8 @@ def written(result: Json) -> str:
         entries = [f"{indent} {json.dumps(key)}: {lines(one, indent + ' ')}" for key, one in value.items()]
         return "{\n" + ",\n".join(entries) + f"\n{indent}}}"
 
-    return lines(result, "") + "\n"
+    text = lines(outcome.result, "") + "\n"
+    (RESULTS / f"{outcome.case.name}.json").write_text(text, encoding="utf-8")
 
 
 def is_same_machine() -> bool:
@@ -92,10 +89,8 @@ def update_machine() -> None:
 
 def _needed(case: Case) -> list[Case]:
     """Return what a case needs, in the order in which it can be run."""
-    found: list[Case] = []
-    for name in case.needs:
-        found += [*_needed(_BY_NAME[name]), _BY_NAME[name]]
-    return found
+    needs = [_BY_NAME[name] for name in case.needs]
+    return [one for need in needs for one in (*_needed(need), need)]
 
 
 def _run_one(case: Case, folder: Path) -> Outcome:
@@ -111,7 +106,7 @@ def _run_one(case: Case, folder: Path) -> Outcome:
             out.mkdir()
             code = _main_alone(case.words, said)
         else:
-            code = _main(case.words)
+            code = main(case.words)
     return Outcome(
         case=case,
         result=freeze_folder(out, code=code),
@@ -127,9 +122,3 @@ def _main_alone(words: Sequence[str], said: io.StringIO) -> int:
     said.seek(0)
     said.write(done.stderr)
     return done.returncode
-
-
-def _main(words: Sequence[str]) -> int:
-    from ballbot.cli.main import main
-
-    return main(words)
