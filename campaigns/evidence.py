@@ -31,6 +31,7 @@ CAMPAIGNS = {
     "benchmark": "campaigns.benchmark",
     "fast_moves": "campaigns.fast_moves",
     "learning": "campaigns.learning",
+    "learned_league": "campaigns.learned_league",
     "randomisation": "campaigns.randomisation",
     "stable_baselines": "campaigns.stable_baselines",
     "limits": "campaigns.limits",
