@@ -33,6 +33,7 @@ REFUSALS = [
     ("completion bsh", "'bash'"),
     ("new no/where", "--out"),
     # a controller and its run
+    ("plan alten --to 2 0 0 --margin 120 --out out", "--margin is 120 %; it must be 0 to 90 %"),
     ("design alten --kind precize --out out", "'precise'"),
     ("design alten --q 1,2,many --out out", "--q is '1,2,many'"),
     ("design alten --r -1 --out out", "R is not positive definite"),

@@ -96,6 +96,9 @@ def plan(
         raise InputError(
             f"The controller {controller} has no feed-forward and follows no plan; give precise."
         )
+    for name, percent in (("margin", margin), ("reserve", reserve)):
+        if not 0.0 <= percent <= 90.0:
+            raise InputError(f"--{name} is {percent:g} %; it must be 0 to 90 %.")
     limits = MoveLimits(
         torque=chosen.torque_limit if torque is None else torque,
         lean=math.radians(lean),
