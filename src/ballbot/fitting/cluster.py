@@ -1,8 +1,8 @@
 """Work on a Dask cluster: `pip install 'ballbot[cluster]'`, a scheduler, and workers with the same packages.
 
-Workers may join, leave and be killed: the scheduler repeats the work that was lost with them, and work waits while there
-is no worker. Results are the same to
-the bit on every worker with the same packages and processor; other workers refuse the work.
+Workers may join, leave and be killed: the scheduler repeats the work that was lost with them, and without any worker
+the work waits for one. Results are the same to the bit on every worker with the same packages and processor; other
+workers refuse the work.
 """
 
 from __future__ import annotations
