@@ -5,16 +5,20 @@
 Trainings that are finished are kept in build/learning.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
+from matplotlib.figure import Figure
 
 from ballbot.fitting.run import Run, Threads
 from ballbot.learning.learn import Confirmed, Learned, base_controller, confirm, learn
 from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import task_named
 from ballbot.progress import ignore_progress
+from ballbot.report.style import LOOKS
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
-from campaigns.section import Section, finished
+from campaigns.section import Section, finished, write_picture
 
 TASKS, SEEDS = ("balance", "drive"), 10
 #: fresh robots of a trial on the loop, and of those on the twin of the first seeds' controllers
@@ -40,10 +44,10 @@ def campaign() -> Section:
     """Run the missing trainings and return the section of docs/generated/evidence.md."""
     pieces = {f"{name}_{seed}": (name, seed) for name in TASKS for seed in range(-1, SEEDS)}
     done = finished("learning", tried, pieces, packages=_PACKAGES, workers=Threads(count=1))
-    rows = []
+    rows, curves = [], dict[str, list[Learned]]()
     for name in TASKS:
         own = [done[f"{name}_{seed}"] for seed in range(SEEDS)]
-        learned = [one for one, _ in own if one is not None]
+        curves[name] = learned = [one for one, _ in own if one is not None]
         balanced = [
             next((p.seconds for p in one.curve if p.fallen == 0.0 and p.length > 0.0), np.nan)
             for one in learned
@@ -79,7 +83,28 @@ def campaign() -> Section:
             f"on the twin: falls of {sum(TWIN_RUNS)}; errors",
         ],
         rows=rows,
+        after="The reward by the clock, with exploration, beside that of the LQR:\n\n![Learning curves of ten seeds]("
+        f"{write_picture('learning_curves', lambda: curves_figure(curves))})",
     )
+
+
+def curves_figure(learned: Mapping[str, Sequence[Learned]]) -> Figure:
+    """Return the reward of each training by the clock, the worst at its end shown, beside the LQR's."""
+    figure = Figure(figsize=(7.4, 3.0), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(learned), sharey=True))
+    for axes, (name, trainings) in zip(panels, learned.items(), strict=True):
+        worst = min(trainings, key=lambda each: each.curve[-1].reward)
+        others = [each for each in trainings if each is not worst]
+        for each, look in (*((each, "quiet") for each in others), (worst, "second")):
+            seconds = np.array([point.seconds for point in each.curve])
+            # without compiling, which only the first training of a process does
+            axes.plot(seconds - seconds[0], [point.reward for point in each.curve], **LOOKS[look])
+        axes.axhline(trainings[0].baseline, **LOOKS["sixth"])
+        axes.set(title=name, xlabel="time after the first improvement [s]")
+    panels[0].set_ylabel("reward a second")
+    lines = [panels[0].lines[0], panels[0].lines[-2], panels[0].lines[-1]]
+    panels[-1].legend(lines, ["other seeds", "worst seed", "LQR"], loc="lower right")
+    return figure
 
 
 def _spread(values: list[float]) -> str:

@@ -107,18 +107,21 @@ _RC: dict[RcKeyType, object] = {
 }
 
 
-def drawn(draw: Callable[[], Figure], *, name: str) -> tuple[str, Figure]:
-    """Return a figure, which belongs to no window, as an SVG element, and the figure.
+def drawn(draw: Callable[[], Figure], *, name: str) -> str:
+    """Return a figure, which belongs to no window, as an SVG element; `name` keeps the inner names of figures apart."""
+    return _drawn(draw, name)[0]
 
-    `name` keeps the inner names of figures apart.
-    """
+
+def _drawn(draw: Callable[[], Figure], name: str) -> tuple[str, Figure]:
+    """Return a figure as an SVG element, and the figure."""
     with mpl.rc_context(_RC), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing")  # of a name; a box stands for it
         figure = draw()
         svg = _svg(figure)
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
-    svg = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", svg)
+    svg = re.sub(r'\b(id=")', rf"\g<1>{name}-", svg)
+    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
     # a figure of 7.4 inches is as wide as the page's text, 46 rem; the view box keeps the proportions
     width = f"{figure.get_figwidth() / 7.4 * 552.0:.0f}pt"
     size = f' width="{width}" style="--natural:{width}"'  # the attribute for viewers of the file alone
@@ -131,13 +134,13 @@ def _data_rows(figure: Figure) -> list[str]:
     rows: list[str] = []
     for number, axes in enumerate(figure.axes, start=1):
         lines: list[tuple[Artist, Floats]] = [
-            (line, np.asarray(line.get_xydata(), dtype=np.float64)) for line in axes.lines
+            (line, np.column_stack([line.get_xdata(), line.get_ydata()]).astype(np.float64))
+            for line in axes.lines
         ]
-        lines += [
-            (collection, np.asarray(path.vertices, dtype=np.float64))
-            for collection in axes.collections
-            for path in collection.get_paths()
-        ]
+        for collection in axes.collections:
+            lines += [
+                (collection, np.asarray(path.vertices, dtype=np.float64)) for path in collection.get_paths()
+            ]
         panel = _plain(axes.get_title(loc="left") or axes.get_title() or str(number))
         for count, (line, points) in enumerate(lines, start=1):
             if not line.get_transform().contains_branch(axes.transData):
@@ -167,7 +170,7 @@ def drawn_picture(name: str, caption: str, draw: Callable[[*Given], Figure], *gi
     """Return for a page the figure that `draw` makes of what is given, with a link that saves its data."""
 
     def markup() -> str:
-        svg, figure = drawn(lambda: draw(*given), name=name)
+        svg, figure = _drawn(lambda: draw(*given), name)
         if not (rows := _data_rows(figure)):
             return svg
         table = quote("\n".join(("panel,line,x,y", *rows)), safe=", .-+")
