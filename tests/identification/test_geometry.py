@@ -59,8 +59,8 @@ def balancing_run(
     angles = np.round(angles / COUNT) * COUNT
     body = np.einsum("kij,kj->ki", body_rates_matrix(*positions[:, 2:].T), rates[:, 2:])
     random = np.random.default_rng(seed + 1)
-    gyro = (imu or Rotation.identity()).apply(body) + np.array([0.004, -0.002, 0.003])
-    gyro += 0.002 * random.standard_normal(body.shape)
+    gyro = (imu or Rotation.identity()).apply(body) + 0.002 * random.standard_normal(body.shape)
+    gyro += [0.004, -0.002, 0.003]
     columns = {"t": t} | {f"wheel{i + 1}": angles[:, i] for i in range(3)}
     log = Log(columns | {f"gyro_{axis}": gyro[:, i] for i, axis in enumerate("xyz")})
     truth = Log({"t": t} | {name: states[:, i] for i, name in enumerate(STATE_NAMES)})

@@ -215,10 +215,10 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
         raise InputError(
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
-    result = fit(experiment, point)
-    errors = dict(zip(model.names, result.errors.tolist(), strict=True))
+    own = fit(experiment, point)
+    errors = dict(zip(model.names, own.errors.tolist(), strict=True))
     return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
+        model=model, motions=tuple(motions), experiment=experiment, fit=own, standard_errors=errors
     )
 
 
@@ -264,7 +264,6 @@ class AxisOptions:
 
 
 DEFAULT_OPTIONS = AxisOptions()
-_NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @summarized
@@ -322,7 +321,7 @@ def identify_axis(
     record: AxisRecord | Sequence[AxisRecord],
     *,
     options: AxisOptions = DEFAULT_OPTIONS,
-    known: Mapping[str, float] = _NOTHING,
+    known: Mapping[str, float] = MappingProxyType({}),
     validation_records: Sequence[AxisRecord] = (),
     run: Run = DEFAULT_RUN,
 ) -> AxisIdentification:
@@ -546,11 +545,9 @@ def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
         chance = fit.p_value(range(shapes.shape[1]))
         share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
         if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
-            yield warning(
-                "axis-residuals",
-                f"The residual force depends on the {quantity} (p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % "
-                f"of its variance): {advice}.",
-            )
+            shown = f"p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % of its variance"
+            text = f"The residual force depends on the {quantity} ({shown}): {advice}."
+            yield warning("axis-residuals", text)
 
 
 def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:
@@ -572,9 +569,11 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
     for name, error in best.standard_errors.items():
         value, kind = best.values[name], PARAMETERS[name]
         what = f"{kind.symbol} ({kind.meaning})"
-        if kind.scale != "signed" and not np.isfinite(error):
+        if kind.scale == "signed":
+            continue
+        if not np.isfinite(error):
             yield warning("at-bound", f"{what} is at its bound, or has no effect: {value:.3g}.")
-        elif kind.scale != "signed" and error > abs(value):
+        elif error > abs(value):
             text = f"The records do not determine {what}: its standard error is larger than its value."
             yield warning("undetermined", text)
 
