@@ -54,15 +54,12 @@ def validate(
 
 def fitted_findings(models: ModelPair, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return a warning for each log that one of the models was identified from."""
-    rows = {row for named in (models.first, models.second) for row in named.model.robot.identified_from}
-    return tuple(
-        warning(
-            "fitted-log",
-            f"{name or 'The log'} is one that the model was identified from: its errors show how well the model fits, "
-            "not how well it predicts. Validate on another log.",
-        )
-        for name in logs_among(logs, rows)
+    rows = {row for model in models.both for row in model.robot.identified_from}
+    text = (
+        " is one that the model was identified from: its errors show how well the model fits, not how well it "
+        "predicts. Validate on another log."
     )
+    return tuple(warning("fitted-log", (name or "The log") + text) for name in logs_among(logs, rows))
 
 
 def validate_pair(
