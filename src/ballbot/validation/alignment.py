@@ -25,6 +25,7 @@ heading error d has the error  integral of (Rz(d) - 1) dp; its share of the obse
 The findings begin with the heading; further significant results follow.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -403,19 +404,18 @@ def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
             "The log has no theta, phi and psi in common with the cameras: only clocks and markers are aligned."
         )
     else:
-        sentences += [_heading(alignment.sensors), _leans(alignment.sensors)]
-        sentences += _delays(alignment.sensors, alignment.clock_signal)
+        sentences += [_heading(alignment.sensors), *_of_angles(alignment.sensors, alignment.clock_signal)]
     if alignment.path is not None:
-        sentences += _scale(alignment.path) + _lever(alignment.path)
+        sentences += _of_path(alignment.path)
     if alignment.unseen >= _UNSEEN:
         sentences.append(
             f"For {percent(alignment.unseen)} of the log's time the cameras saw nothing, or confused two markers."
         )
     if alignment.rival_clock is not None:
         sentences.append(
-            "Another alignment fits nearly as well, with the cameras' clock at "
-            f"{alignment.rival_clock.offset:.2f} s at the log's zero, because the motion "
-            "repeats itself. A log that begins or ends with a sideways push would decide."
+            f"Another alignment fits nearly as well, with the cameras' clock at {alignment.rival_clock.offset:.2f} s "
+            "at the log's zero, because the motion repeats itself. A log that begins or ends with a sideways push "
+            "would decide."
         )
     return tuple(note("alignment", sentence) for sentence in sentences)
 
@@ -424,14 +424,12 @@ def _heading(sensors: SensorErrors) -> str:
     psi, position = sensors.of["psi"], sensors.position
     drifts = abs(psi.drift) > psi.drift_half_width
     drift, half = 60 * np.degrees(psi.drift), 60 * np.degrees(psi.drift_half_width)
+    words = f"Heading does not drift, {plus_minus(drift, half)} degrees a minute"
     if drifts:
-        total = digits(abs(np.degrees(psi.drift)) * sensors.duration, 2)
-        words = (
-            f"Heading drifts {plus_minus(abs(drift), half)} degrees a minute, {total} degrees in "
-            f"{sensors.duration:.0f} s"
+        total = (
+            f"{digits(abs(np.degrees(psi.drift)) * sensors.duration, 2)} degrees in {sensors.duration:.0f} s"
         )
-    else:
-        words = f"Heading does not drift, {plus_minus(drift, half)} degrees a minute"
+        words = f"Heading drifts {plus_minus(abs(drift), half)} degrees a minute, {total}"
     if position is None:
         return f"{words}."
     reaches = f"reaches {digits(1000.0 * position.largest, 2)} mm on a path of {digits(position.path, 2)} m"
@@ -445,49 +443,39 @@ def _heading(sensors: SensorErrors) -> str:
     )
 
 
-def _leans(sensors: SensorErrors) -> str:
+def _of_angles(sensors: SensorErrors, signal: str) -> Iterator[str]:
     sizes = (digits(np.degrees(sensors.of[name].rms), 2) for name in ("theta", "phi"))
     drifting = []
     for name in ("theta", "phi"):
         drift, half = np.degrees([60.0 * sensors.of[name].drift, 60.0 * sensors.of[name].drift_half_width])
         if abs(drift) > half:
             drifting.append(f"{name} drifts {plus_minus(drift, half)} degrees a minute")
-    return (
+    yield (
         f"The lean angles are accurate to {' and '.join(sizes)} degrees RMS; "
         f"{' and '.join(drifting) or 'neither drifts'}. A constant error of them cannot be separated from a tilt of "
         "the cameras' frame and is not counted."
     )
-
-
-def _delays(sensors: SensorErrors, signal: str) -> list[str]:
-    words = []
     for name in ANGLE_NAMES:
         delay, half = sensors.of[name].delay, sensors.of[name].delay_half_width
         if delay is not None and half is not None and abs(delay) > max(_LEAST_DELAY, half):
             way = "behind" if delay > 0 else "ahead of"
-            words.append(
+            yield (
                 f"{name} is logged {plus_minus(1e3 * abs(delay), 1e3 * half)} ms {way} the {signal}, to which the "
                 "clock is aligned."
             )
-    return words
 
 
-def _scale(path: PathFit) -> list[str]:
-    if abs(path.scale - 1.0) <= 3.0 * path.scale_half_width:
-        return []
-    off = plus_minus(100 * abs(path.scale - 1.0), 100 * path.scale_half_width)
-    return [
-        f"The log's distances are {off} % too {'long' if path.scale > 1.0 else 'short'}: the radius of the ball or "
-        "of the wheels differs from the one that the robot uses, or the wheels slip."
-    ]
-
-
-def _lever(path: PathFit) -> list[str]:
+def _of_path(path: PathFit) -> Iterator[str]:
+    if abs(path.scale - 1.0) > 3.0 * path.scale_half_width:
+        off = plus_minus(100 * abs(path.scale - 1.0), 100 * path.scale_half_width)
+        yield (
+            f"The log's distances are {off} % too {'long' if path.scale > 1.0 else 'short'}: the radius of the ball or "
+            "of the wheels differs from the one that the robot uses, or the wheels slip."
+        )
     if path.used.any():
-        return ["The cameras track a point beside the ball's centre; the lever arm was subtracted."]
-    if np.linalg.norm(path.arm) <= max(_LEAST_ARM, float(np.linalg.norm(path.arm_half_width))):
-        return []
-    return [
-        "The point that the cameras track is assumed to be the ball's centre. A lever arm fits, but one of less than "
-        f"{1000.0 * LEAST_LEVER:.0f} mm beyond chance may also be the log's own error as the robot rocks."
-    ]
+        yield "The cameras track a point beside the ball's centre; the lever arm was subtracted."
+    elif np.linalg.norm(path.arm) > max(_LEAST_ARM, float(np.linalg.norm(path.arm_half_width))):
+        yield (
+            "The point that the cameras track is assumed to be the ball's centre. A lever arm fits, but one of less "
+            f"than {1000.0 * LEAST_LEVER:.0f} mm beyond chance may also be the log's own error as the robot rocks."
+        )
