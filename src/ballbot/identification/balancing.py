@@ -136,8 +136,9 @@ class Balancing:
         if reference is None:
             before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
             none = self.predictor.layout.without_friction(before)[None]
-            every = self.windows.comparison_interval
-            reference = self.predictor.square_sums(none, self.windows, every=every)[0]
+            reference = np.zeros(_STATES)
+            for chunk in self.predictor.in_chunks(none, self.windows, every=self.windows.comparison_interval):
+                reference += (chunk**2).sum(axis=(1, 2))[0]
         return reference, 1e-12 * reference + np.finfo(float).tiny
 
     def _cost(self, square_sums: Floats) -> Floats:
