@@ -152,7 +152,7 @@ def align(log: Log, mocap: Log) -> Alignment:
         sensors = _sensor_errors(log)
     return Alignment(
         log=log, motion=motion, rival_clock=rival, clock_signal="gyro" if has_gyro(log) else "angles",
-        unseen=1.0 - len(seen.rows) / len(log), frame=frame, path=path, sensors=sensors,
+        unseen=1.0 - len(seen[0]) / len(log), frame=frame, path=path, sensors=sensors,
     )  # fmt: skip
 
 
@@ -182,17 +182,13 @@ def _in_one_frame(poses: Poses) -> Poses:
     return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Seen:
-    """The poses of the cameras, interpolated on rows of the log."""
-
-    rows: NDArray[np.intp]  #: (k,) of the log
-    camera_marker: Rotation  #: k of them
-    points: Floats  #: (k, 3) [m] where the tracked point was, the cameras' frame; NaN if not seen
+#: poses of the cameras on k rows of the log: the rows, the orientations, and where the tracked point was (k, 3) [m] in
+#: the cameras' frame, NaN if not seen
+_Seen = tuple[NDArray[np.intp], Rotation, Floats]
 
 
 def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
-    """Return the poses at the log's rows that lie between two close poses."""
+    """Return the poses, interpolated on the log's rows that lie between two close poses."""
     t, longest = motion.clock.to_cameras(log.t), longest_bridge(poses.t)
     rows = np.flatnonzero(_bracketed(t, poses.t, longest))
     t, known = t[rows], np.isfinite(poses.places).all(axis=1)
@@ -201,7 +197,7 @@ def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
         near = _bracketed(t, poses.t[known], longest)
         columns = [np.interp(t, poses.t[known], column) for column in poses.places[known].T]
         points = np.where(near[:, None], np.column_stack(columns), np.nan)
-    return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), points=points)
+    return rows, Slerp(poses.t, poses.rotations)(t), points
 
 
 def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
@@ -212,12 +208,12 @@ def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
 
 def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
     """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], the frame and the path's fit."""
-    world_body, known = log_rotations(log)
-    kept, t = known[seen.rows], log.t[seen.rows]
+    (rows, camera_marker, points), (world_body, known) = seen, log_rotations(log)
+    kept, t = known[rows], log.t[rows]
     if kept.sum() < _LEAST_ROWS:
         raise InputError(f"The log's angles and the motion capture have only {kept.sum()} rows in common.")
-    camera_body = seen.camera_marker * motion.body_marker.inv()
-    by_log = Rotation.from_quat(world_body.as_quat()[seen.rows[kept]])
+    camera_body = camera_marker * motion.body_marker.inv()
+    by_log = Rotation.from_quat(world_body.as_quat()[rows[kept]])
     camera_world = _camera_world(t[kept], Rotation.from_quat(camera_body.as_quat()[kept]) * by_log.inv())
     seen_body = camera_world.inv() * camera_body
     angles = seen_body.as_euler("XYZ")
@@ -226,10 +222,9 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
     off -= 2.0 * np.pi * np.round(off[0] / (2.0 * np.pi))
     angles[:, 2] = np.interp(t, log.t[known], log["psi"][known]) + off
     columns = dict(zip(ANGLE_NAMES, angles.T, strict=True))
-    positions = np.column_stack(
-        [log.columns.get(name, np.full(len(log), np.nan))[seen.rows] for name in POSITIONS]
-    )
-    world_marker, points = seen_body * motion.body_marker, camera_world.inv().apply(seen.points)
+    unknown = np.full(len(log), np.nan)
+    positions = np.column_stack([log.columns.get(name, unknown)[rows] for name in POSITIONS])
+    world_marker, points = seen_body * motion.body_marker, camera_world.inv().apply(points)
     path = _path_fit(t, world_marker, points, positions, off)
     arm = np.zeros(3) if path is None else path.used
     points = points - world_marker.apply(arm)
@@ -239,10 +234,9 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
         start = away[both & (t <= t[both][0] + _START)].mean(axis=0)
         origin = camera_world.apply(start)
         columns |= dict(zip("xyz", (points - start).T, strict=True))
-    filled = {}
-    for name, values in columns.items():
-        filled[f"{PREFIX}{name}"] = np.full(len(log), np.nan)
-        filled[f"{PREFIX}{name}"][seen.rows] = values
+    filled = {f"{PREFIX}{name}": unknown.copy() for name in columns}
+    for column, values in zip(filled.values(), columns.values(), strict=True):
+        column[rows] = values
     widths = motion.rotation_half_width
     frame = CameraFrame(
         camera_world=camera_world, tilt_half_width=float(np.hypot(widths[0], widths[1])),
