@@ -215,10 +215,10 @@ def fit_axis(model: AxisModel, motions: Sequence[AxisMotion], start: Values) -> 
         raise InputError(
             "The simulation of the axis diverges over windows of the record; check the unit of the force."
         )
-    own = fit(experiment, point)
-    errors = dict(zip(model.names, own.errors.tolist(), strict=True))
+    result = fit(experiment, point)
+    errors = dict(zip(model.names, result.errors.tolist(), strict=True))
     return AxisEstimate(
-        model=model, motions=tuple(motions), experiment=experiment, fit=own, standard_errors=errors
+        model=model, motions=tuple(motions), experiment=experiment, fit=result, standard_errors=errors
     )
 
 
@@ -569,11 +569,9 @@ def _undetermined(best: AxisEstimate) -> Iterator[Finding]:
     for name, error in best.standard_errors.items():
         value, kind = best.values[name], PARAMETERS[name]
         what = f"{kind.symbol} ({kind.meaning})"
-        if kind.scale == "signed":
-            continue
-        if not np.isfinite(error):
+        if kind.scale != "signed" and not np.isfinite(error):
             yield warning("at-bound", f"{what} is at its bound, or has no effect: {value:.3g}.")
-        elif error > abs(value):
+        elif kind.scale != "signed" and error > abs(value):
             text = f"The records do not determine {what}: its standard error is larger than its value."
             yield warning("undetermined", text)
 
