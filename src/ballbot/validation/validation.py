@@ -133,14 +133,9 @@ def validate_logs(
         run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * len(WAYS)))
 
     def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
+        own, held = replace(run, progress=report), holdouts.get(name)
         try:
-            part = validate_pair(
-                models,
-                logs[name],
-                controller=controller,
-                holdout=holdouts.get(name),
-                run=replace(run, progress=report),
-            )
+            part = validate_pair(models, logs[name], controller=controller, holdout=held, run=own)
         except InputError as error:
             raise (InputError(f"{name}: {error}") if name else error) from None
         named = len(logs) > 1 and part.no_evidence
