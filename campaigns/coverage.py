@@ -107,7 +107,8 @@ def truth_of(name: str) -> dict[str, float]:
 
 def held(label: str, done: Sequence[Repeat], truth: Mapping[str, float]) -> list[bool]:
     """Return whether the interval held the truth, for each repeat that gave the parameter one."""
-    return [truth[label] in run.intervals[label] for run in done if label in run.intervals]
+    known = [run.intervals[label] for run in done if label in run.intervals]
+    return [interval.lower <= truth[label] <= interval.upper for interval in known]
 
 
 def campaign() -> Section:

@@ -1,4 +1,4 @@
-"""Identification of one axis as a whole: measured records, and the command's refusals."""
+"""Identification of one axis: measured records, machines simulated apart from Ballbot, and refusals."""
 
 from dataclasses import replace
 
@@ -7,8 +7,9 @@ import pytest
 from scipy.io import savemat
 
 from ballbot.cli.main import main
-from ballbot.identification.axis import identify_axis
+from ballbot.identification.axis import AxisOptions, identify_axis
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
+from campaigns.axis_machines import Logging, Machine, record_of
 from tests.support.axis_examples import simulated_record
 
 EMPS = AxisColumns(position="qm", force="vir", force_scale="gtau")
@@ -60,3 +61,48 @@ def test_emps_whole_is_better_than_published(shared_data):
     found = identify_axis(read_axis_record(shared_data / "emps" / "DATA_EMPS.mat", EMPS))
     # published in open loop on the other record: linear 5.53 mm, this law over windows of 1 s 5.32 mm
     assert found.best.errors["DATA_EMPS.mat"].open_loop_rmse < 5.3e-3
+
+
+LOGGING = Logging(duration=8.0, rate=200.0, counts=2.0**16, slowest=0.2, fastest=1.2, force_noise=0.03)
+
+
+def joint(**more: object) -> Machine:
+    return replace(
+        Machine(kind="joint", inertia=1.0, viscous=1.2, coulomb=2.0, offset=0.2),
+        **more,  # pyright: ignore[reportArgumentType] (fields of a machine)
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("machine", "terms"),
+    [(joint(gravity=(8.0, 0.0)), ("gravity",)), (joint(kind="cart"), ())],
+    ids=["joint", "slide"],
+)
+def test_intervals_contain_the_machine(machine: Machine, terms: tuple[str, ...]) -> None:
+    found = identify_axis(record_of(machine, LOGGING, 1), options=AxisOptions(law="coulomb"))
+    assert tuple(found.forces) == terms
+    best = found.best
+    for name in ("mass", "viscous", "coulomb"):
+        truth = {"mass": machine.inertia, "viscous": machine.viscous, "coulomb": machine.coulomb}[name]
+        # one run with three parameters; 5 % is twice the largest error of 54 such records
+        assert abs(best.values[name] - truth) < min(1.5 * best.half_widths[name], 0.05 * truth)
+
+
+@pytest.mark.slow
+def test_friction_under_load_is_selected_and_found() -> None:
+    machine = joint(gravity=(10.0, 0.0), gears=0.2)
+    found = identify_axis(
+        record_of(machine, replace(LOGGING, duration=12.0), 2), options=AxisOptions(law="coulomb")
+    )
+    assert found.forces.keys() == {"gravity", "load"}
+    # the share of the load: shapes of c and mu resemble each other, 15 % apart at most
+    assert found.best.values["load"] == pytest.approx(0.2, rel=0.15)
+
+
+@pytest.mark.slow
+def test_a_late_force_is_said() -> None:
+    record = record_of(joint(), LOGGING, 3)
+    late = replace(record, force=np.append(record.force[4:], np.full(4, record.force[-1])))
+    found = identify_axis(late, options=AxisOptions(law="coulomb", gravity=False))
+    assert "force-delay" in {one.code for one in found.findings}

@@ -15,9 +15,7 @@ from ballbot.cli.main import main
 from ballbot.file_formats import read_results
 from ballbot.identification.upside_down import BALL_NAMES, UpsideDown, cut_ball_windows, identify_upside_down
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.mechanics.friction_laws import Classical
 from ballbot.robot import Friction
-from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.thesis.reproduce.ball_movement import ball_movement
 from tests.support.control_examples import FRICTION
@@ -54,20 +52,6 @@ def multisine(samples: int, *, seed: int, size: float = 0.3) -> np.ndarray:
 
 @pytest.mark.slow
 class TestPlant:
-    def test_spinning_about_z_is_one_driveline(self):
-        """Equal wheels under equal torques: the ball's inertia is shared among them."""
-        law = Classical(viscous=0.014, coulomb=0.1, stribeck=0.05, stribeck_speed=0.6, stribeck_exponent=1.1)
-        u = 0.35 * np.sin(2.0 * math.pi * 0.7 * 0.005 * np.arange(600))
-        lever = BALL.A[0, 2]
-        line = Driveline(inertia=BALL.inertia[2, 2] / (3.0 * lever**2), friction=law)
-        speeds = simulate_driveline(line, u, sample_time=0.005).speeds
-        same = replace(FRICTION, viscous=(0.014,) * 3, coulomb=(0.1,) * 3, stribeck=(0.05,) * 3)
-        found = run(BALL, same, np.zeros(3), np.repeat(u[:, None], 3, axis=1))
-        assert np.abs(speeds).max() > 1.0
-        # both are of first order where a sign changes, by different steps: 2e-3 of the largest speed
-        np.testing.assert_allclose(lever * found[:, 2], speeds, atol=2e-3 * np.abs(speeds).max())
-        assert (found[np.abs(speeds) == 0.0] == 0.0).all()
-
     def test_sliding_agrees_with_another_integrator(self):
         start = np.linalg.solve(BALL.A, [9.0, -7.0, 12.0])
         push = np.linalg.solve(BALL.inertia, BALL.A.T)

@@ -234,7 +234,21 @@ DEFAULT_OPTIONS = FitOptions()
 def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, run: Run) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
     if options.search == "genetic":
-        return genetic(experiment, generations=options.generations, population=options.population, run=run)
+        space, fixed = experiment.coordinates, experiment.coordinates.scaled(experiment.coordinates.nominal)
+
+        def points(drawn: Floats) -> Floats:
+            complete = np.tile(fixed, (len(drawn), 1))
+            complete[:, space.free] = drawn
+            return np.where(space.free, space.from_search(complete), complete)
+
+        found = evolve(
+            lambda drawn: experiment.costs(points(drawn)),
+            size=int(space.free.sum()),
+            generations=options.generations,
+            population=options.population,
+            run=run,
+        )
+        return replace(found, best=points(found.best[None])[0])
     if starts.ndim == 1:
         return SearchResult(best=starts)
     return multistart(experiment, list(starts), most_steps=options.most_steps, run=run)
@@ -263,26 +277,6 @@ def multistart(
     best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
-
-
-def genetic(experiment: Experiment[At], *, generations: int, population: int, run: Run) -> SearchResult:
-    """Search the free parameters within their bounds by a genetic algorithm; the stage is "evolution"."""
-    coordinates = experiment.coordinates
-    free, fixed = coordinates.free, coordinates.scaled(coordinates.nominal)
-
-    def points(drawn: Floats) -> Floats:
-        complete = np.tile(fixed, (len(drawn), 1))
-        complete[:, free] = drawn
-        return np.where(free, coordinates.from_search(complete), complete)
-
-    result = evolve(
-        lambda drawn: experiment.costs(points(drawn)),
-        size=int(free.sum()),
-        generations=generations,
-        population=population,
-        run=run,
-    )
-    return replace(result, best=points(result.best[None])[0])
 
 
 def evolve(

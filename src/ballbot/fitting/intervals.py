@@ -33,10 +33,6 @@ class Interval:
     upper: float
     method: Method = field(metadata=key("from"))
 
-    def __contains__(self, value: float) -> bool:
-        """Return whether the interval contains a value."""
-        return self.lower <= value <= self.upper
-
 
 def between(
     coordinates: ParameterSpace, index: int, lower: float | None, upper: float | None, *, method: Method

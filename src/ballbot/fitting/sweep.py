@@ -67,27 +67,21 @@ class RunFolder(Generic[Made, Finished]):
         try:
             with closing(workers.each(make, [runs[name] for name in missing])) as making:
                 for number, made in making:
-                    finished[missing[number]] = self._kept(self.path / missing[number], made)
+                    path, header = self.path / missing[number], self.path / HEADER
+                    if not header.exists():
+                        write_text(header, json.dumps({"made_from": dict(self.made_from)}, indent=2) + "\n")
+                    self.write(path, made)
+                    run = self.read(path)
+                    assert run is not None, f"{path} was written and cannot be read"
+                    finished[path.name] = run
                     progress(Progress(stage=stage, done=len(finished), total=len(runs)))
         except ExecutorError as error:  # nothing is wrong with the run
-            raise ExecutorError(
-                f"{error} Finished runs are kept; the same command goes on with them."
-            ) from None
+            text = f"{error} Finished runs are kept; the same command goes on with them."
+            raise ExecutorError(text) from None
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                "interrupted; the same command goes on with the runs that are finished."
-            ) from None
+            text = "interrupted; the same command goes on with the runs that are finished."
+            raise KeyboardInterrupt(text) from None
         return {name: finished[name] for name in runs}
-
-    def _kept(self, path: Path, made: Made) -> Finished:
-        """Write what a run has made, with what it is made from before the first one, and read it."""
-        header = self.path / HEADER
-        if not header.exists():
-            write_text(header, json.dumps({"made_from": dict(self.made_from)}, indent=2) + "\n")
-        self.write(path, made)
-        kept = self.read(path)
-        assert kept is not None, f"{path} was written and cannot be read"
-        return kept
 
     def _check(self, names: Collection[str]) -> None:
         """Raise InputError unless the runs in the folder have the same identity as these."""

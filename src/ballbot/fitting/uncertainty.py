@@ -51,7 +51,11 @@ def covariance(equations: WindowEquations, estimated: Bools) -> Floats:
     columns = np.flatnonzero(estimated)
     result = np.full((len(estimated), len(estimated)), np.nan)
     if len(columns):
-        inverse = _inverse(equations.matrix[np.ix_(columns, columns)])
+        H = equations.matrix[np.ix_(columns, columns)]
+        scales = np.outer(1.0 / np.sqrt(H.diagonal()), 1.0 / np.sqrt(H.diagonal()))
+        values, vectors = np.linalg.eigh(H * scales)
+        # directions that the data do not determine are very uncertain
+        inverse = (vectors / np.maximum(values, 1e-13 * values[-1])) @ vectors.T * scales
         scores = equations.scores[:, columns]
         spread = np.einsum("wi,wj->ij", scores, scores, optimize=False)
         count = len(scores)
@@ -103,14 +107,6 @@ def correlation(covariance: Floats) -> Floats:
         np.fill_diagonal(known, 1.0)
         result[block] = known
     return result
-
-
-def _inverse(H: Floats) -> Floats:
-    """Return H^-1, in which directions that the data do not determine are very uncertain."""
-    scale = 1.0 / np.sqrt(H.diagonal())
-    values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
-    inverse = (vectors / np.maximum(values, 1e-13 * values[-1])) @ vectors.T
-    return inverse * np.outer(scale, scale)
 
 
 def block_length(count: int) -> int:

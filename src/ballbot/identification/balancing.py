@@ -73,11 +73,6 @@ class Starts:
         names = vars(pieces[0])
         return Starts(**{name: np.concatenate([vars(piece)[name] for piece in pieces]) for name in names})
 
-    def take_slopes(self, rows: Ints, other: Starts, chosen: Bools) -> None:
-        """Replace the slopes in rows by those in the chosen rows of another."""
-        for name in ("slopes", "slopes_at", "slopes_from", "known"):
-            vars(self)[name][rows] = vars(other)[name][chosen]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WindowsIterate:
@@ -141,8 +136,9 @@ class Balancing:
         if reference is None:
             before = np.clip(self.coordinates.nominal, self.coordinates.lower, self.coordinates.upper)
             none = self.predictor.layout.without_friction(before)[None]
-            every = self.windows.comparison_interval
-            reference = self.predictor.square_sums(none, self.windows, every=every)[0]
+            reference = np.zeros(_STATES)
+            for chunk in self.predictor.in_chunks(none, self.windows, every=self.windows.comparison_interval):
+                reference += (chunk**2).sum(axis=(1, 2))[0]
         return reference, 1e-12 * reference + np.finfo(float).tiny
 
     def _cost(self, square_sums: Floats) -> Floats:
@@ -470,8 +466,8 @@ def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
         gain_on_kink = before - (_flat(residuals, W) ** 2).sum(axis=1)
         holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
         passed, kept = active[holds], active[~holds]
-        lanes.starts[passed], lanes.residuals[passed] = ahead.starts[holds], ahead.residuals[holds]
-        lanes.take_slopes(passed, ahead, holds)
+        for name in ("starts", "residuals", "slopes", "slopes_at", "slopes_from", "known"):
+            vars(lanes)[name][passed] = vars(ahead)[name][holds]
         ties[passed] = 0.0
         # earlier ties were at the right kinks only if the gain on this one is the expected one
         expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
@@ -495,9 +491,8 @@ def _kink(Z: Floats, ahead: Floats, change: Floats, shift: Floats) -> tuple[Floa
     size = np.where(along < 0.0, -size, size)
     normal, u, along = normal / size, u * size, along / size
     unexplained = change - (shift[:, None] @ Z[:, m:])[:, 0]
-    share = (unexplained * u).sum(axis=1, keepdims=True) / np.maximum(
-        (u**2).sum(axis=1, keepdims=True), 1e-300
-    )
+    squared = np.maximum((u**2).sum(axis=1, keepdims=True), 1e-300)
+    share = (unexplained * u).sum(axis=1, keepdims=True) / squared
     return normal, np.clip(along - share, 0.0, along)[:, 0]
 
 

@@ -210,9 +210,8 @@ def _fitted(
     if not result.estimated.all() or condition > _LARGEST_CONDITION:
         raise InputError(_UNDETERMINED[kind])
     numbers = zip(parameters, result.values.tolist(), result.errors.tolist(), strict=True)
-    return [
-        GeometryQuantity(p.name, value, error, p.default, p.unit, kind) for p, value, error in numbers
-    ], result
+    found = [GeometryQuantity(p.name, value, error, p.default, p.unit, kind) for p, value, error in numbers]
+    return found, result
 
 
 #: length of a window [s]
@@ -358,11 +357,9 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
-    stages = [
-        *(["fitting the logs upside down"] if upside_down else []),
-        *(["aligning the motion capture"] * len(balancing)),
-        *(["fitting the balancing logs"] if balancing else []),
-    ]
+    stages = ["fitting the logs upside down"] * bool(upside_down)
+    stages += ["aligning the motion capture"] * len(balancing)
+    stages += ["fitting the balancing logs"] * bool(balancing)
     steps = (Progress(stage=stage, done=k, total=len(stages)) for k, stage in enumerate(stages))
     leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
     measured, ratios, runs = list[GeometryQuantity](), list[GeometryQuantity](), list[MocapRun]()
@@ -380,12 +377,9 @@ def survey_geometry(
         measured += of_rolling[:-1]
         measured += _of_both(robot, on_wheels, rolling) if on_wheels else []
         measured += _of_mountings([run.motion for run in runs])
-    others = [quantity for quantity in measured if quantity.name in _OTHERS]
-    return Geometry(
-        measured=tuple(quantity for quantity in measured if quantity not in others),
-        wheel_ratios=tuple(ratios),
-        others=tuple(others),
-    )
+    others = tuple(quantity for quantity in measured if quantity.name in _OTHERS)
+    kept = tuple(quantity for quantity in measured if quantity not in others)
+    return Geometry(measured=kept, wheel_ratios=tuple(ratios), others=others)
 
 
 #: quantities that are not geometry

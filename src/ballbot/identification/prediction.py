@@ -102,13 +102,6 @@ class Predictor:
             begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
             yield self.residuals(values, windows.take(rows), every=every, starts=begin)
 
-    def square_sums(self, values: Floats, windows: Windows, *, every: int) -> Floats:
-        """Return the residuals' sums of squares over windows and time, (sets, 10)."""
-        sums = np.zeros((len(values), 10))
-        for residuals in self.in_chunks(values, windows, every=every):
-            sums += (residuals**2).sum(axis=(1, 2))
-        return sums
-
     def _initial(self, values: Floats, windows: Windows, starts: Floats | None) -> Floats:
         """Return the true initial states (sets, w, 10 or 11)."""
         shape = (len(values), *windows.initial.shape)

@@ -212,10 +212,7 @@ class Identification(Plotted):
             "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
             "other_optimum": self.other
             and {"parameters": self.layout.by_symbol(self.other.values), "rise_of_cost": self.other.rise},
-            "windows": {
-                name: [[span.log, span.start, span.end] for span in errors.spans]
-                for name, errors in (("fit", self.fit), ("held_out", self.held_out))
-            },
+            "windows": {"fit": self.fit.spans, "held_out": self.held_out.spans},
             "findings": finding_results([*self.log_findings, *self.findings]),
         }
         return to_results(results)

@@ -19,7 +19,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -251,14 +251,13 @@ def fit_swing(swing: Swing) -> SwingFit:
     >>> round(fit_swing(swing).frequency, 2)  # [rad/s]
     4.01
     """
-    result = _fitted(swing)
-    if result.residual < _WORST:
-        return result
-    raise InputError(
-        f"{swing.source} is not a free swing: a pendulum leaves {100.0 * result.residual:.0f} % of it unexplained; cut "
-        "the recording to where nothing touches the body, and check that it is in "
-        f"{'rad' if swing.kind == 'angle' else 'rad/s'}, not in degrees."
-    )
+    result, unit = _fitted(swing), "rad" if swing.kind == "angle" else "rad/s"
+    if not result.residual < _WORST:
+        raise InputError(
+            f"{swing.source} is not a free swing: a pendulum leaves {100.0 * result.residual:.0f} % of it unexplained; "
+            f"cut the recording to where nothing touches the body, and check that it is in {unit}, not in degrees."
+        )
+    return result
 
 
 def _fitted(swing: Swing) -> SwingFit:
@@ -369,10 +368,10 @@ class SwingInertia:
             f"%); the file has {about_x:.4g} about x and {about_y:.4g} about y."
         )
         stated = self.pivot["deviation"] or self.robot.standard_deviations.keys() & {"body.mass"}
-        swing_only = (
+        alone = (
             "The intervals cover the swing only: mass and distance to the pivot have no standard deviation."
         )
-        return [note("swing", text), *([] if stated else [note("swing", swing_only)])]
+        return [note("swing", text), *([] if stated else [note("swing", alone)])]
 
     @property
     def _numbers(self) -> dict[str, tuple[float, float]]:
@@ -392,11 +391,8 @@ class SwingInertia:
             ("pivot's viscous friction", viscous, "N m s/rad"),
             ("pivot's dry friction", dry, "N m"),
         ]
-        for name, about in (
-            ("pivot", self.about_pivot),
-            ("centre of mass", self.about_center_of_mass),
-            ("ball's centre", self.about_ball_center),
-        ):
+        abouts = (self.about_pivot, self.about_center_of_mass, self.about_ball_center)
+        for name, about in zip(("pivot", "centre of mass", "ball's centre"), abouts, strict=True):
             rows.append((f"inertia about the {name}", (about.value, about.half_width), "kg m^2"))
         return [[name, plus_minus(*number), unit] for name, number, unit in rows]
 
@@ -462,13 +458,9 @@ def inertia_of_swing(
     if there:
         sources[2:, 3] = pivot["deviation"], 0.0
     changes = [0.5 * (inertias(*(at + source)) - inertias(*(at - source))) for source in sources]
-    numbers = zip(values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
-    about_pivot, own, about_ball = (SwingQuantity(value=value, deviation=error) for value, error in numbers)
-    return SwingInertia(
-        robot=robot,
-        fit=fit,
-        pivot=pivot,
-        about_pivot=about_pivot,
-        about_center_of_mass=own,
-        about_ball_center=about_ball,
-    )
+    names = ("about_pivot", "about_center_of_mass", "about_ball_center")
+    numbers = zip(names, values.tolist(), np.linalg.norm(changes, axis=0).tolist(), strict=True)
+    about: dict[str, Any] = {
+        name: SwingQuantity(value=value, deviation=error) for name, value, error in numbers
+    }
+    return SwingInertia(robot=robot, fit=fit, pivot=pivot, **about)

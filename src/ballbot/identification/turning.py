@@ -381,7 +381,9 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
     x, weights = np.zeros(8), np.ones(len(start))
     for _ in range(_REWEIGHTED):
         x = fitted(x, weights).values
-        weights = _huber_weights(errors(x))
+        size = np.linalg.norm(errors(x), axis=1)
+        scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
+        weights = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
     result = fitted(x, weights)
     if at_bound(result.finished.point)[1]:  # clock rates that differ so much are not of one run
         return None
@@ -402,13 +404,6 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         increments=len(start),
         axis_error=_axis_error(body_marker.apply(turned), residuals, float(np.median(np.diff(start)))),
     )
-
-
-def _huber_weights(residuals: Floats) -> Floats:
-    """Return the weights (n,) of residuals (n, 3)."""
-    size = np.linalg.norm(residuals, axis=1)
-    scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
-    return np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
 
 
 def _axis_error(turned: Floats, residuals: Floats, every: float) -> float:

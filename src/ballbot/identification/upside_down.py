@@ -260,10 +260,7 @@ class UpsideDown(Plotted):
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        windows = {
-            name: [[span.log, span.start, span.end] for span in spans]
-            for name, spans in (("fit", self.fit_windows), ("held_out", self.held_out_windows))
-        }
+        windows = {"fit": self.fit_windows, "held_out": self.held_out_windows}
         matrix = correlation(self.estimate.covariance)
         results = {
             "verdict": self.verdict,

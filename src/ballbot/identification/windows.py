@@ -21,6 +21,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,8 +65,7 @@ def back_emf_of(mappings: Sequence[str | Path]) -> float:
     return values.pop() if values else 0.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class Span:
+class Span(NamedTuple):
     """Log, start and end of a window."""
 
     log: int  #: which of the logs, from 0

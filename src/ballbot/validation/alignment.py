@@ -25,6 +25,7 @@ heading error d has the error  integral of (Rz(d) - 1) dp; its share of the obse
 The findings begin with the heading; further significant results follow.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -151,7 +152,7 @@ def align(log: Log, mocap: Log) -> Alignment:
         sensors = _sensor_errors(log)
     return Alignment(
         log=log, motion=motion, rival_clock=rival, clock_signal="gyro" if has_gyro(log) else "angles",
-        unseen=1.0 - len(seen.rows) / len(log), frame=frame, path=path, sensors=sensors,
+        unseen=1.0 - len(seen[0]) / len(log), frame=frame, path=path, sensors=sensors,
     )  # fmt: skip
 
 
@@ -181,17 +182,13 @@ def _in_one_frame(poses: Poses) -> Poses:
     return Poses(t=poses.t, rotations=poses.rotations, seen=kept, places=poses.places).seen_only()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Seen:
-    """The poses of the cameras, interpolated on rows of the log."""
-
-    rows: NDArray[np.intp]  #: (k,) of the log
-    camera_marker: Rotation  #: k of them
-    points: Floats  #: (k, 3) [m] where the tracked point was, the cameras' frame; NaN if not seen
+#: poses of the cameras on k rows of the log: the rows, the orientations, and where the tracked point was (k, 3) [m] in
+#: the cameras' frame, NaN if not seen
+_Seen = tuple[NDArray[np.intp], Rotation, Floats]
 
 
 def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
-    """Return the poses at the log's rows that lie between two close poses."""
+    """Return the poses, interpolated on the log's rows that lie between two close poses."""
     t, longest = motion.clock.to_cameras(log.t), longest_bridge(poses.t)
     rows = np.flatnonzero(_bracketed(t, poses.t, longest))
     t, known = t[rows], np.isfinite(poses.places).all(axis=1)
@@ -200,7 +197,7 @@ def _on_rows(log: Log, poses: Poses, motion: MotionFit) -> _Seen:
         near = _bracketed(t, poses.t[known], longest)
         columns = [np.interp(t, poses.t[known], column) for column in poses.places[known].T]
         points = np.where(near[:, None], np.column_stack(columns), np.nan)
-    return _Seen(rows=rows, camera_marker=Slerp(poses.t, poses.rotations)(t), points=points)
+    return rows, Slerp(poses.t, poses.rotations)(t), points
 
 
 def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
@@ -211,12 +208,12 @@ def _bracketed(t: Floats, seen: Floats, longest: float) -> Bools:
 
 def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFrame, PathFit | None]:
     """Return the log with mocap_theta, _phi, _psi [rad] and mocap_x, _y, _z [m], the frame and the path's fit."""
-    world_body, known = log_rotations(log)
-    kept, t = known[seen.rows], log.t[seen.rows]
+    (rows, camera_marker, points), (world_body, known) = seen, log_rotations(log)
+    kept, t = known[rows], log.t[rows]
     if kept.sum() < _LEAST_ROWS:
         raise InputError(f"The log's angles and the motion capture have only {kept.sum()} rows in common.")
-    camera_body = seen.camera_marker * motion.body_marker.inv()
-    by_log = Rotation.from_quat(world_body.as_quat()[seen.rows[kept]])
+    camera_body = camera_marker * motion.body_marker.inv()
+    by_log = Rotation.from_quat(world_body.as_quat()[rows[kept]])
     camera_world = _camera_world(t[kept], Rotation.from_quat(camera_body.as_quat()[kept]) * by_log.inv())
     seen_body = camera_world.inv() * camera_body
     angles = seen_body.as_euler("XYZ")
@@ -225,10 +222,9 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
     off -= 2.0 * np.pi * np.round(off[0] / (2.0 * np.pi))
     angles[:, 2] = np.interp(t, log.t[known], log["psi"][known]) + off
     columns = dict(zip(ANGLE_NAMES, angles.T, strict=True))
-    positions = np.column_stack(
-        [log.columns.get(name, np.full(len(log), np.nan))[seen.rows] for name in POSITIONS]
-    )
-    world_marker, points = seen_body * motion.body_marker, camera_world.inv().apply(seen.points)
+    unknown = np.full(len(log), np.nan)
+    positions = np.column_stack([log.columns.get(name, unknown)[rows] for name in POSITIONS])
+    world_marker, points = seen_body * motion.body_marker, camera_world.inv().apply(points)
     path = _path_fit(t, world_marker, points, positions, off)
     arm = np.zeros(3) if path is None else path.used
     points = points - world_marker.apply(arm)
@@ -238,10 +234,9 @@ def _with_poses(log: Log, seen: _Seen, motion: MotionFit) -> tuple[Log, CameraFr
         start = away[both & (t <= t[both][0] + _START)].mean(axis=0)
         origin = camera_world.apply(start)
         columns |= dict(zip("xyz", (points - start).T, strict=True))
-    filled = {}
-    for name, values in columns.items():
-        filled[f"{PREFIX}{name}"] = np.full(len(log), np.nan)
-        filled[f"{PREFIX}{name}"][seen.rows] = values
+    filled = {f"{PREFIX}{name}": unknown.copy() for name in columns}
+    for column, values in zip(filled.values(), columns.values(), strict=True):
+        column[rows] = values
     widths = motion.rotation_half_width
     frame = CameraFrame(
         camera_world=camera_world, tilt_half_width=float(np.hypot(widths[0], widths[1])),
@@ -403,19 +398,18 @@ def alignment_findings(alignment: Alignment) -> tuple[Finding, ...]:
             "The log has no theta, phi and psi in common with the cameras: only clocks and markers are aligned."
         )
     else:
-        sentences += [_heading(alignment.sensors), _leans(alignment.sensors)]
-        sentences += _delays(alignment.sensors, alignment.clock_signal)
+        sentences += [_heading(alignment.sensors), *_of_angles(alignment.sensors, alignment.clock_signal)]
     if alignment.path is not None:
-        sentences += _scale(alignment.path) + _lever(alignment.path)
+        sentences += _of_path(alignment.path)
     if alignment.unseen >= _UNSEEN:
         sentences.append(
             f"For {percent(alignment.unseen)} of the log's time the cameras saw nothing, or confused two markers."
         )
     if alignment.rival_clock is not None:
         sentences.append(
-            "Another alignment fits nearly as well, with the cameras' clock at "
-            f"{alignment.rival_clock.offset:.2f} s at the log's zero, because the motion "
-            "repeats itself. A log that begins or ends with a sideways push would decide."
+            f"Another alignment fits nearly as well, with the cameras' clock at {alignment.rival_clock.offset:.2f} s "
+            "at the log's zero, because the motion repeats itself. A log that begins or ends with a sideways push "
+            "would decide."
         )
     return tuple(note("alignment", sentence) for sentence in sentences)
 
@@ -424,14 +418,12 @@ def _heading(sensors: SensorErrors) -> str:
     psi, position = sensors.of["psi"], sensors.position
     drifts = abs(psi.drift) > psi.drift_half_width
     drift, half = 60 * np.degrees(psi.drift), 60 * np.degrees(psi.drift_half_width)
+    words = f"Heading does not drift, {plus_minus(drift, half)} degrees a minute"
     if drifts:
-        total = digits(abs(np.degrees(psi.drift)) * sensors.duration, 2)
-        words = (
-            f"Heading drifts {plus_minus(abs(drift), half)} degrees a minute, {total} degrees in "
-            f"{sensors.duration:.0f} s"
+        total = (
+            f"{digits(abs(np.degrees(psi.drift)) * sensors.duration, 2)} degrees in {sensors.duration:.0f} s"
         )
-    else:
-        words = f"Heading does not drift, {plus_minus(drift, half)} degrees a minute"
+        words = f"Heading drifts {plus_minus(abs(drift), half)} degrees a minute, {total}"
     if position is None:
         return f"{words}."
     reaches = f"reaches {digits(1000.0 * position.largest, 2)} mm on a path of {digits(position.path, 2)} m"
@@ -445,49 +437,39 @@ def _heading(sensors: SensorErrors) -> str:
     )
 
 
-def _leans(sensors: SensorErrors) -> str:
+def _of_angles(sensors: SensorErrors, signal: str) -> Iterator[str]:
     sizes = (digits(np.degrees(sensors.of[name].rms), 2) for name in ("theta", "phi"))
     drifting = []
     for name in ("theta", "phi"):
         drift, half = np.degrees([60.0 * sensors.of[name].drift, 60.0 * sensors.of[name].drift_half_width])
         if abs(drift) > half:
             drifting.append(f"{name} drifts {plus_minus(drift, half)} degrees a minute")
-    return (
+    yield (
         f"The lean angles are accurate to {' and '.join(sizes)} degrees RMS; "
         f"{' and '.join(drifting) or 'neither drifts'}. A constant error of them cannot be separated from a tilt of "
         "the cameras' frame and is not counted."
     )
-
-
-def _delays(sensors: SensorErrors, signal: str) -> list[str]:
-    words = []
     for name in ANGLE_NAMES:
         delay, half = sensors.of[name].delay, sensors.of[name].delay_half_width
         if delay is not None and half is not None and abs(delay) > max(_LEAST_DELAY, half):
             way = "behind" if delay > 0 else "ahead of"
-            words.append(
+            yield (
                 f"{name} is logged {plus_minus(1e3 * abs(delay), 1e3 * half)} ms {way} the {signal}, to which the "
                 "clock is aligned."
             )
-    return words
 
 
-def _scale(path: PathFit) -> list[str]:
-    if abs(path.scale - 1.0) <= 3.0 * path.scale_half_width:
-        return []
-    off = plus_minus(100 * abs(path.scale - 1.0), 100 * path.scale_half_width)
-    return [
-        f"The log's distances are {off} % too {'long' if path.scale > 1.0 else 'short'}: the radius of the ball or "
-        "of the wheels differs from the one that the robot uses, or the wheels slip."
-    ]
-
-
-def _lever(path: PathFit) -> list[str]:
+def _of_path(path: PathFit) -> Iterator[str]:
+    if abs(path.scale - 1.0) > 3.0 * path.scale_half_width:
+        off = plus_minus(100 * abs(path.scale - 1.0), 100 * path.scale_half_width)
+        yield (
+            f"The log's distances are {off} % too {'long' if path.scale > 1.0 else 'short'}: the radius of the ball or "
+            "of the wheels differs from the one that the robot uses, or the wheels slip."
+        )
     if path.used.any():
-        return ["The cameras track a point beside the ball's centre; the lever arm was subtracted."]
-    if np.linalg.norm(path.arm) <= max(_LEAST_ARM, float(np.linalg.norm(path.arm_half_width))):
-        return []
-    return [
-        "The point that the cameras track is assumed to be the ball's centre. A lever arm fits, but one of less than "
-        f"{1000.0 * LEAST_LEVER:.0f} mm beyond chance may also be the log's own error as the robot rocks."
-    ]
+        yield "The cameras track a point beside the ball's centre; the lever arm was subtracted."
+    elif np.linalg.norm(path.arm) > max(_LEAST_ARM, float(np.linalg.norm(path.arm_half_width))):
+        yield (
+            "The point that the cameras track is assumed to be the ball's centre. A lever arm fits, but one of less "
+            f"than {1000.0 * LEAST_LEVER:.0f} mm beyond chance may also be the log's own error as the robot rocks."
+        )

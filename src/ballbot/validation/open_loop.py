@@ -143,7 +143,9 @@ def open_loop(case: Case) -> OpenLoop:
         )
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
-    lengths = [_samples_upright(runs, limit) for runs in states.swapaxes(0, 1)]
+    # the samples, at least one, until either model leans past recovery
+    fallen = ~(_largest_lean(states) < limit).all(axis=0)
+    lengths = np.where(fallen.any(axis=1), np.maximum(fallen.argmax(axis=1), 1), samples).tolist()
 
     def cut(runs: Floats) -> list[Floats]:
         return [run[:n] for run, n in zip(runs, lengths, strict=True)]
@@ -168,9 +170,3 @@ def open_loop(case: Case) -> OpenLoop:
 
 def _largest_lean(states: Floats) -> Floats:
     return np.abs(states[..., 2:4]).max(axis=-1)
-
-
-def _samples_upright(runs: Floats, limit: float) -> int:
-    """Return the samples, at least one, until one of `runs` (models, samples, 10) reaches the lean `limit`."""
-    fallen = np.flatnonzero(np.any(~(_largest_lean(runs) < limit), axis=0))
-    return max(1, int(fallen[0])) if fallen.size else runs.shape[1]

@@ -37,9 +37,7 @@ class Validation:
 
     def get(self, kind: type[C]) -> C | None:
         """Return the comparison of a class; None if the log does not allow it."""
-        return next(
-            (comparison for comparison in self.comparisons.values() if isinstance(comparison, kind)), None
-        )
+        return next((found for found in self.comparisons.values() if isinstance(found, kind)), None)
 
     @property
     def open_loop(self) -> OpenLoop | None:
@@ -84,10 +82,8 @@ class Validation:
             lower, upper = errors.ratio_interval()
             for i, verdict in enumerate(errors.verdicts()):
                 interval = f" (95 % interval {lower[i]:.3g} to {upper[i]:.3g}): {verdict}"
-                known = np.isfinite(lower[i])
-                rows.append(
-                    (STATE_NAMES[i], f"{errors.ratio[i]:.3g}{interval if known else ' (too few runs)'}")
-                )
+                interval = interval if np.isfinite(lower[i]) else " (too few runs)"
+                rows.append((STATE_NAMES[i], f"{errors.ratio[i]:.3g}{interval}"))
         sentences = (*self.left_out, *filter(None, verdicts.values()))
         return Summary(title=title, rows=tuple(rows), sentences=sentences)
 
@@ -100,15 +96,13 @@ class Validation:
         closed = self.closed_loop
         return {
             "models": [
-                {"name": named.name, "robot": named.model.robot.name, "formulation": named.model.formulation}
-                for named in (self.models.first, self.models.second)
+                {"name": name, "robot": model.robot.name, "formulation": model.formulation}
+                for name, model in zip(self.models.names, self.models.both, strict=True)
             ],
             "findings": finding_results(findings(self)),
             "duration": self.duration,
-            **{
-                way.key: (way.key in self.comparisons and self.comparisons[way.key].results()) or None
-                for way in WAYS
-            },
+            **dict.fromkeys(way.key for way in WAYS),
+            **{key: comparison.results() for key, comparison in self.comparisons.items()},
             **{f"no_{way.key}": self.refused.get(way.key) for way in WAYS if way.undisturbed},
             "recovered_gain": closed and closed.recovered,
         }
@@ -127,8 +121,5 @@ def findings(validation: Validation) -> tuple[Finding, ...]:
         in_order += [note(way.code, verdicts[way.key])] if verdicts[way.key] else []
         if way.key in validation.comparisons:
             in_order += validation.comparisons[way.key].remarks()
-    return (
-        *in_order[:1],
-        *(warning("no-evidence", sentence) for sentence in validation.left_out),
-        *in_order[1:],
-    )
+    left_out = [warning("no-evidence", sentence) for sentence in validation.left_out]
+    return (*in_order[:1], *left_out, *in_order[1:])

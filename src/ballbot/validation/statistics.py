@@ -257,7 +257,12 @@ def spectrum(residuals: Floats, segments: Sequence[int], *, sample_time: float) 
 
 
 def _peaks(frequencies: Floats, logs: Floats, windows: int) -> tuple[Peak, ...]:
-    above = logs - _surroundings(logs)
+    # a spectrum is symmetric about zero and about half the sampling rate: reflection completes both sides
+    far = _GUARD + _SIDE
+    near = sliding_window_view(np.pad(logs, ((far, far), (0, 0)), mode="reflect"), 2 * far + 1, axis=0)
+    around = np.maximum(np.median(near[..., :_SIDE], axis=-1), np.median(near[..., -_SIDE:], axis=-1))
+    around[:_LOWEST] = np.nan
+    above = logs - around
     error = np.pi / np.sqrt(6.0) * np.sqrt(1.056 / windows)
     limit = max(np.log(_LEAST_RATIO), -special.ndtri(PEAK_LEVEL / logs.size) * error)
     peaks = []
@@ -267,13 +272,3 @@ def _peaks(frequencies: Floats, logs: Floats, windows: int) -> tuple[Peak, ...]:
             ratio = float(np.exp(above[index, state]))
             peaks.append(Peak(state=int(state), frequency=float(frequencies[index]), ratio=ratio))
     return tuple(peaks)
-
-
-def _surroundings(logs: Floats) -> Floats:
-    """Return each bin's surroundings (f, k); NaN at the lowest frequencies, where the motion itself is."""
-    # a spectrum is symmetric about zero and about half the sampling rate: reflection completes both sides
-    far = _GUARD + _SIDE
-    near = sliding_window_view(np.pad(logs, ((far, far), (0, 0)), mode="reflect"), 2 * far + 1, axis=0)
-    around = np.maximum(np.median(near[..., :_SIDE], axis=-1), np.median(near[..., -_SIDE:], axis=-1))
-    around[:_LOWEST] = np.nan
-    return around

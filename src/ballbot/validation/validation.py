@@ -54,15 +54,12 @@ def validate(
 
 def fitted_findings(models: ModelPair, logs: Mapping[str, Log]) -> tuple[Finding, ...]:
     """Return a warning for each log that one of the models was identified from."""
-    rows = {row for named in (models.first, models.second) for row in named.model.robot.identified_from}
-    return tuple(
-        warning(
-            "fitted-log",
-            f"{name or 'The log'} is one that the model was identified from: its errors show how well the model fits, "
-            "not how well it predicts. Validate on another log.",
-        )
-        for name in logs_among(logs, rows)
+    rows = {row for model in models.both for row in model.robot.identified_from}
+    text = (
+        " is one that the model was identified from: its errors show how well the model fits, not how well it "
+        "predicts. Validate on another log."
     )
+    return tuple(warning("fitted-log", (name or "The log") + text) for name in logs_among(logs, rows))
 
 
 def validate_pair(
@@ -136,14 +133,9 @@ def validate_logs(
         run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * len(WAYS)))
 
     def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
+        own, held = replace(run, progress=report), holdouts.get(name)
         try:
-            part = validate_pair(
-                models,
-                logs[name],
-                controller=controller,
-                holdout=holdouts.get(name),
-                run=replace(run, progress=report),
-            )
+            part = validate_pair(models, logs[name], controller=controller, holdout=held, run=own)
         except InputError as error:
             raise (InputError(f"{name}: {error}") if name else error) from None
         named = len(logs) > 1 and part.no_evidence

@@ -234,6 +234,8 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
     indices = np.flatnonzero(facing > LEAST_FACING)
     index = np.full(len(pixels), -1, np.intp)
     index[indices] = np.arange(len(indices))
+    # facing = (D h - 1) / sqrt(D^2 - 2 D h + 1) gives h, by its quadratic equation in D h - 1
+    c2 = _LEAST_CURVE**2
     return BallPixels(
         view=view,
         rows=slice(int(low[1]), int(high[1])),
@@ -243,7 +245,7 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
         p=p[indices].astype(np.float32),
         area=(1.0 / facing[indices]).astype(np.float32),
         toward=-view.axis.astype(np.float32),
-        rim=_height(_LEAST_CURVE, view.distance),
+        rim=float((1.0 - c2 + np.sqrt(c2**2 + c2 * (view.distance**2 - 1.0))) / view.distance),
         by_view=_by_view(view, pixels[indices]),
         index=index,
         inside=(facing > _LEAST_BALL).reshape(shape),
@@ -284,13 +286,6 @@ class SeamFinder:
         area = seam[used] * pixels.area[used]
         seen = SeamPoints(p=pixels.p[used], area=area, indices=used, toward=pixels.toward, rim=pixels.rim)
         return seen, seam
-
-
-def _height(facing: float, distance: float) -> float:
-    """Return h with facing = (D h - 1) / sqrt(D^2 - 2 D h + 1), by its quadratic equation in D h - 1."""
-    c2 = facing**2
-    root = np.sqrt(c2**2 + c2 * (distance**2 - 1.0))
-    return float((1.0 - c2 + root) / distance)
 
 
 def _by_view(view: View, pixels: Floats) -> NDArray[np.float32]:

@@ -95,15 +95,15 @@ def facing(forward: float) -> Rotation:
 def measure_spin(
     video: Video,
     *,
-    seam: Seam | None = None,  # the thesis's if not given
-    circle: tuple[float, float, float]
-    | None = None,  # x, y, radius of the ball's outline [pixels]; found if not given
+    seam: Seam | None = None,
+    circle: tuple[float, float, float] | None = None,
     progress: ProgressCallback = ignore_progress,
 ) -> Spin:
     """Return the angular velocity of the ball in a video, camera frame.
 
-    InputError if no ball or no seam is found, the circle is impossible, the seam is not of that kind, or it is not
-    tracked long enough.
+    The seam is the thesis's by default. The `circle` x, y, radius of the ball's outline [pixels] is found if it is not
+    given. InputError if no ball or no seam is found, the circle is impossible, the seam is not of that kind, or it is
+    not tracked long enough.
     """
     seam = seam or thesis_seam()
     progress(Progress(stage="looking"))

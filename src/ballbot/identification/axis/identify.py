@@ -264,7 +264,6 @@ class AxisOptions:
 
 
 DEFAULT_OPTIONS = AxisOptions()
-_NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 @summarized
@@ -322,7 +321,7 @@ def identify_axis(
     record: AxisRecord | Sequence[AxisRecord],
     *,
     options: AxisOptions = DEFAULT_OPTIONS,
-    known: Mapping[str, float] = _NOTHING,
+    known: Mapping[str, float] = MappingProxyType({}),
     validation_records: Sequence[AxisRecord] = (),
     run: Run = DEFAULT_RUN,
 ) -> AxisIdentification:
@@ -546,11 +545,9 @@ def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
         chance = fit.p_value(range(shapes.shape[1]))
         share = float(np.mean((shapes @ fit.values - np.mean(left)) ** 2) / max(np.var(left), 1e-300))
         if chance < _LARGEST_CHANCE and share > _LEAST_SHARE:
-            yield warning(
-                "axis-residuals",
-                f"The residual force depends on the {quantity} (p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % "
-                f"of its variance): {advice}.",
-            )
+            shown = f"p = {chance:.1g}; {100.0 * min(share, 1.0):.0f} % of its variance"
+            text = f"The residual force depends on the {quantity} ({shown}): {advice}."
+            yield warning("axis-residuals", text)
 
 
 def _asymmetry_findings(best: AxisEstimate, both: AxisEstimate) -> Iterator[Finding]:

@@ -223,10 +223,8 @@ class _File:
                     f"{self.name}, {option}: {text!r} has {len(values)} different values; it must be one number."
                 ) from None
             value = float(values[0])
-        wanted = {
-            "--time": "give the variable with the time, or the time between rows, a number above zero",
-            "--time-scale": "it must be above zero",
-        }
+        wanted = {"--time": "give the variable with the time, or the time between rows, a number above zero"}
+        wanted |= {"--time-scale": "it must be above zero"}
         if not 0.0 < abs(value) <= LARGEST_CELL or (option in wanted and value < 0.0):
             text = wanted.get(option, "it must not be zero")
             raise InputError(f"{self.name}: {option} is {value:g}; {text}.")
@@ -350,11 +348,9 @@ def _without_wraps(position: Floats, scale: float, unit: str) -> tuple[Floats, l
         usual = float(steps[~jumps].max(initial=0.0))
         wraps = 0.5 * period < travel <= (1.0 + _BEYOND) * period and jumps.any()
         # the axis moves during the step in which it wraps
-        if (
-            not wraps
-            or usual > _LARGEST_STEP * period
-            or (np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period)
-        ):
+        if not wraps or usual > _LARGEST_STEP * period:
+            continue
+        if np.abs(steps[jumps] - period).max() > 2.0 * usual + _BEYOND * period:
             continue
         size = {_TURN: "one turn", _DEGREES: "360"}.get(period, f"{period:.6g} {unit}")
         findings = [note("wrap", f"The position jumps by {size}; it is unwrapped.", "position")]
