@@ -193,18 +193,6 @@ def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
     assert sentence in refused(tmp_path, f"[columns]\n{mapping}\n")
 
 
-def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
-    (tmp_path / "mapping.toml").write_text(ROB311)
-    log = Log.read(shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml")
-    assert len(log) == 5124
-    assert log.sample_time == pytest.approx(0.0115, abs=2e-4)  # "11.5 ms" of the data's README
-    # the largest lean of the file is -35.6 degrees
-    assert np.degrees(np.abs(log["theta"]).max()) == pytest.approx(35.607, abs=1e-3)
-    assert np.isfinite(log.torques).all()
-    # differenced angles have no glitches, unlike the logged speeds: the motors cannot do 30 rad/s
-    assert np.abs(log.wheel_speeds).max() < 30.0
-
-
 def test_commands_have_a_zero_and_directions(tmp_path):
     table = "t,a,b,c,d\n0,138,1,90,1\n1,118,0,91,-1\n2,128,,93,0\n"
     mapping = """

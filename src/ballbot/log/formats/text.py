@@ -313,11 +313,8 @@ def names_of(cells: list[str], width: int) -> tuple[list[str], list[str]]:
     if len(given) != width and (len(filled) == width or (cells[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
-    unnamed = [
-        str(number)
-        for number, name in enumerate(given[:width], start=1)
-        if not name.isprintable() or not name
-    ]
+    usable = [bool(name) and name.isprintable() for name in given[:width]]
+    unnamed = [str(number) for number, is_usable in enumerate(usable, start=1) if not is_usable]
     problems = []
     if unnamed:
         problems.append(f"The header has no name for column{'s' * (len(unnamed) > 1)} {', '.join(unnamed)}.")

@@ -304,11 +304,8 @@ class _LeanLaw:
     @property
     def driven(self) -> Complex:
         """D^2 Theta - kappa Theta (N,), a lag later: what the wheels must explain."""
-        lean, turn, changing = (
-            self.lean.each(lambda signal: self.late(signal) @ [1.0, 1j]),
-            self.turn_rate,
-            0.0,
-        )
+        lean = self.lean.each(lambda signal: self.late(signal) @ [1.0, 1j])
+        turn, changing = self.turn_rate, 0.0
         if self.heading is not None:
             changing = self.sigma * self.late(self.heading.acceleration)[:, 0]
         return lean.acceleration + 2j * turn * lean.rate + (1j * changing - turn**2 - self.kappa) * lean.value
