@@ -109,9 +109,8 @@ def test_cells_in_quotes_may_have_decimal_commas(tmp_path):
     assert list(table.columns) == names
     np.testing.assert_allclose(table.columns["time_s"], 0.005 * np.arange(20))
     assert set(table.columns["roll_deg"]) == {1.25}
-    mapping = parse_mapping(
-        '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n', source="mine"
-    )
+    text = '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n'
+    mapping = parse_mapping(text, source="mine")
     np.testing.assert_array_equal(Log.read(path, mapping=mapping)["phi"], -0.5)
 
 

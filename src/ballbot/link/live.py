@@ -138,12 +138,10 @@ class FollowReference:
         if self._asked is None or not np.array_equal(wanted, self._asked):
             self._asked = wanted.copy()
             self._sent = in_robot_frame(wanted, sample.start).astype(np.float32)
-        elif (
-            sample.t - self._sent_at < _REFERENCE_TIME
-            or session.state is None
-            or np.array_equal(session.state.reference, self._sent)
-        ):
-            return
+        else:
+            arrived = session.state is None or np.array_equal(session.state.reference, self._sent)
+            if arrived or sample.t - self._sent_at < _REFERENCE_TIME:
+                return
         session.set_reference(self._sent)
         self._sent_at = sample.t
 

@@ -278,10 +278,8 @@ class Friction:
     @staticmethod
     def none(wheel_count: int) -> Friction:
         """Return the friction of a robot without any."""
-        zero = (0.0,) * wheel_count
-        return Friction(
-            viscous=zero, coulomb=zero, stribeck=zero, stribeck_speed=1.0, stribeck_exponent=1.0, rolling=0.0
-        )
+        wheels = dict.fromkeys(("viscous", "coulomb", "stribeck"), (0.0,) * wheel_count)
+        return Friction(**wheels, stribeck_speed=1.0, stribeck_exponent=1.0, rolling=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,10 +301,8 @@ class Correlation:
     def among(self, labels: Collection[str]) -> Correlation:
         """Return the correlations of those numbers that are among `labels`."""
         kept = [i for i, label in enumerate(self.of) if label in labels]
-        return Correlation(
-            of=tuple(self.of[i] for i in kept),
-            lower=tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept),
-        )
+        lower = tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept)
+        return Correlation(of=tuple(self.of[i] for i in kept), lower=lower)
 
     @staticmethod
     def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:
