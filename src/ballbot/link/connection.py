@@ -225,13 +225,9 @@ def connect(
         robot = LiveRobot(session)
         with LiveStream(stream, log_columns(robot.wheel_count), described) as live:
             yield Connection(
-                robot=robot,
-                described=described,
-                operator=operator,
-                address=address,
-                stream=live,
-                camera=camera,
-            )
+                robot=robot, described=described, address=address,
+                operator=operator, stream=live, camera=camera,
+            )  # fmt: skip
 
 
 def sample_line(sample: RobotSample, *, torque_limit: float) -> str:
