@@ -214,12 +214,9 @@ class CompiledRobot:
         shown = np.ascontiguousarray(imu, np.float32) if np.isfinite(imu).all() else None
         counted = None if counts is None else np.concatenate([counts, np.zeros(MAX_WHEELS, np.int32)])
         torques = np.zeros(MAX_WHEELS, np.float32)
+        sensed = (None if array is None else array.ctypes.data for array in (shown, counted))
         bits = self._functions.emulated_robot_step(
-            self._memory.ctypes.data,
-            time,
-            None if shown is None else shown.ctypes.data,
-            None if counted is None else counted.ctypes.data,
-            torques.ctypes.data,
+            self._memory.ctypes.data, time, *sensed, torques.ctypes.data
         )
         return Motors(time=time, enabled=bool(bits & 1), armed=bool(bits & 2), torques=torques)
 

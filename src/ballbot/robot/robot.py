@@ -106,10 +106,8 @@ class Robot(RobotValues):
         return copy.annotated(
             sources={key: source for key, source in self.sources.items() if key in stays},
             standard_deviations={key: deviation for key, deviation in deviations if key in stays},
-            correlation=self.correlation,
-            intervals=self.intervals,
-            identified_from=self.identified_from,
-        )
+            correlation=self.correlation, intervals=self.intervals, identified_from=self.identified_from,
+        )  # fmt: skip
 
     def annotated(
         self,

@@ -157,7 +157,7 @@ def motion_of_file(base: Columned) -> SensedMotion:
     roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
     named, counts = roles.unit(roles.angles), base.stated.counts_per_turn
-    wheels = wheel_units(t, raw, base.robot, named, of_speeds=roles.of_speeds, counts_per_turn=counts)
+    wheels = wheel_units(t, raw, base.robot, named, of_speeds=roles.of_speeds, per_turn=counts)
     if roles.of_speeds:
         raw = np.column_stack([integral_of(t, speed) for speed in raw.T])
     leans = [Unit(name="rad", factor=1.0, reason="of a quaternion")]
