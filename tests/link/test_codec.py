@@ -25,15 +25,8 @@ from tests.support.link_header import HEADER, messages_header
 from tests.support.link_messages import faulty_streams, messages
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
-FOUND = np.dtype(
-    [
-        ("type", "<u4"),
-        ("session", "<u4"),
-        ("sequence", "<u4"),
-        ("length", "<u4"),
-        ("body", "u1", LONGEST_PAYLOAD),
-    ]
-)
+NUMBERS = [(name, "<u4") for name in ("type", "session", "sequence", "length")]
+FOUND = np.dtype([*NUMBERS, ("body", "u1", LONGEST_PAYLOAD)])
 
 
 @pytest.fixture(scope="module")
@@ -87,12 +80,9 @@ def test_receiver_in_c_finds_and_refuses_what_python_does(codec, stream):
     found, refused = np.zeros(200, FOUND), np.zeros(LAYERS, dtype=np.uint32)
     # more frames than that would be too short for their bytes
     assert len(stream) < 200 * 13
-    count = codec.decode_stream(
-        stream, size(len(stream)), ctypes.c_void_p(found.ctypes.data), ctypes.c_void_p(refused.ctypes.data)
-    )
+    places = (ctypes.c_void_p(array.ctypes.data) for array in (found, refused))
+    count = codec.decode_stream(stream, size(len(stream)), *places)
     counts = LayerCounts()
-    reader = FrameReader({}, counts)
-    frames = reader.feed(stream)
-    assert not frames  # no type is taken: what passes is refused there
+    assert not FrameReader({}, counts).feed(stream)  # no type is taken: what passes is refused there
     assert refused[: Layer.TYPE].tolist() == counts.refused[: Layer.TYPE]
     assert count == counts.refused[Layer.TYPE]

@@ -109,9 +109,8 @@ def test_controller_on_the_host_balances_through_the_robots_safety_layer():
         for one in session.poll(H):
             if isinstance(one, State):
                 estimate = one.estimate.astype(np.float64)
-                reference = (
-                    np.where(np.isin(range(10), (0, 1, 4)), estimate, 0.0) if reference is None else reference
-                )
+                if reference is None:
+                    reference = np.where(np.isin(range(10), (0, 1, 4)), estimate, 0.0)
                 session.set_torques(controller.update(one.time * 1e-6, estimate, reference))
     assert session.state.armed
     assert session.state.controller == ControllerPlace.HOST

@@ -107,12 +107,8 @@ class Model:
 
 def answered_sessions(robot_bytes: bytes) -> dict[int, int]:
     """Return the session by the host's number, of every welcome in what a robot has sent."""
-    reader = FrameReader(TO_HOST)
-    return {
-        frame.session: message.session % 2**32
-        for frame in reader.feed(robot_bytes)
-        if isinstance(message := message_of(frame), Welcome)
-    }
+    frames = [(frame.session, message_of(frame)) for frame in FrameReader(TO_HOST).feed(robot_bytes)]
+    return {host: one.session % 2**32 for host, one in frames if isinstance(one, Welcome)}
 
 
 class Recording:
@@ -242,9 +238,8 @@ def test_silence_stops_the_robot_within_50_ms_latched(place):
     silent = len(robot.motors)
     for _ in range(100):
         robot.read(0.0)
-    moved = [
-        k for k, (_, _, _, torques) in enumerate(robot.motors[silent:]) if np.frombuffer(torques, "f4").any()
-    ]
+    torques = [np.frombuffer(torques, "f4") for *_, torques in robot.motors[silent:]]
+    moved = [k for k, torque in enumerate(torques) if torque.any()]
     # the frame arrives with the first of these samples
     assert moved[-1] * H < SILENT_FOR <= (moved[-1] + 1) * H + 1e-9
     session.connect()

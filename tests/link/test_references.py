@@ -64,9 +64,8 @@ def test_file_is_followed_from_the_start_of_the_run_on(tmp_path):
     Log({"t": t, "ref_x": t, "ref_y": -2.0 * t, "ref_psi": 0.5 * t}).write(tmp_path / "course.csv")
     reference = live_reference(str(tmp_path / "course.csv"))
     for seconds in (0.0, 0.5, 1.0):
-        np.testing.assert_allclose(
-            pose_of(reference, seconds), seconds * np.array([1.0, -2.0, 0.5]), atol=1e-12
-        )
+        pose = seconds * np.array([1.0, -2.0, 0.5])
+        np.testing.assert_allclose(pose_of(reference, seconds), pose, atol=1e-12)
     assert not reference.ended
 
 

@@ -12,15 +12,11 @@ from ballbot.log.checks import check
 from ballbot.log.formats import is_foreign
 from ballbot.log.formats.text import infer_text_table
 from ballbot.log.mapping import parse_mapping
-from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.proposal import evaluate, propose
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log, with_wheels
-from tests.support.paths import ROOT
 
 ALTEN = Robot.load("alten")
-CASES = ROOT.parent / "shared" / "cases"
-RAMP = "n t theta_x theta_y T1 T2 T3 phi_x phi_y phi_z psi_1 psi_2 psi_3"
 NAMES = ("t", "u1", "u2", "u3", "theta", "phi", "psi")
 
 
@@ -109,9 +105,8 @@ def test_cells_in_quotes_may_have_decimal_commas(tmp_path):
     assert list(table.columns) == names
     np.testing.assert_allclose(table.columns["time_s"], 0.005 * np.arange(20))
     assert set(table.columns["roll_deg"]) == {1.25}
-    mapping = parse_mapping(
-        '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n', source="mine"
-    )
+    text = '[file]\ndecimal = "comma"\n[columns]\nt = "time_s"\nphi = "pitch_deg"\n'
+    mapping = parse_mapping(text, source="mine")
     np.testing.assert_array_equal(Log.read(path, mapping=mapping)["phi"], -0.5)
 
 
@@ -156,16 +151,3 @@ def test_a_log_at_rest_gives_no_warning_of_numpy(moving):
         found = [one for one in check(Log(still), robot=ALTEN) if one.code == "constant"]
     together = found[0].text.startswith("No measurement and no torque changes")
     assert together == (found[0].where.columns == log.names[1:]) == (not moving)
-
-
-@pytest.mark.parametrize(
-    ("name", "what"), [("held_in_hands.txt", "held by hand"), ("one_way_ramp.txt", "free wheels")]
-)
-def test_what_a_shared_case_is(name, what):
-    path = CASES / name
-    if not path.is_file():
-        pytest.skip(f"no {path}")
-    columns = None if what == "held by hand" else RAMP.split()
-    found = propose(path, Robot.load("rob311"), Stated(command="duty", columns=columns))
-    assert found.what == what
-    assert found.base.layout.rows is None

@@ -14,10 +14,8 @@ NAMES = (*STATE_NAMES, "u1", "u2", "u3")
 def run(seed: int, *, rows: int = 1000, decimals: int = 6) -> Log:
     """Return a log of noise about the motion that all runs have."""
     random, t = np.random.default_rng(seed), 0.005 * np.arange(rows)
-    columns = {
-        name: 0.05 * np.sin(t + i) + 0.005 * random.standard_normal(rows) for i, name in enumerate(NAMES)
-    }
-    return Log({"t": t, **{name: np.round(values, decimals) for name, values in columns.items()}})
+    columns = {name: np.sin(t + i) + 0.1 * random.standard_normal(rows) for i, name in enumerate(NAMES)}
+    return Log({"t": t, **{name: np.round(0.05 * values, decimals) for name, values in columns.items()}})
 
 
 def changed(log: Log, rows: slice, shift: float = 0.0, later: float = 0.0) -> Log:
@@ -39,9 +37,8 @@ def test_a_copy_is_no_second_log(copy) -> None:
     log, other = run(1), run(2)
     with pytest.raises(InputError, match=r"second is of the same run as first: \d+ of its rows are the same"):
         refuse_copies({"first": log, "other": other, "second": copy(log)})
-    assert logs_among({"other": other, "same": changed(log, slice(None), later=5.0)}, fingerprint(log)) == [
-        "same"
-    ]
+    logs = {"other": other, "same": changed(log, slice(None), later=5.0)}
+    assert logs_among(logs, fingerprint(log)) == ["same"]
 
 
 @pytest.mark.parametrize("decimals", [3, 6])

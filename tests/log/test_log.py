@@ -11,9 +11,8 @@ from tests.support.log_examples import smooth_log
 
 
 def test_views_take_their_columns_in_order():
-    log = smooth_log(rows=50).with_columns(
-        {"ref_x": np.full(50, 1.0), "ref_y": np.full(50, 2.0), "ref_psi": np.full(50, 3.0)}
-    )
+    reference = {f"ref_{name}": np.full(50, k) for k, name in enumerate(("x", "y", "psi"), start=1)}
+    log = smooth_log(rows=50).with_columns(reference)
     assert log.states.shape == (50, 10)
     np.testing.assert_array_equal(log.states[:, 6], log["y_dot"])
     np.testing.assert_array_equal(log.torques, np.column_stack([log["u1"], log["u2"], log["u3"]]))

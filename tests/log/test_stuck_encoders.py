@@ -64,9 +64,6 @@ def test_hands_that_turn_the_lean_while_a_wheel_stands_give_no_finding():
     log = held(measured(), wheel=1, start=12.0, end=16.0)
     pushed = (log.t > 12.0) & (log.t < 16.0)
     # a lean that no motion of one wheel explains
-    swing = np.where(pushed, 0.1 * np.sin(6.0 * (log.t - 12.0)), 0.0)
-    moved = {
-        "theta": log["theta"] + swing,
-        "phi": log["phi"] + np.where(pushed, 0.1 * np.cos(5.0 * log.t), 0.0),
-    }
+    swing, other = 0.1 * np.sin(6.0 * (log.t - 12.0)), 0.1 * np.cos(5.0 * log.t)
+    moved = {"theta": log["theta"] + pushed * swing, "phi": log["phi"] + pushed * other}
     assert not [*check_stuck_encoders(log.with_columns(moved), wheel_count=3)]

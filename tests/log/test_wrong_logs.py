@@ -68,9 +68,8 @@ def exchanged(*pairs: tuple[str, str]) -> Spoil:
 
 def renumbered(order: Sequence[int], *patterns: str) -> Spoil:
     """Return the mistake of columns of wheel i that have what was wheel order[i - 1]'s."""
-    return lambda log: log.with_columns(
-        {one.format(i): log[one.format(k)] for one in patterns for i, k in enumerate(order, start=1)}
-    )
+    names = [(one.format(i), one.format(k)) for one in patterns for i, k in enumerate(order, start=1)]
+    return lambda log: log.with_columns({name: log[other] for name, other in names})
 
 
 def spliced(log: Log) -> Log:

@@ -37,10 +37,8 @@ def wheels(*degrees: float, tilt: float = 45.0) -> Wheels:
 @pytest.mark.parametrize("wrong", [0.0, -1.0, math.nan, math.inf])
 @pytest.mark.parametrize("name", ["radius", "mass", "inertia"])
 def test_ball_numbers_are_positive_and_finite(name: str, wrong: float) -> None:
-    assert re.search(
-        rf"ball\.{name} is .*; it (cannot be negative|must be above zero|must be finite)",
-        refusal(ball=ball(**{name: wrong})),
-    )
+    reason = "cannot be negative|must be above zero|must be finite"
+    assert re.search(rf"ball\.{name} is .*; it ({reason})", refusal(ball=ball(**{name: wrong})))
 
 
 def test_non_numeric_values_are_refused() -> None:
@@ -107,10 +105,8 @@ def test_wheels_must_be_able_to_turn_the_ball_every_way() -> None:
 
 @pytest.mark.parametrize("count", [2, 5])
 def test_three_or_four_wheels(count: int) -> None:
-    assert re.search(
-        "three or four",
-        refusal(wheels=wheels(*np.arange(count) * 360.0 / count), friction=Friction.none(count)),
-    )
+    made = wheels(*np.arange(count) * 360.0 / count)
+    assert re.search("three or four", refusal(wheels=made, friction=Friction.none(count)))
 
 
 def test_four_wheels_need_four_frictions() -> None:
@@ -135,12 +131,10 @@ def test_friction_is_checked(sentence: str, changes: dict[str, object]) -> None:
 
 
 def test_sources_are_checked() -> None:
-    assert re.search(
-        "sources names 'ball.radios', .* did you mean 'ball.radius'",
+    misspelt, unknown = (
         refusal(sources={"ball.radios": "measured"}),
-    )
-    assert re.search(
-        "ball.radius has the unknown source .* did you mean 'measured'",
         refusal(sources={"ball.radius": "measuerd"}),
     )
+    assert re.search("sources names 'ball.radios', .* did you mean 'ball.radius'", misspelt)
+    assert re.search("ball.radius has the unknown source .* did you mean 'measured'", unknown)
     assert re.search(r"name is '\\n'", refusal(name="\n"))

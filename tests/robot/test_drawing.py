@@ -16,9 +16,8 @@ ALTEN = Robot.load("alten")
 
 def four_wheeled() -> Robot:
     azimuths = tuple(math.radians(one) for one in (45.0, 135.0, 225.0, 315.0))
-    return ALTEN.replace(
-        wheels=dataclasses.replace(ALTEN.wheels, azimuths=azimuths), friction=Friction.none(4)
-    )
+    wheels = dataclasses.replace(ALTEN.wheels, azimuths=azimuths)
+    return ALTEN.replace(wheels=wheels, friction=Friction.none(4))
 
 
 def test_the_two_discs_weigh_and_turn_as_the_body_does() -> None:
@@ -35,13 +34,11 @@ def test_the_two_discs_weigh_and_turn_as_the_body_does() -> None:
 
 @pytest.mark.parametrize("robot", [ALTEN, four_wheeled()])
 def test_wheels_touch_the_ball(robot: Robot) -> None:
+    reach = robot.ball.radius + robot.wheels.radius
     for wheel, azimuth in zip(wheel_shapes(robot), robot.wheels.azimuths, strict=True):
-        assert np.linalg.norm(wheel.center) == pytest.approx(
-            robot.ball.radius + robot.wheels.radius, rel=1e-12
-        )
-        assert math.atan2(wheel.center[1], wheel.center[0]) % (2.0 * math.pi) == pytest.approx(
-            azimuth, abs=1e-12
-        )
+        assert np.linalg.norm(wheel.center) == pytest.approx(reach, rel=1e-12)
+        found = math.atan2(wheel.center[1], wheel.center[0]) % (2.0 * math.pi)
+        assert found == pytest.approx(azimuth, abs=1e-12)
         axes = np.column_stack([wheel.contact, wheel.rolling, wheel.axle])
         assert axes.T @ axes == pytest.approx(np.eye(3), abs=1e-12)
 

@@ -19,15 +19,10 @@ def test_inertia_about_either_point_differs_by_steiner(alten: Robot) -> None:
     ml2 = 17.076 * 0.393**2  # 2.637
     steiner = alten.body.inertia_about_ball_center() - alten.body.inertia_about_center_of_mass()
     assert steiner == pytest.approx(np.diag([ml2, ml2, 0.0]), abs=1e-14)
-    central = alten.body.inertia_about_center_of_mass()
-    same = dataclasses.replace(
-        alten.body,
-        inertia=(central[0, 0], central[1, 1], central[2, 2], 0.0, 0.0, 0.0),
-        inertia_about="center_of_mass",
-    )
-    assert same.inertia_about_ball_center() == pytest.approx(
-        alten.body.inertia_about_ball_center(), abs=1e-14
-    )
+    central = (*np.diag(alten.body.inertia_about_center_of_mass()), 0.0, 0.0, 0.0)
+    same = dataclasses.replace(alten.body, inertia=central, inertia_about="center_of_mass")
+    about_ball = alten.body.inertia_about_ball_center()
+    assert same.inertia_about_ball_center() == pytest.approx(about_ball, abs=1e-14)
 
 
 def test_changing_a_value_removes_its_source(alten: Robot) -> None:

@@ -15,12 +15,8 @@ from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.robot_check import pole_spread
 
 ALTEN = Robot.load("alten")
-SOME = {
-    "body.center_of_mass": 0.004,
-    "body.mass": 0.1,
-    "wheels.radius": 0.0005,
-    "wheels.azimuths": (0.004, 0.0, 0.008),
-}
+SOME = {"body.center_of_mass": 0.004, "body.mass": 0.1, "wheels.radius": 0.0005}
+SOME |= {"wheels.azimuths": (0.004, 0.0, 0.008)}
 
 
 def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = ALTEN) -> Robot:
@@ -55,7 +51,7 @@ class TestFile:
             (
                 '0.393, unit = "m"',
                 '0.393, unit = "m", standard_deviaton = 1',
-                "standard_deviaton is not a key of a parameter; did you mean",
+                "is not a key of a parameter; did",
             ),
             ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
             ("rows = { value = 2,", "rows = { value = 2, standard_deviation = 1,", "number and cannot have"),
@@ -121,9 +117,8 @@ class TestPropagation:
         assert both.standard_deviation == pytest.approx(s * math.sqrt(1.0 - 1.0 / math.pi), rel=0.12)
         lower, upper = both.interval_95
         assert lower < pole + s / math.sqrt(math.pi) < upper
-        assert both.variance_shares == pytest.approx(
-            {"body.inertia.xx": 0.5, "body.inertia.yy": 0.5}, abs=0.01
-        )
+        halves = {"body.inertia.xx": 0.5, "body.inertia.yy": 0.5}
+        assert both.variance_shares == pytest.approx(halves, abs=0.01)
 
     def test_draws_are_normal_and_reproducible(self):
         robot = known_to(SOME)
@@ -131,18 +126,15 @@ class TestPropagation:
         assert drawn == draw_robots(robot, 500, seed=3)
         for name, deviation in SOME.items():
             parameter = next(one for one in PARAMETERS if one.name == name)
-            values = np.array([value_of(one, parameter) for one in drawn])
-            assert np.atleast_1d(values.std(axis=0)) == pytest.approx(
-                np.atleast_1d(deviation), rel=0.13, abs=1e-12
-            )
+            spread = np.atleast_1d(np.array([value_of(one, parameter) for one in drawn]).std(axis=0))
+            assert spread == pytest.approx(np.atleast_1d(deviation), rel=0.13, abs=1e-12)
         assert all(one.ball == ALTEN.ball for one in drawn)
 
     def test_further_errors_are_added_and_those_of_one_number_are_the_same(self):
         friction = replace(ALTEN.friction, coulomb=(0.2, 0.2, 0.2))
         one = Correlation(of=("friction.coulomb[0]", "friction.coulomb[1]"), lower=((1.0,), (1.0, 1.0)))
-        known = ALTEN.replace(friction=friction).annotated(
-            standard_deviations={"friction.coulomb": (0.01, 0.01, 0.01)}, correlation=one
-        )
+        stated = {"friction.coulomb": (0.01, 0.01, 0.01)}
+        known = ALTEN.replace(friction=friction).annotated(standard_deviations=stated, correlation=one)
         further = {f"friction.coulomb[{wheel}]": 0.02 for wheel in range(3)}
         drawn = np.array([each.friction.coulomb for each in draw_robots(known, 400, seed=1, further=further)])
         # of 400, a standard deviation has a standard error of 3.5 %

@@ -37,16 +37,17 @@ def sweep_of(
             f"The sweep's torque is {torque:g} N m; it must be above zero and at most the robot's torque limit, "
             f"{robot.torque_limit:g} N m."
         )
-    return TorqueProgram(
-        lambda t: torque * sweep_at(np.array([t]), robot.wheel_count)[0], sample_time=robot.sample_time
-    )
+    count = robot.wheel_count
+    return TorqueProgram(lambda t: torque * sweep_at(np.array([t]), count)[0], sample_time=robot.sample_time)
 
 
 def stir(robot: LiveRobot, seed: int) -> TorqueProgram:
     """Return torques that stir the ball on a robot upside down; the seed gives their phases."""
-    return TorqueProgram(
-        lambda t: multisine_at(np.array([t]), robot.wheel_count, seed=seed)[0], sample_time=robot.sample_time
-    )
+
+    def torques(t: float) -> NDArray[np.float64]:
+        return multisine_at(np.array([t]), robot.wheel_count, seed=seed)[0]
+
+    return TorqueProgram(torques, sample_time=robot.sample_time)
 
 
 @contextmanager

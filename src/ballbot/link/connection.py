@@ -119,15 +119,13 @@ class Connection:
 
     def states_shown(self, monitor: Monitor) -> Callable[[State], None]:
         """Return a callback that shows each state of the robot, armed or not, on the monitor and in the stream."""
-        samples, robot = None, self.robot
+        samples, step, count = None, self.robot.encoder_step, self.robot.wheel_count
 
         def watch(state: State) -> None:
             nonlocal samples
             t = 1e-6 * (state.time % 2**32)
-            monitor.show(t, lambda: state_line(state, wheel_count=robot.wheel_count))
-            samples = samples or Samples(
-                state, wheel_count=robot.wheel_count, encoder_step=robot.encoder_step
-            )
+            monitor.show(t, lambda: state_line(state, wheel_count=count))
+            samples = samples or Samples(state, wheel_count=count, encoder_step=step)
             sample = samples.sample(state)
             if state.imu_valid and not state.estimate_valid:
                 sample.state[2:5] = state.attitude
@@ -227,13 +225,9 @@ def connect(
         robot = LiveRobot(session)
         with LiveStream(stream, log_columns(robot.wheel_count), described) as live:
             yield Connection(
-                robot=robot,
-                described=described,
-                operator=operator,
-                address=address,
-                stream=live,
-                camera=camera,
-            )
+                robot=robot, described=described, address=address,
+                operator=operator, stream=live, camera=camera,
+            )  # fmt: skip
 
 
 def sample_line(sample: RobotSample, *, torque_limit: float) -> str:
@@ -252,10 +246,8 @@ def bench_line(sample: RobotSample, *, torque_limit: float) -> str:
     """Return a sample of a held robot in one line."""
     speeds = " ".join(f"{speed:+.1f}" for speed in sample.wheel_speeds)
     torques = " ".join(f"{torque:+.2f}" for torque in sample.torques)
-    return (
-        f"{sample.t:.1f} s, torques {torques} N m ({percent(_share(sample, torque_limit))} of the limit), "
-        f"wheel speeds {speeds} rad/s"
-    )
+    share = percent(_share(sample, torque_limit))
+    return f"{sample.t:.1f} s, torques {torques} N m ({share} of the limit), wheel speeds {speeds} rad/s"
 
 
 def state_line(state: State, *, wheel_count: int) -> str:

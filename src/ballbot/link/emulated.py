@@ -167,14 +167,10 @@ def emulated_robot(
             "as for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
         )
     model = true_model(robot, scenario)
-    controller = nominal_controller(robot)
-    body = (
-        Twin(robot, scenario)
-        if plant == "twin"
-        else SensedPlant(model, imperfections_of(scenario, known=robot))
-    )
+    controller, of_twin = nominal_controller(robot), plant == "twin"
+    sensed = None if of_twin else SensedPlant(model, imperfections_of(scenario, known=robot))
     return EmulatedRobot(
-        body,
+        sensed or Twin(robot, scenario),
         CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked, weights=weights),
         sample_time=controller.sample_time,
         seed=seed,
@@ -203,9 +199,8 @@ class CompiledRobot:
         self._functions = _program(weights)
         self._memory = np.zeros(self._functions.emulated_robot_size(), dtype=np.uint8)
         self._parameters = np.ascontiguousarray(parameters, PARAMETERS.dtype("single"))
-        if not self._functions.emulated_robot_start(
-            self._memory.ctypes.data, self._parameters.ctypes.data, capabilities, starts
-        ):
+        memory, record = self._memory.ctypes.data, self._parameters.ctypes.data
+        if not self._functions.emulated_robot_start(memory, record, capabilities, starts):
             raise InputError("The firmware does not know these parameters: they are of another version.")
         if not imu_checked:
             self._functions.emulated_robot_mount(self._memory.ctypes.data)
@@ -219,12 +214,9 @@ class CompiledRobot:
         shown = np.ascontiguousarray(imu, np.float32) if np.isfinite(imu).all() else None
         counted = None if counts is None else np.concatenate([counts, np.zeros(MAX_WHEELS, np.int32)])
         torques = np.zeros(MAX_WHEELS, np.float32)
+        sensed = (None if array is None else array.ctypes.data for array in (shown, counted))
         bits = self._functions.emulated_robot_step(
-            self._memory.ctypes.data,
-            time,
-            None if shown is None else shown.ctypes.data,
-            None if counted is None else counted.ctypes.data,
-            torques.ctypes.data,
+            self._memory.ctypes.data, time, *sensed, torques.ctypes.data
         )
         return Motors(time=time, enabled=bool(bits & 1), armed=bool(bits & 2), torques=torques)
 

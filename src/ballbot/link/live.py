@@ -138,12 +138,10 @@ class FollowReference:
         if self._asked is None or not np.array_equal(wanted, self._asked):
             self._asked = wanted.copy()
             self._sent = in_robot_frame(wanted, sample.start).astype(np.float32)
-        elif (
-            sample.t - self._sent_at < _REFERENCE_TIME
-            or session.state is None
-            or np.array_equal(session.state.reference, self._sent)
-        ):
-            return
+        else:
+            arrived = session.state is None or np.array_equal(session.state.reference, self._sent)
+            if arrived or sample.t - self._sent_at < _REFERENCE_TIME:
+                return
         session.set_reference(self._sent)
         self._sent_at = sample.t
 
@@ -198,16 +196,13 @@ class Samples:
             angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
         estimate = in_start_frame(state.estimate.astype(np.float64), self._start)
         return RobotSample(
-            t=round(1e-6 * self._micros, 6),
+            t=round(1e-6 * self._micros, 6), time=state.time % 2**32, start=self._start,
             state=estimate if state.estimate_valid else np.full(10, np.nan),
             reference=in_start_frame(state.reference.astype(np.float64), self._start),
             torques=state.torques[: self._n].astype(np.float64),
-            wheel_angles=angles,
-            wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
+            wheel_angles=angles, wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
             gyro=state.gyro.astype(np.float64) if state.imu_valid else np.full(3, np.nan),
-            start=self._start,
-            time=state.time % 2**32,
-        )
+        )  # fmt: skip
 
 
 class LiveRobot:

@@ -111,6 +111,4 @@ class EmulatedCamera:
         """Return a log with ball_omega_x, _y and _z."""
         seen = np.array(self._omegas[: len(log)])
         seen += CAMERA_NOISE * self._random.standard_normal(seen.shape)
-        return log.with_columns(
-            dict(zip(("ball_omega_x", "ball_omega_y", "ball_omega_z"), seen.T, strict=True))
-        )
+        return log.with_columns({f"ball_omega_{axis}": seen[:, k] for k, axis in enumerate("xyz")})

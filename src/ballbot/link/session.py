@@ -346,9 +346,8 @@ class Session:
 
         InputError if it is not ten finite numbers.
         """
-        return self.send(
-            Reference(reference=real_array(reference, (10,), "The reference").astype(np.float32))
-        )
+        numbers = real_array(reference, (10,), "The reference").astype(np.float32)
+        return self.send(Reference(reference=numbers))
 
     def set_torques(self, torques: ArrayLike) -> int:
         """Send the torques (n,) [N m] of a controller on the host; return their sequence number.
@@ -388,11 +387,8 @@ class Session:
         words = record.view(_WORD)
         for first in range(0, len(words), PARAMETER_WORDS):
             asked = Read(offset=first, count=min(PARAMETER_WORDS, len(words) - first))
-            part, _ = self._exchange(
-                asked,
-                Parameters,
-                lambda part, _, asked=asked: (part.offset, part.count) == (asked.offset, asked.count),
-            )
+            span = asked.offset, asked.count
+            part, _ = self._exchange(asked, Parameters, lambda p, _, span=span: (p.offset, p.count) == span)
             words[first : first + asked.count] = part.words[: asked.count]
         return record
 

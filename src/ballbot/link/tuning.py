@@ -145,9 +145,8 @@ class Tuner:
         if command in _SHARES and len(numbers) == 1:
             wanted = replace(self._setting, **{_SHARES[command]: numbers[0]})
         elif command == "gain" and numbers:
-            wanted = replace(
-                self._setting, weights=(1.0 - numbers[0], *numbers) if len(numbers) == 1 else numbers
-            )
+            weights = (1.0 - numbers[0], *numbers) if len(numbers) == 1 else numbers
+            wanted = replace(self._setting, weights=weights)
         else:
             raise InputError(
                 f"{' '.join(words)!r} must be a command and numbers, such as gain 0.3 or lean 0.5."
@@ -163,8 +162,8 @@ class Tuner:
         outside = min(weights) < 0.0 and abs(sum(weights) - 1.0) <= ROUNDING
         if not outside or self._gains is None or len(weights) != self._gains.loops.shape[1]:
             return ""
-        radius = self._gains.radius(weights)
-        verdict = (
-            "stable while fixed, but not shown to be safe while it changes" if radius < 1.0 else "unstable"
+        radius, stable = (
+            self._gains.radius(weights),
+            "stable while fixed, but not shown to be safe while it changes",
         )
-        return f" Its spectral radius would be {radius:.5f}: {verdict}."
+        return f" Its spectral radius would be {radius:.5f}: {stable if radius < 1.0 else 'unstable'}."

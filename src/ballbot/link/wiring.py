@@ -14,9 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, error
 from ballbot.firmware.records import SelfTestOutcome
@@ -38,8 +38,8 @@ class Turn:
     """What the sensors measured of one movement from upright."""
 
     movement: Movement
-    attitude: NDArray[np.float64]  #: (3,) rotation vector, body frame [rad]
-    wheels: NDArray[np.float64]  #: (n,) of the encoders [rad]
+    attitude: Floats  #: (3,) rotation vector, body frame [rad]
+    wheels: Floats  #: (n,) of the encoders [rad]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,13 +98,13 @@ def measure_turns(
     return tuple(turns)
 
 
-def _turned(before: State, after: State) -> NDArray[np.float64]:
+def _turned(before: State, after: State) -> Floats:
     """Return the turn of the attitude as a rotation vector (3,) [rad], body frame."""
     turn = rotation(*before.attitude.astype(float)).T @ rotation(*after.attitude.astype(float))
     return Rotation.from_matrix(turn).as_rotvec()
 
 
-def _words_of(turn: NDArray[np.float64]) -> str:
+def _words_of(turn: Floats) -> str:
     """Return a turn in words, by the axis that it is mostly about."""
     axis = int(np.argmax(np.abs(turn)))
     ways = (("to the right", "to the left"), ("forward", "backward"), ("to the left", "to the right"))
@@ -113,7 +113,7 @@ def _words_of(turn: NDArray[np.float64]) -> str:
 
 def check_turns(
     turns: Sequence[Turn],  # one about each axis
-    ball_from_wheels: NDArray[np.float64],  # (3, n) T_obw of the robot
+    ball_from_wheels: Floats,  # (3, n) T_obw of the robot
 ) -> WiringCheck:
     """Compare the encoders with the attitude of each movement."""
     wheels_from_ball = np.asarray(np.linalg.pinv(ball_from_wheels), dtype=np.float64)
@@ -132,12 +132,7 @@ def check_turns(
     return WiringCheck(turns=tuple(turns), wheel_scales=tuple(scales), findings=by_severity(findings))
 
 
-def _encoder_fault(
-    encoder: int,
-    correlations: NDArray[np.float64],
-    products: NDArray[np.float64],
-    turned: NDArray[np.float64],
-) -> str:
+def _encoder_fault(encoder: int, correlations: Floats, products: Floats, turned: Floats) -> str:
     """Return what is wrong with one encoder, in words that follow its name; empty if nothing is."""
     wheel = int(np.argmax(np.abs(correlations)))
     if float(np.abs(turned).max()) < _LEAST_WHEEL_TURN:

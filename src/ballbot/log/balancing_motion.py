@@ -104,10 +104,8 @@ def motion_of(log: Log, robot: Robot) -> Motion | None:
     signals = np.array([log["x_dot"] + 1j * log["y_dot"], *angles, *rates]) * np.exp(-1j * log["psi"])
     columns = np.vstack([signals.real, signals.imag, log["psi_dot"]]).T
     smoothed = smooth(even, t, columns[known], width=WIDTH)
-    value, rate = (
-        columns_of[usable, :5].T + 1j * columns_of[usable, 5:10].T
-        for columns_of in (smoothed.value, smoothed.rate)
-    )
+    parts = (signal[usable].T for signal in (smoothed.value, smoothed.rate))
+    value, rate = (part[:5] + 1j * part[5:10] for part in parts)
     passed = even[usable] - even[usable[0]]
     return Motion(
         even=even, usable=usable, known=known,

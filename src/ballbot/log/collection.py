@@ -55,12 +55,10 @@ def as_logs(sources: LogsLike) -> dict[str, Log]:
         alone = isinstance(sources, Log | str | Path) or hasattr(sources, "__array__")
         listed = list(sources) if isinstance(sources, Iterable) and not alone else [sources]
         files = [Path(source) for source in listed if isinstance(source, str | Path)]
-        names = iter(named_files(files) if files else ())
-        numbers = [f"log {k}" if len(listed) > 1 else "" for k in range(1, len(listed) + 1)]
-        named = [
-            (next(names) if isinstance(source, str | Path) else number, source)
-            for number, source in zip(numbers, listed, strict=True)
-        ]
+        names, named = iter(named_files(files) if files else ()), []
+        for number, source in enumerate(listed, start=1):
+            of_memory = f"log {number}" if len(listed) > 1 else ""
+            named.append((next(names) if isinstance(source, str | Path) else of_memory, source))
     logs: dict[str, Log] = {}
     for name, source in named:
         if not isinstance(name, str):

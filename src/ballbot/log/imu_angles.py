@@ -20,11 +20,7 @@ from ballbot.log.columns import ATTITUDE_NAMES, Columns
 from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion
-QUATERNION_ANGLES = (
-    "roll [rad] of the quaternion",
-    "pitch [rad] of the quaternion",
-    "yaw [rad] of the quaternion",
-)
+QUATERNION_ANGLES = tuple(f"{name} [rad] of the quaternion" for name in ("roll", "pitch", "yaw"))
 
 #: a shorter quaternion is missing, such as zeros before the first message
 _LEAST_NORM = 0.1

@@ -360,9 +360,8 @@ class Log:
         rows.append(("missing values", lacking or "none"))
         if self.ended:
             rows.append(("ended early", self.ended))
-        return Summary(
-            title=f"Log of {counted(len(self), 'row')}: {duration_words(duration)}{rate}", rows=tuple(rows)
-        )
+        title = f"Log of {counted(len(self), 'row')}: {duration_words(duration)}{rate}"
+        return Summary(title=title, rows=tuple(rows))
 
     def plot(self) -> Figure:
         """Return a figure of the path, position, lean and torques over time, as far as the log has them."""

@@ -318,14 +318,10 @@ class LogMapping:
         for name, entry in self.columns.items():
             if entry.source is not None:
                 unit = _factor(f"[columns] {name}", unit_of(name), entry.unit, entry.counts_per_turn)
-                factor = entry.sign * entry.scale * unit
-                sources[name] = Source(
-                    column=entry.source, factor=factor, offset=entry.offset, delay=entry.delay
-                )
-        for key, series, of, kind in (
-            ("angle", wheels.angle, wheel_angle_names, "rad"),
-            ("speed", wheels.speed, wheel_speed_names, "rad/s"),
-        ):
+                factor, offset = entry.sign * entry.scale * unit, entry.offset
+                sources[name] = Source(column=entry.source, factor=factor, offset=offset, delay=entry.delay)
+        for key, of, kind in (("angle", wheel_angle_names, "rad"), ("speed", wheel_speed_names, "rad/s")):
+            series: WheelTable = getattr(wheels, key)
             names, unit = of(len(series.sources)), (kind, series.unit, series.counts_per_turn)
             sources |= _series(f"[wheels] {key}", names, series, wheels.sign, unit, order=wheels.order)
         if imu is not None:
@@ -345,9 +341,7 @@ class LogMapping:
     @cached_property
     def derivatives(self) -> dict[str, str]:
         """By Ballbot's name, which of its columns to differentiate."""
-        derived = {
-            name: column.derivative_of for name, column in self.columns.items() if column.derivative_of
-        }
+        derived = {name: entry.derivative_of for name, entry in self.columns.items() if entry.derivative_of}
         given = {*self.sources, *derived}
         return derived | {f"{name}_dot": name for name in self._wheel_names if f"{name}_dot" not in given}
 
@@ -562,9 +556,8 @@ def apply_mapping(
     kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
-    return {
-        name: values[kept] if name == "t" else mark_missing(values[kept]) for name, values in columns.items()
-    }
+    times = columns.pop("t")[kept]
+    return {"t": times, **{name: mark_missing(values[kept]) for name, values in columns.items()}}
 
 
 def timed_rows(mapping: LogMapping, table: Table, notes: list[str]) -> tuple[Columns, Floats]:

@@ -75,18 +75,15 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     if "psi" not in log:
         log = _with_heading(log, robot)
     x_dot, y_dot = _ball_velocity(log, robot, np.column_stack([log[name] for name in names])).T
-    return log.with_columns(
-        {"x": integral_of(log.t, x_dot), "y": integral_of(log.t, y_dot), "x_dot": x_dot, "y_dot": y_dot}
-    )
+    x, y = integral_of(log.t, x_dot), integral_of(log.t, y_dot)
+    return log.with_columns({"x": x, "y": y, "x_dot": x_dot, "y_dot": y_dot})
 
 
 def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
     """Return v (N, 2) [m/s] from the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
-    angles, rates = (
-        np.column_stack([log[f"{name}{end}"] for name in ATTITUDE_NAMES]) for end in ("", "_dot")
-    )
+    angles, rates = (np.column_stack([log[n + end] for n in ATTITUDE_NAMES]) for end in ("", "_dot"))
     w = np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
     z = wheel_speeds @ transforms(robot).T_obw.T + w
     Omega = np.einsum("nij,nj->ni", rotation(*angles.T), z)
@@ -110,9 +107,8 @@ def without_encoder_lag(log: Log, robot: Robot) -> Log:
     velocity stays.
     """
     names = wheel_speed_names(robot.wheel_count)
-    if len(log) < 2 * _APART or any(
-        name not in log for name in (*STATE_NAMES, *wheel_angle_names(robot.wheel_count), *names)
-    ):
+    needed = {*STATE_NAMES, *wheel_angle_names(robot.wheel_count), *names}
+    if len(log) < 2 * _APART or not needed <= set(log.names):
         return log
     speeds, velocity = (np.column_stack([log[n] for n in columns]) for columns in (names, ("x_dot", "y_dot")))
     if not _alike(_ball_velocity(log, robot, speeds), velocity):
@@ -144,10 +140,8 @@ def encoder_lag(log: Log, robot: Robot) -> float:
     speed more than the integral of the speeds. Least squares over all wheels; only the angles have the counts' noise. A
     lag that leaves more than half of the squares does not explain them.
     """
-    angles, speeds = (
-        np.column_stack([log[name] for name in of(robot.wheel_count)])
-        for of in (wheel_angle_names, wheel_speed_names)
-    )
+    names = wheel_angle_names(robot.wheel_count)
+    angles, speeds = (np.column_stack([log[name + end] for name in names]) for end in ("", "_dot"))
     ahead = _summed(np.diff(angles, axis=0) - 0.5 * _steps(log) * (speeds[1:] + speeds[:-1]))
     change = speeds[_APART:] - speeds[:-_APART]
     known = np.isfinite(ahead) & np.isfinite(change)

@@ -143,13 +143,10 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         return Proposal(base=base, lean=lean, motion=None, frame=frame, what=what, findings=tuple(notes))
     tested, signals = motion.tested, motion.signals
     proposal = Proposal(
-        base=base,
-        lean=motion.units[0] if base.roles.attitude else None,
-        motion=motion,
+        base=base, what=what, motion=motion, lean=motion.units[0] if base.roles.attitude else None,
         frame=frame_of(robot, tested, motion.gyro.handedness if motion.gyro else 0.0),
         keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
-        what=what,
-    )
+    )  # fmt: skip
     if roles.commands:
         try:
             needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None
@@ -335,10 +332,9 @@ def _answers(proposal: Proposal) -> dict[str, object]:
 
 def surest(evaluated: Sequence[Proposal]) -> Proposal:
     """Return the most conclusive log of one robot: the fewest questions, then the surest order of the wheels."""
-    return min(
-        evaluated,
-        key=lambda p: (len(p.questions) + bool(p.refusal), -p.tested.margin if p.tested else 0.0),
-    )
+    margins = [proposal.tested.margin if proposal.tested else 0.0 for proposal in evaluated]
+    doubts = [len(proposal.questions) + bool(proposal.refusal) for proposal in evaluated]
+    return evaluated[min(range(len(evaluated)), key=lambda k: (doubts[k], -margins[k]))]
 
 
 def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
@@ -503,10 +499,8 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     if lean is None:
         return []
     units = proposal.base.angle_units(lean.name)
-    lines = [
-        _line("from", roles.attitude),
-        _line("unit", units[0] if len(set(units)) == 1 else units, lean.reason),
-    ]
+    unit = units[0] if len(set(units)) == 1 else units
+    lines = [_line("from", roles.attitude), _line("unit", unit, lean.reason)]
     if roles.quaternion:
         lines = [_line("from", roles.quaternion, "a quaternion w, x, y, z")]
     lines.append(_line("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
@@ -584,10 +578,7 @@ def _kind_lines(
     """Return the lines of [input] that depend on the kind of the command; `known` is the reason of the scale."""
     drive, source = robot.drive, "from the robot file"
     lines = [_line("kind", kind), _line("scale", scale, known)]
-    motor = [
-        _line("torque_constant", drive.torque_constant, source),
-        _line("gear_ratio", drive.gear_ratio, source),
-    ]
+    motor = [_line(key, getattr(drive, key), source) for key in ("torque_constant", "gear_ratio")]
     if kind in ("torque", "current"):
         return lines + (motor if kind == "current" else [])
     dead_band = "# dead_band = 0.0  # what the firmware adds; not stated, it counts as less dry friction"
@@ -609,10 +600,8 @@ def _kind_lines(
 def answer_lines(proposal: Proposal) -> list[str]:
     """Return the kind of log, the unusual lines of its mapping and the open questions, at most `MOST_LINES` lines."""
     without = " (without torques)" if proposal.what == "balancing" and not proposal.roles.commands else ""
-    lines = [
-        f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s; "
-        f"usable for {_USES[proposal.what]}{without}."
-    ]
+    log_is = f"{proposal.base.path.name}: {proposal.what}, {np.ptp(proposal.base.t):.0f} s"
+    lines = [f"{log_is}; usable for {_USES[proposal.what]}{without}."]
     shown = proposal.text.partition("\n\n[columns]")[2].splitlines()
     usual = "derivative_of", "from the robot file"
     lines += [line for line in shown if line and line[0] != "#" and not any(text in line for text in usual)]

@@ -54,10 +54,9 @@ def _stays_back(t: Floats, back: NDArray[np.intp]) -> Bools:
     deviation = 1.4826 * float(np.nanmedian(np.abs(middle))) / np.sqrt(1.5)
     even = t - usual * np.arange(len(t))
     allowed = _INTERVALS * usual + _DEVIATIONS * deviation
-    steps = [
-        np.median(even[row + 1 : row + 1 + _BESIDE]) - np.median(even[max(row + 1 - _BESIDE, 0) : row + 1])
-        for row in back
-    ]
+    starts = back + 1
+    after = [np.median(even[row : row + _BESIDE]) for row in starts]
+    steps = [later - np.median(even[max(r - _BESIDE, 0) : r]) for r, later in zip(starts, after, strict=True)]
     return ~(np.array(steps) > -allowed)
 
 
@@ -92,18 +91,16 @@ def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) ->
     for values in table.values():
         value, before = values[repeated], values[repeated - 1]
         repeated = repeated[(value == before) | (np.isnan(value) & np.isnan(before))]
-    for rows, what in (
-        (untimed, "without a time"),
-        (repeated, "with the time and all values of the row before"),
-    ):
+    again = "with the time and all values of the row before"
+    for rows, what in ((untimed, "without a time"), (repeated, again)):
         if rows.size:
             notes.append(f"Left out: {counted(rows.size, 'row')} {what}, first row {rows[0] + 1}.")
     left_out = np.concatenate([untimed, repeated])
     rest = {name: np.delete(values, left_out) for name, values in table.items()}
-    rest[time], again = continuous_clock(rest[time])
-    if again.size:
+    rest[time], resets = continuous_clock(rest[time])
+    if resets.size:
         notes.append(
-            f"{time} begins again {counted(again.size, 'time')}, first at row {again[0] + 1}, as a counter that "
+            f"{time} begins again {counted(resets.size, 'time')}, first at row {resets[0] + 1}, as a counter that "
             "overflows or a time of day at midnight: it is continued there."
         )
     return rest

@@ -251,10 +251,11 @@ def smooth(rows: Floats, t: Floats, values: Floats, *, width: float = WIDTH) -> 
     reach = round(REACH * width / INTERVAL)
     even = np.column_stack([_on_even_rows(rows, t, column) for column in values.T])
     padded = np.pad(even, ((reach, reach), (0, 0)), mode="edge")
-    kernels = [_kernel(order, reach, width) for order in range(3)]
-    return Smooth(
-        *(np.column_stack([np.convolve(c, kernel, mode="valid") for c in padded.T]) for kernel in kernels)
-    )
+
+    def filtered(kernel: Floats) -> Floats:
+        return np.column_stack([np.convolve(column, kernel, mode="valid") for column in padded.T])
+
+    return Smooth(*(filtered(_kernel(order, reach, width)) for order in range(3)))
 
 
 def _on_even_rows(rows: Floats, t: Floats, values: Floats) -> Floats:

@@ -79,9 +79,7 @@ def _needed(motion: Motion, robot: Robot) -> tuple[Floats, Floats]:
     """Return the torques (N, n) [N m] that the motion needs of each wheel, and gravity's part of them."""
     M, r_b, pull = Model(robot).mass_matrix(np.zeros(5)), robot.ball.radius, contact_momentum(robot).pull
     v, v_dot = as_plane(motion.velocity), as_plane(motion.acceleration)
-    lean_rate, lean_acceleration = (
-        pair[0] + 1j * pair[1] for pair in (motion.lean_rate, motion.lean_acceleration)
-    )
+    lean_rate, lean_acceleration = (a + 1j * b for a, b in (motion.lean_rate, motion.lean_acceleration))
     w = np.column_stack([as_plane(lean_rate), motion.turning])
     w_dot = np.column_stack([as_plane(lean_acceleration), motion.turning_rate])
     momentum, change = (as_complex(a @ M[:2, :2].T + b @ M[:2, 2:].T) for a, b in ((v, w), (v_dot, w_dot)))
@@ -161,10 +159,8 @@ class Gains:
         with np.errstate(over="ignore"):
             reach = np.exp(1.96 * errors)
         wide = ~(np.exp(np.abs(np.nan_to_num(np.log(factors)))) * reach < MUST_SHOW)
-        return {
-            i: (float(factors[i] / reach[i]), float(factors[i] * reach[i]))
-            for i in np.flatnonzero(wide).tolist()
-        }
+        low, high = (factors / reach).tolist(), (factors * reach).tolist()
+        return {i: (low[i], high[i]) for i in np.flatnonzero(wide).tolist()}
 
     def scale_errors(self) -> Floats:
         """Return the relative standard error (n,) of each torque's scale that its motor's friction has besides its own.

@@ -149,33 +149,21 @@ class Sensors:
     """Encoders and IMU, and the rate at which the controller reads them."""
 
     sample_time: float = parameter(
-        "of the controller",
-        "s",
-        written_in="ms",
-        least=SHORTEST_SAMPLE,
-        most=LONGEST_SAMPLE,
-        usual=(2e-4, 1.0),
-    )
+        "of the controller", "s", written_in="ms",
+        least=SHORTEST_SAMPLE, most=LONGEST_SAMPLE, usual=(2e-4, 1.0),
+    )  # fmt: skip
     encoder_counts: int = parameter("a motor turn, quadrature")
     gyro_noise: float = parameter(
         "standard deviation of a sample", "rad/s", written_in="deg/s", least=0.0, most=1.0, usual=(0.0, 0.1)
     )
     attitude_noise: float = parameter(
-        "standard deviation of the lean angles",
-        "rad",
-        written_in="deg",
-        least=0.0,
-        most=0.2,
-        usual=(0.0, 0.03),
-    )
+        "standard deviation of the lean angles", "rad", written_in="deg",
+        least=0.0, most=0.2, usual=(0.0, 0.03),
+    )  # fmt: skip
     heading_drift: float = parameter(
-        "rate at which the heading runs away",
-        "rad/s",
-        written_in="deg/min",
-        least=-math.inf,
-        most=1.0,
-        usual=(-0.1, 0.1),
-    )
+        "rate at which the heading runs away", "rad/s", written_in="deg/min",
+        least=-math.inf, most=1.0, usual=(-0.1, 0.1),
+    )  # fmt: skip
 
 
 @parameter_class
@@ -202,28 +190,17 @@ class Friction:
     stribeck_exponent: float = parameter("delta, how sharply it falls", usual=(0.3, 10.0))
     rolling: float = parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05))
     coulomb_asymmetry: tuple[float, ...] = parameter(
-        "d_i, c_i forward less its mean of both directions",
-        "N m",
-        default=(),
-        least=-math.inf,
-        most=200.0,
-        usual=(-0.2, 0.2),
-    )
+        "d_i, c_i forward less its mean of both directions", "N m",
+        default=(), least=-math.inf, most=200.0, usual=(-0.2, 0.2),
+    )  # fmt: skip
     stribeck_asymmetry: tuple[float, ...] = parameter(
-        "e_i, s_i forward less its mean of both directions",
-        "N m",
-        default=(),
-        least=-math.inf,
-        most=200.0,
-        usual=(-0.2, 0.2),
-    )
+        "e_i, s_i forward less its mean of both directions", "N m",
+        default=(), least=-math.inf, most=200.0, usual=(-0.2, 0.2),
+    )  # fmt: skip
     load: tuple[float, ...] = parameter(
         "mu_i, dry friction for each N m of the motor's torque",
-        default=(),
-        least=0.0,
-        most=1.0,
-        usual=(0.0, 0.5),
-    )
+        default=(), least=0.0, most=1.0, usual=(0.0, 0.5),
+    )  # fmt: skip
     law: str = CLASSICAL  #: the friction law, as a robot file names it; see `ballbot.robot.friction_law`
     own: tuple[tuple[str, Value], ...] = ()  #: its parameters that are not among the above, as (name, value)
 
@@ -278,10 +255,8 @@ class Friction:
     @staticmethod
     def none(wheel_count: int) -> Friction:
         """Return the friction of a robot without any."""
-        zero = (0.0,) * wheel_count
-        return Friction(
-            viscous=zero, coulomb=zero, stribeck=zero, stribeck_speed=1.0, stribeck_exponent=1.0, rolling=0.0
-        )
+        wheels = dict.fromkeys(("viscous", "coulomb", "stribeck"), (0.0,) * wheel_count)
+        return Friction(**wheels, stribeck_speed=1.0, stribeck_exponent=1.0, rolling=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,10 +278,8 @@ class Correlation:
     def among(self, labels: Collection[str]) -> Correlation:
         """Return the correlations of those numbers that are among `labels`."""
         kept = [i for i, label in enumerate(self.of) if label in labels]
-        return Correlation(
-            of=tuple(self.of[i] for i in kept),
-            lower=tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept),
-        )
+        lower = tuple(tuple(self.lower[i][j] for j in kept if j <= i) for i in kept)
+        return Correlation(of=tuple(self.of[i] for i in kept), lower=lower)
 
     @staticmethod
     def of_matrix(labels: Sequence[str], matrix: NDArray[np.float64]) -> Correlation:

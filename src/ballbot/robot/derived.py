@@ -31,7 +31,7 @@ def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:
     return 2.0 * math.pi / (encoder_counts * gear_ratio)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Derived:
     """A quantity that follows from a robot's parameters."""
 
@@ -70,6 +70,4 @@ def derived_quantities(robot: Robot) -> list[Derived]:
         ("break_away_torque", stuck, "N m", "largest break-away torque of a wheel, c + s"),
         ("rolling_resistance", robot.rolling_force, "N", "rolling resistance on level ground"),
     ]
-    return [
-        Derived(name=name, value=float(value), unit=unit, meaning=words) for name, value, unit, words in rows
-    ]
+    return [Derived(name, float(value), unit, words) for name, value, unit, words in rows]

@@ -40,12 +40,9 @@ def body_shape(body: Body) -> BodyShape:
     With m/2 at each height l +- h/2: I_zz = m R^2 / 2 and I_xx = m (R^2 + h^2) / 4.
     """
     xx, yy, zz = np.diag(body.inertia_about_center_of_mass()) / body.mass
-    radius_squared = 2.0 * float(zz)
-    height_squared = 2.0 * float(xx + yy) - radius_squared
-    half = 0.5 * math.sqrt(max(height_squared, 0.0))
-    return BodyShape(
-        radius=math.sqrt(radius_squared), bottom=body.center_of_mass - half, top=body.center_of_mass + half
-    )
+    radius_squared, middle = 2.0 * float(zz), body.center_of_mass
+    half = 0.5 * math.sqrt(max(2.0 * float(xx + yy) - radius_squared, 0.0))
+    return BodyShape(radius=math.sqrt(radius_squared), bottom=middle - half, top=middle + half)
 
 
 def wheel_shapes(robot: Robot) -> list[WheelShape]:

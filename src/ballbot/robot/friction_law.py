@@ -69,16 +69,11 @@ class LawParameter:
         """The line of a robot file."""
         low, _ = self.usual
         return Parameter(
-            f"{self.symbol}, {self.meaning}",
-            self.unit,
-            least=-math.inf if low < 0.0 else 0.0,
-            least_is_allowed=low <= 0.0,
-            usual=self.usual,
-            name=f"friction.own.{self.name}",
-            field="friction.own",
-            place=self.name,
+            f"{self.symbol}, {self.meaning}", self.unit,
+            least=-math.inf if low < 0.0 else 0.0, least_is_allowed=low <= 0.0, usual=self.usual,
+            name=f"friction.own.{self.name}", field="friction.own", place=self.name,
             shape="list" if self.each_wheel else "number",
-        )
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,8 +155,8 @@ def register_friction_law(
         raise InputError(
             f"A friction law cannot have the name {name!r}; it must be an identifier of its own."
         )
-    described = len(own) == len(parameters) and set(own) == set(takes) - set(SHARED)
-    if arguments[:2] != ["speed", "load"] or len(takes) > MOST_PARAMETERS or not described:
+    complete = len(own) == len(parameters) and set(own) == set(takes) - set(SHARED)
+    if arguments[:2] != ["speed", "load"] or len(takes) > MOST_PARAMETERS or not complete:
         raise InputError(
             f"The law {name} has the arguments {', '.join(arguments)} and describes the parameters "
             f"{', '.join(own) or 'none'}; they must be speed, load and at most {MOST_PARAMETERS} parameters, each "
@@ -173,20 +168,13 @@ def register_friction_law(
                 raise InputError(
                     f"The law {other.name} has another parameter {parameter.name}; give it a name of its own."
                 )
-    law = FrictionLaw(
-        name=name,
-        size=size,
-        own=tuple(own.values()),
-        takes=takes,
-        formula=formula or name,
-        file=_LOADING.get("file"),
-    )
+    described, file = tuple(own.values()), _LOADING.get("file")
+    law = FrictionLaw(name=name, size=size, own=described, takes=takes, formula=formula or name, file=file)
     _check_proportional(law)
     _LAWS[name] = law
+    stated = [parameter.stated for law in _LAWS.values() for parameter in law.own]
     OWN_PARAMETERS.clear()
-    OWN_PARAMETERS.update(
-        {parameter.stated.name: parameter.stated for law in _LAWS.values() for parameter in law.own}
-    )
+    OWN_PARAMETERS.update({parameter.name: parameter for parameter in stated})
     return law
 
 
@@ -199,11 +187,13 @@ def _check_proportional(law: FrictionLaw) -> None:
     scaled = {parameter.name for parameter in law.own if parameter.is_proportional} | {"coulomb", "stribeck"}
     values = _TRIED | {parameter.name: 0.5 * sum(parameter.usual) for parameter in law.own}
     speed, load = np.array([0.0, 0.01, 0.5, 3.0, 20.0]), np.array([0.0, 0.1, 0.5, 1.0, 0.2])
+
+    def size(factor: int) -> Any:
+        given = {name: values[name] * (factor if name in scaled else 1) for name in law.takes}
+        return law.size(speed, load, **given)
+
     try:
-        once, twice = (
-            law.size(speed, load, **{name: values[name] * (k if name in scaled else 1) for name in law.takes})
-            for k in (1, 2)
-        )
+        once, twice = size(1), size(2)
     except Exception as error:  # of a function that is the user's
         raise InputError(
             f"The friction law {law.name} fails for arrays of speed and load ({error}); use NumPy's functions, and "

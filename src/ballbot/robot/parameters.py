@@ -184,10 +184,8 @@ def _parameters(kind: type) -> Iterator[Parameter]:
             for index, (key, part) in enumerate(item.metadata["components"].items()):
                 yield replace(part, name=f"{name}.{key}", field=name, place=index)
         elif "parameter" in item.metadata:
-            default = None if item.default is MISSING else item.default
-            yield replace(
-                item.metadata["parameter"], name=name, field=name, shape=_shape(hint), default=default
-            )
+            stated, default = item.metadata["parameter"], None if item.default is MISSING else item.default
+            yield replace(stated, name=name, field=name, shape=_shape(hint), default=default)
 
 
 def _shape(hint: object) -> Shape:

@@ -187,10 +187,8 @@ def _of_deviations(robot: Robot) -> Iterator[Finding]:
     for name, deviation in robot.standard_deviations.items():
         if name.startswith("friction.") or (name.startswith("body.inertia.") and name[-2] != name[-1]):
             continue
-        values, deviations = (
-            np.array(numbers_of(either), dtype=float)
-            for either in (value_of(robot, BY_NAME[name]), deviation)
-        )
+        pair = value_of(robot, BY_NAME[name]), deviation
+        values, deviations = (np.array(numbers_of(value), dtype=float) for value in pair)
         # an azimuth of zero, say, is known by its own scale
         scale = np.where(BY_NAME[name].unit == "rad", np.maximum(np.abs(values), 1.0), np.abs(values))
         worst = int(np.argmax(deviations - 0.5 * scale))

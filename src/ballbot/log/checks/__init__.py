@@ -82,11 +82,8 @@ def check(log: Log, *, robot: Robot | None = None) -> tuple[Finding, ...]:
 
 
 def _log_findings(log: Log, robot: Robot | None, of_physics: Sequence[Finding]) -> tuple[Finding, ...]:
-    numbers = [
-        i
-        for i in range(1, MAX_WHEELS + 1)
-        if not {f"u{i}", f"wheel{i}", f"wheel{i}_dot"}.isdisjoint(log.names)
-    ]
+    of_wheels = [{f"u{i}", f"wheel{i}", f"wheel{i}_dot"} for i in range(1, MAX_WHEELS + 1)]
+    numbers = [number for number, names in enumerate(of_wheels, start=1) if names & set(log.names)]
     wheel_count = robot.wheel_count if robot else max(numbers, default=3)
     of_columns = (
         check_jitter, check_missing_values, check_rates, check_gyro, check_lean, check_constant, check_stuck,

@@ -226,9 +226,8 @@ def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     if moved is None:
         return None
     _, usable, motion = moved
-    lean, heading, wheels = (
-        motion.each(itemgetter(part)) for part in (np.s_[:, :2], np.s_[:, 2:3], np.s_[:, 3:])
-    )
+    parts = np.s_[:, :2], np.s_[:, 2:3], np.s_[:, 3:]
+    lean, heading, wheels = (motion.each(itemgetter(part)) for part in parts)
     return lean_test(robot, lean, wheels, heading, usable)
 
 

@@ -104,9 +104,8 @@ def check_lean_axes(motion: Motion, robot: Robot) -> tuple[list[Finding], tuple[
     alone, rest = _unexplained(rates[:, None], gravity), _unexplained(rates[:, None], y)
     score = alone.conj() * residual
     scores = block_sums(score.real, block) + 1j * block_sums(score.imag, block)
-    power_alone, power, unknown = (
-        max(float(np.vdot(signal, signal).real), _TINY) for signal in (alone, y, residual)
-    )
+    powers = (float(np.vdot(signal, signal).real) for signal in (alone, y, residual))
+    power_alone, power, unknown = (max(power, _TINY) for power in powers)
     size, turn, explained = abs(gains[1]), float(np.angle(gains[1])), 1.0 - unknown / power
     error = float(np.linalg.norm(scores) / power_alone)
     usual = USUAL[0] < size < USUAL[1] and abs(turn) < BETWEEN

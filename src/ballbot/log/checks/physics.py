@@ -108,10 +108,8 @@ def delay_findings(log: Log, robot: Robot) -> list[Finding]:
     states = states @ np.linalg.pinv(factor).T
     reach = min(max(1, round(LONGEST_DELAY / log.sample_time)), len(states) // 4)
     rows, lags = len(states), np.arange(-reach, reach + 1)
-    products = [
-        states[max(-lag, 0) : rows - max(lag, 0)].T @ torques[max(lag, 0) : rows - max(-lag, 0)]
-        for lag in lags
-    ]
+    ends = [(max(lag, 0), max(-lag, 0)) for lag in lags]
+    products = [states[early : rows - late].T @ torques[late : rows - early] for late, early in ends]
     explained = np.square(products).sum(axis=(1, 2)) / max(float(np.sum(torques**2)), 1e-30)
     delays, best = lags * log.sample_time, int(np.argmax(explained))
     usual = float(explained[np.abs(delays) <= USUAL_DELAY].max())
@@ -167,10 +165,8 @@ def gain_findings(gains: Gains, *, names: tuple[str, ...]) -> list[Finding]:
     if off[i] > max(SURE * errors[i], np.log(UNLIKE)):
         return judged("torque-scale: one", [names[i]], name=names[i], factor=factors[i])
     factor, uncertain = gains.common()
-    heavier = "heavier" if factor > 1.0 else "lighter"
-    return judged(
-        "torque-scale", names, abs(np.log(factor)) - SURE * uncertain, factor=factor, heavier=heavier
-    )
+    sure, heavier = abs(np.log(factor)) - SURE * uncertain, "heavier" if factor > 1.0 else "lighter"
+    return judged("torque-scale", names, sure, factor=factor, heavier=heavier)
 
 
 def torque_findings(driving: Driving, *, names: tuple[str, ...]) -> list[Finding]:

@@ -64,9 +64,8 @@ def check_rates(log: Log) -> list[Finding]:
 
     if len(log) < 2:
         return []
-    clear, findings = _contradictions(
-        compared, names, lambda name: f"{name}_dot", [("x", "y"), ("theta", "phi")]
-    )
+    pairs = ("x", "y"), ("theta", "phi")
+    clear, findings = _contradictions(compared, names, lambda name: f"{name}_dot", pairs)
     return _time_findings(log, clear) or findings
 
 
@@ -94,16 +93,15 @@ def _contradictions(
 ) -> tuple[dict[str, float], list[Finding]]:
     """Return the clear ratios of columns to their own rates, and findings on these and on pairs that are exchanged."""
     agreements = {name: agreement for name in names if (agreement := compared(name, name))}
-    clear = {
-        name: agreement for name, agreement in agreements.items() if abs(agreement[0]) >= CLEAR_CORRELATION
-    }
+    clear = {name: own for name, own in agreements.items() if abs(own[0]) >= CLEAR_CORRELATION}
     findings = [item for name in clear for item in _verdict(name, rates(name), *clear[name])]
+
+    def follows(name: str, other: str) -> bool:
+        crossed, own = compared(name, other), abs(agreements[name][0])
+        return crossed is not None and abs(crossed[0]) >= max(SWAPPED_CORRELATION, own + SWAPPED_MARGIN)
+
     for first, second in (pair for pair in pairs if {*pair} <= set(agreements)):
-        crossed = (compared(first, second), agreements[first]), (compared(second, first), agreements[second])
-        if all(
-            agreement and abs(agreement[0]) >= max(SWAPPED_CORRELATION, abs(own[0]) + SWAPPED_MARGIN)
-            for agreement, own in crossed
-        ):
+        if follows(first, second) and follows(second, first):
             findings += judged("swapped", [first, second], first=first, second=second)
     return {name: ratio for name, (_, ratio) in clear.items()}, findings
 

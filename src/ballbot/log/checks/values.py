@@ -240,9 +240,8 @@ def _resting_lean(log: Log, rows: Bools) -> complex:
     # a positive phi leans towards x, a positive theta away from y
     pull = 1j * np.gradient(velocity, t) * turn
     starts = np.unique(np.floor(t - t[0]), return_index=True)[1]
-    lean, pull = (
-        np.add.reduceat(signal, starts) / np.diff(np.append(starts, len(t))) for signal in (lean, pull)
-    )
+    counts = np.diff(np.append(starts, len(t)))
+    lean, pull = (np.add.reduceat(signal, starts) / counts for signal in (lean, pull))
     centred = pull - pull.mean()
     slope = float(np.vdot(centred, lean).real) / max(float(np.vdot(centred, centred).real), 1e-12)
     return complex(lean.mean() - slope * pull.mean())

@@ -80,9 +80,8 @@ def write_mcap(path: Path, columns: Mapping[str, Floats]) -> None:
     stream = io.BytesIO()
     writer = Writer(stream)
     writer.start(library=f"ballbot {version('ballbot')}")
-    schema = writer.register_schema(
-        name="ballbot.log", encoding="jsonschema", data=json.dumps(log_schema(columns)).encode()
-    )
+    described = json.dumps(log_schema(columns)).encode()
+    schema = writer.register_schema(name="ballbot.log", encoding="jsonschema", data=described)
     channel = writer.register_channel(LOG_TOPIC, message_encoding="json", schema_id=schema)
     for time, row in zip(times, np.column_stack(list(columns.values())).tolist(), strict=True):
         writer.add_message(channel, log_time=time, data=row_message(columns, row), publish_time=time)

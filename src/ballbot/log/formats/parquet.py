@@ -34,9 +34,7 @@ def write_parquet_table(path: Path, columns: Mapping[str, Floats]) -> None:
     from pyarrow import parquet
 
     stream = io.BytesIO()
-    fields = [
-        pyarrow.field(name, pyarrow.float64(), metadata={"unit": unit} if (unit := unit_of(name)) else None)
-        for name in columns
-    ]
+    units = {name: {"unit": unit} if (unit := unit_of(name)) else None for name in columns}
+    fields = [pyarrow.field(name, pyarrow.float64(), metadata=unit) for name, unit in units.items()]
     parquet.write_table(pyarrow.table(dict(columns), schema=pyarrow.schema(fields)), stream)
     write_bytes(path, stream.getvalue())

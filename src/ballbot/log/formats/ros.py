@@ -40,9 +40,8 @@ def read_bag(path: Path) -> Columns:
     rows: list[Floats] = []
     topics: Topics = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        known = [
-            connection for connection in reader.connections if connection.msgtype in reader.typestore.types
-        ]
+        types = reader.typestore.types
+        known = [connection for connection in reader.connections if connection.msgtype in types]
         for connection, time, data in reader.messages(known) if known else ():
             message = reader.deserialize(data, connection.msgtype)
             if connection.topic in (_NAMES, _VALUES):
@@ -78,10 +77,9 @@ def _fields_of(message: object) -> dict[str, object]:
             values[field.name] = value.tolist()
         elif isinstance(value, list) and value and is_dataclass(value[0]):
             frames = [getattr(part, "child_frame_id", "") or str(k) for k, part in enumerate(value, start=1)]
-            parts = [
-                {key: content for key, content in _fields_of(part).items() if key != "header"}
-                for part in value
-            ]
+            parts = [_fields_of(part) for part in value]
+            for part in parts:
+                part.pop("header", None)
             values[field.name] = dict(zip(frames, parts, strict=True))
         else:
             values[field.name] = value

@@ -234,13 +234,9 @@ def read_head(path: str | Path) -> Head:
     below = [] if named is None or named + 1 >= first else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     return Head(
-        layout=replace(layout, names=tuple(names), header_lines=first),
-        rows=len(rows),
-        above=None if named is None else named + 1 + bool(units),
-        named=any(head),
-        problems=tuple(problems),
-        units=units,
-    )
+        layout=replace(layout, names=tuple(names), header_lines=first), rows=len(rows), named=any(head),
+        above=None if named is None else named + 1 + bool(units), problems=tuple(problems), units=units,
+    )  # fmt: skip
 
 
 def _likely_layout(lines: list[str]) -> TextLayout:
@@ -313,11 +309,8 @@ def names_of(cells: list[str], width: int) -> tuple[list[str], list[str]]:
     if len(given) != width and (len(filled) == width or (cells[0] and not given[0])):
         # blanks or tabs that align the names, or a mark of a comment before them
         given = filled if len(filled) == width else given[1:]
-    unnamed = [
-        str(number)
-        for number, name in enumerate(given[:width], start=1)
-        if not name.isprintable() or not name
-    ]
+    usable = [bool(name) and name.isprintable() for name in given[:width]]
+    unnamed = [str(number) for number, is_usable in enumerate(usable, start=1) if not is_usable]
     problems = []
     if unnamed:
         problems.append(f"The header has no name for column{'s' * (len(unnamed) > 1)} {', '.join(unnamed)}.")
@@ -373,15 +366,10 @@ def _frame(path: str | Path, rows: list[str], layout: TextLayout, width: int) ->
     try:
         frame = pandas.read_csv(
             io.StringIO("\n".join(rows) or "\n"),
-            sep=SEPARATORS[layout.separator] or r"\s+",
-            decimal="," if layout.decimal == "comma" else ".",
-            na_values=[*MISSING, *map(str.upper, MISSING), *layout.missing],
-            names=range(width),
-            header=None,
-            index_col=False,
-            skipinitialspace=True,
-            low_memory=False,
-        )
+            sep=SEPARATORS[layout.separator] or r"\s+", decimal="," if layout.decimal == "comma" else ".",
+            na_values=[*MISSING, *map(str.upper, MISSING), *layout.missing], names=range(width),
+            header=None, index_col=False, skipinitialspace=True, low_memory=False,
+        )  # fmt: skip
     except pandas.errors.ParserError:
         frame = pandas.DataFrame()
     if len(frame) != len(rows):

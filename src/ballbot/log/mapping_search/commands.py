@@ -156,21 +156,17 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     """Return which command turns which free wheel, by their speeds; None if they do not follow the commands."""
     held = base.held_commands(motion.signals.rows)
     R = correlations(held, motion.signals.wheels.rate)
-    sums = {
-        order: sum(abs(R[j, wheel]) for j, wheel in enumerate(order)) for order in permutations(range(len(R)))
-    }
+    size, rows = np.abs(R), range(len(R))
+    sums = {order: float(size[rows, order].sum()) for order in permutations(rows)}
     # of commands that are alike, the file's own order
     best, other = sorted(sums, key=lambda order: (-round(sums[order], 6), order))[:2]
-    if min(abs(R[j, wheel]) for j, wheel in enumerate(best)) < FOLLOWED:
+    if size[rows, best].min() < FOLLOWED:
         return None
     return CommandOrder(
-        wheels=best,
-        signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
-        explained=(sums[best] / len(R)) ** 2,
-        advantage=sums[best] - sums[other],
-        next_best=f"for wheels {[i + 1 for i in other]}",
-        confidence=1.0,
-    )
+        wheels=best, signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
+        explained=(sums[best] / len(R)) ** 2, advantage=sums[best] - sums[other],
+        next_best=f"for wheels {[i + 1 for i in other]}", confidence=1.0,
+    )  # fmt: skip
 
 
 _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `CommandOrder`
@@ -203,13 +199,10 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
     return CommandOrder(
-        wheels=wheels,
-        signs=signs,
-        explained=explained,
-        advantage=float(z[other] - z[best]),
+        wheels=wheels, signs=signs, explained=explained, advantage=float(z[other] - z[best]),
         next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
         confidence=min(sum(probability[h] for h in alike), MOST) * enough,
-    )
+    )  # fmt: skip
 
 
 def _usual(wheels: _Order, counted: Sequence[int]) -> float:
@@ -242,11 +235,8 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
     fitted, with either sign. A motor weaker than the others by more than a third can be taken for another if the robot
     moves along one line.
     """
-    n, u, speed = (
-        driving.torque.shape[1],
-        driving.torque - driving.torque.mean(axis=0),
-        driving.friction[:, :, 1],
-    )
+    u, speed = driving.torque - driving.torque.mean(axis=0), driving.friction[:, :, 1]
+    n = u.shape[1]
     heading = np.broadcast_to(speed.mean(axis=1, keepdims=True), u.shape)
     dry = np.einsum("tik,ij->tijk", driving.friction[:, :, [0, 2]], np.eye(n)).reshape(len(u), n, -1)
     # (N, n, k), the terms of each wheel
@@ -275,9 +265,8 @@ def _left(driving: Driving) -> dict[_Order, Floats]:
             left[:3] -= 2.0 * np.einsum("mj,bjmk,k->mb", way[:3], crossed, factors)
             left[:3] += np.einsum("k,mbkl,l->mb", factors, own, factors)
             left = np.maximum(left, 0.0) / max(whole, TINY)
-            unexplained[order, signs] = np.array(
-                [left[1] + left[2], left[0], left[3:].sum(axis=0)][: 2 + (n > 3)]
-            )
+            idle = [left[3:].sum(axis=0)] if n > 3 else []
+            unexplained[order, signs] = np.array([left[1] + left[2], left[0], *idle])
     return unexplained
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -156,24 +157,23 @@ def motion_of_file(base: Columned) -> SensedMotion:
     roles, t = base.roles, base.t
     raw, wrap = _continued(base.stacked(roles.angles), of_speeds=roles.of_speeds)
     named, counts = roles.unit(roles.angles), base.stated.counts_per_turn
-    wheels = wheel_units(t, raw, base.robot, named, of_speeds=roles.of_speeds, counts_per_turn=counts)
+    wheels = wheel_units(t, raw, base.robot, named, of_speeds=roles.of_speeds, per_turn=counts)
     if roles.of_speeds:
         raw = np.column_stack([integral_of(t, speed) for speed in raw.T])
     leans = [Unit(name="rad", factor=1.0, reason="of a quaternion")]
     if roles.attitude and not roles.quaternion:
         leans = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))
     likely, motion = likeliest_units(leans, wheels), None
-    heading_named = roles.unit(roles.attitude[2:]) is not None
+    named_yaw = roles.unit(roles.attitude[2:]) is not None
     for _ in range(4):
         units = next(iter(likely))
         if motion is not None and motion.units == units:
             break
         motion = _with_units(base, raw, wrap, units)
-        gain = motion.tested.gain if motion.tested else None
-        turning = motion.tested.heading.turning if motion.tested and motion.tested.heading else None
-        likely = likeliest_units(
-            leans, wheels, units, gain=gain, turning=turning, heading_named=heading_named
-        )
+        tested = motion.tested
+        gain = tested.gain if tested else None
+        turning = tested.heading.turning if tested and tested.heading else None
+        likely = likeliest_units(leans, wheels, units, gain=gain, turning=turning, heading_named=named_yaw)
     assert motion is not None
     return replace(motion, likely=likely)
 
@@ -199,32 +199,21 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         attitude = base.raw_attitude * [FACTORS["rad"][unit] for unit in base.angle_units(lean.name)]
         gyro = _gyro(base, sampled, attitude) if roles.gyro else None
     tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
-    tests = [
-        (signals, lean_test(robot, signals.lean, signals.wheels, signals.heading, signals.usable))
-        for signals in tried
-        if signals.lean
-    ]
-    known = [(signals, test) for signals, test in tests if test is not None]
+    known: list[tuple[float, Signals, LeanTest]] = []
+    for signals in tried:
+        test = signals.lean and lean_test(
+            robot, signals.lean, signals.wheels, signals.heading, signals.usable
+        )
+        if test:
+            error = math.pi if test.phase_error is None else test.phase_error
+            known.append((error / max(test.confidence, 0.05), signals, test))
     # the smallest error of the phase, which counts more if the placement is in doubt
-    signals, tested = min(
-        known,
-        key=lambda pair: (
-            (math.pi if pair[1].phase_error is None else pair[1].phase_error) / max(pair[1].confidence, 0.05)
-        ),
-        default=(tried[0], None),
-    )
+    _, signals, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
     return SensedMotion(
-        units=units,
-        likely={},
-        angles=carried,
-        sampled=sampled,
-        noise=noise,
-        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
-        wrap=wrap,
-        signals=signals,
-        gyro=gyro,
-        tested=tested,
-    )
+        units=units, likely={}, angles=carried, sampled=sampled, noise=noise,
+        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit, wrap=wrap,
+        signals=signals, gyro=gyro, tested=tested,
+    )  # fmt: skip
 
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:
@@ -241,12 +230,7 @@ def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | N
 
 
 def _signals(
-    base: Columned,
-    angles: Floats,
-    sampled: Floats,
-    attitude: Floats | None,
-    gyro: Gyro | None,
-    width: float,
+    base: Columned, angles: Floats, sampled: Floats, attitude: Floats | None, gyro: Gyro | None, width: float
 ) -> Signals:
     """Return the signals on even rows; with a gyro, the lean's rates are the gyro's, and the heading without a yaw."""
     rows, kept = even_rows(base.t), new_messages(sampled)
@@ -275,11 +259,10 @@ def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:
     rows, kept, with_yaw = even_rows(base.t), new_messages(sampled), attitude.shape[1] > 2
     yaw = np.unwrap(attitude[:, 2]) if with_yaw else np.zeros(len(attitude))
     angles, gyro = np.column_stack([attitude[:, :2], yaw]), base.stacked(base.roles.gyro)
-    named = base.roles.unit(base.roles.gyro)
-    smoothed = [
-        [smooth(rows, sampled[kept], signal[kept], width=w) for signal in (angles, gyro)] for w in WIDTHS
-    ]
-    fits = [_gyro_fit(turned, turning.value, named, with_yaw=with_yaw) for turned, turning in smoothed]
+    named, fits = base.roles.unit(base.roles.gyro), []
+    for width in WIDTHS:
+        turned, turning = (smooth(rows, sampled[kept], s[kept], width=width) for s in (angles, gyro))
+        fits.append(_gyro_fit(turned, turning.value, named, with_yaw=with_yaw))
     return max((fit for fit in fits if fit), key=lambda fit: min(fit.correlations[:2]), default=None)
 
 

@@ -176,9 +176,8 @@ def _kind(
     if "other" in says or after_lean or asked or bare[:1] in (["e"], ["p"]):
         return "other", 0.0, axis
     plain = index is None and axis is None
-    of_time = bool(words) and all(
-        UNIT_OF.get(word) in _UNITS_OF_KIND["time"] and word != "s" for word in words
-    )
+    times = _UNITS_OF_KIND["time"]
+    of_time = bool(words) and all(UNIT_OF.get(word) in times and word != "s" for word in words)
     if plain and ("time" in says or present - _WORDS["empty"] == {"t"} or of_time):
         return "time", 0.8 if "time" in says else 0.7, None
     if "no inertial" not in says:
@@ -203,9 +202,8 @@ def _kind(
 
 def _of_wheel(present: set[str], unit: str | None) -> tuple[Kind, float]:
     """Return whether words with a number are a motor's command, or a wheel's angle or speed, and the weight."""
-    wheel, angle, changing, command = (
-        _WORDS[topic] for topic in ("wheel", "wheel angle", "changing", "command")
-    )
+    topics = "wheel", "wheel angle", "changing", "command"
+    wheel, angle, changing, command = (_WORDS[topic] for topic in topics)
     of_unit = INPUT_OF_UNIT.get(unit or "")
     if not present <= wheel | angle | changing | command:
         # words of any language
@@ -241,9 +239,8 @@ def _words_and_unit(name: str) -> tuple[list[str], str | None]:
         if unit in _ONE_LETTER and not {part.lower() for part in rest} & _WORDS["command"]:
             unit = None
         parts = [*rest, parts[-1]] if unit else parts
-    words = [
-        word for part in parts for word_part in _CAPITALS.findall(part) for word in _parted(word_part.lower())
-    ]
+    pieces = [piece.lower() for part in parts for piece in _CAPITALS.findall(part)]
+    words = [word for piece in pieces for word in _parted(piece)]
     # camel case: timeMs, angleDeg; one letter alone is an axis or a number
     last = words[-1] if len(words) > 1 and len(words[-1]) > 1 else ""
     if unit is None and last in UNIT_OF and last not in _WORDS["wheel angle"] | _WORDS["command"]:
@@ -327,22 +324,17 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
 def roles_by_name(names: Sequence[str], *, wheel_count: int, units: Mapping[str, str]) -> Roles:
     """Return what the names, and the units in a row below them, say."""
     readings = read_names(names, units)
-    angles, speeds, commands = (
-        _series(readings, kind, wheel_count) for kind in ("wheel angle", "wheel speed", "command")
-    )
+    kinds: tuple[Kind, ...] = ("wheel angle", "wheel speed", "command")
+    angles, speeds, commands = (_series(readings, kind, wheel_count) for kind in kinds)
     times = [reading for reading in readings if reading.kind == "time"]
     attitude, gyro = _axes(readings, "attitude"), _axes(readings, "gyro")
     return Roles(
         time=max(times, key=lambda reading: reading.weight).name if times else "",
-        attitude=tuple(attitude[axis] for axis in "xyz" if axis in attitude)
-        if {"x", "y"} <= set(attitude)
-        else (),
-        angles=angles or speeds,
-        of_speeds=not angles and bool(speeds),
-        commands=commands,
+        attitude=tuple(attitude[axis] for axis in sorted(attitude)) if {"x", "y"} <= set(attitude) else (),
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
+        angles=angles or speeds, of_speeds=not angles and bool(speeds), commands=commands,
         units={reading.name: reading.unit for reading in readings if reading.unit},
-    )
+    )  # fmt: skip
 
 
 def _series(readings: Iterable[NameReading], kind: Kind, count: int) -> tuple[str, ...]:
@@ -368,9 +360,7 @@ def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
             families.setdefault(reading.stem, {}).setdefault(reading.axis, reading)
     if not families:
         return {}
-    best = max(
-        families.values(), key=lambda f: (len(f) > 1, min(reading.weight for reading in f.values()), len(f))
-    )
+    best = max(families.values(), key=lambda f: (len(f) > 1, min(r.weight for r in f.values()), len(f)))
     # a heading by itself belongs to roll and pitch of another family
     for family in families.values() if len(best) > 1 else ():
         best = family | best

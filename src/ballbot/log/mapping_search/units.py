@@ -58,19 +58,16 @@ def time_unit(t: Floats, named: str | None) -> Unit | None:
 
 
 def wheel_units(
-    t: Floats,
-    angles: Floats,
-    robot: Robot,
-    named: str | None,
-    *,
-    of_speeds: bool,
-    counts_per_turn: float | None,
+    t: Floats, angles: Floats, robot: Robot, named: str | None, *, of_speeds: bool, per_turn: float | None
 ) -> list[Unit]:
-    """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it."""
+    """Return the units that wheel angles (N, n) may have, or their speeds; one alone if the heading has it.
+
+    The counts `per_turn` of a wheel are those of the robot file if none are given.
+    """
     rate = "/s" if of_speeds else ""
-    per_turn = counts_per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
-    of_counts = f"{per_turn:g} a turn {'as given' if counts_per_turn else 'by the robot file'}"
-    count = 2.0 * math.pi / per_turn
+    counts = per_turn or robot.sensors.encoder_counts * robot.drive.gear_ratio
+    of_counts = f"{counts:g} a turn {'as given' if per_turn else 'by the robot file'}"
+    count = 2.0 * math.pi / counts
     table = {**FACTORS["rad" + rate], "counts" + rate: count}
     if named in table:
         reason = f"the heading has it{f', {of_counts}' if 'counts' in named else ''}"
