@@ -29,7 +29,7 @@ from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm
+from ballbot.workflows.controller_choice import NamedCourse, confirm
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
 from tests.support.screen import assert_fits_a_screen
@@ -101,7 +101,7 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
     small.found.robot.write(tmp_path / "robot.toml")
     designed = certain_friction(Robot.load(tmp_path / "robot.toml"))
-    studied = compensated_robot(small.found).friction
+    studied = certain_friction(small.found.robot)
     for name in ("viscous", "coulomb", "stribeck", "rolling"):
         # the file's digits
         np.testing.assert_allclose(getattr(designed, name), getattr(studied, name), rtol=2e-3)
