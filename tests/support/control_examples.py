@@ -81,12 +81,11 @@ def example_parts(wheel_count: int) -> Parts:
 def everything(robot: Robot) -> Controller:
     """Return a controller with every part, at settings that all differ from the defaults."""
     precise, parts = precise_controller(robot, compensation="partial"), example_parts(robot.wheel_count)
-    assert precise.parts.integral is not None
-    assert parts.integral is not None
+    own, integral = precise.parts.integral, parts.integral
+    assert own is not None
+    assert integral is not None
     # the example's gain does not stabilise a robot
-    return precise.with_parts(
-        replace(parts, integral=replace(parts.integral, gain=precise.parts.integral.gain))
-    )
+    return precise.with_parts(replace(parts, integral=replace(integral, gain=own.gain)))
 
 
 def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 64) -> Controller:
@@ -111,15 +110,10 @@ def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 6
 
 def linear_policy(controller: Controller) -> Controller:
     """Return a controller whose policy does as its feedback; its units are driven too little to bend."""
-    small, scales, (wheels, _) = 0.05, np.array(SCALES), controller.gain.shape
-    first, second, last = (
-        np.zeros((10, observation_size(wheels) + 1)),
-        np.zeros((10, 11)),
-        np.zeros((wheels, 11)),
-    )
-    first[:, :10] = small * np.eye(10)
-    second[:, :10] = np.eye(10)
-    last[:, :10] = controller.gain * scales / (small * controller.torque_limit)
+    small, wheels = 0.05, len(controller.gain)
+    first = np.pad(small * np.eye(10), ((0, 0), (0, observation_size(wheels) - 9)))
+    second = np.pad(np.eye(10), ((0, 0), (0, 1)))
+    last = np.pad(controller.gain * np.array(SCALES) / (small * controller.torque_limit), ((0, 0), (0, 1)))
     policy = Policy(
         feedback=0.0,
         torque_scale=controller.torque_limit,

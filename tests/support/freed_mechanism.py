@@ -52,16 +52,9 @@ def wheel_places(robot: Robot) -> list[WheelPlace]:
     for azimuth in robot.wheels.azimuths:
         turn = Rotation.from_euler("ZY", [azimuth, robot.wheels.tilt])
         contact, rolling = turn.apply(Z), turn.apply(Y)
-        axle = np.cross(rolling, contact)
-        places.append(
-            WheelPlace(
-                contact=contact,
-                rolling=rolling,
-                axle=axle,
-                hub=(robot.ball.radius + robot.wheels.radius) * contact,
-                frame=Rotation.from_matrix(np.column_stack([rolling, contact, axle])),
-            )
-        )
+        axle, hub = np.cross(rolling, contact), (robot.ball.radius + robot.wheels.radius) * contact
+        frame = Rotation.from_matrix(np.column_stack([rolling, contact, axle]))
+        places.append(WheelPlace(contact=contact, rolling=rolling, axle=axle, hub=hub, frame=frame))
     return places
 
 
@@ -84,10 +77,8 @@ def body_link(robot: Robot) -> Link:
     for place in places:
         turned = place.frame.as_matrix() @ wheel.inertia @ place.frame.as_matrix().T
         inertia = inertia - turned - point_inertia(wheel.mass, place.hub)
-    center_of_mass = moment / mass
-    return Link(
-        mass=mass, center_of_mass=center_of_mass, inertia=inertia - point_inertia(mass, center_of_mass)
-    )
+    center = moment / mass
+    return Link(mass=mass, center_of_mass=center, inertia=inertia - point_inertia(mass, center))
 
 
 def point_inertia(mass: float, place: NDArray[np.float64]) -> NDArray[np.float64]:
