@@ -1,5 +1,6 @@
 """Robots and controllers that several tests use."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
+Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 #: the nominal scenario's
 FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
@@ -128,11 +130,14 @@ def linear_policy(controller: Controller) -> Controller:
     return controller.with_parts(replace(controller.parts, policy=policy))
 
 
-class MisjudgedLean:
-    """A controller whose AHRS leans."""
+class Altered:
+    """A controller that is given other states, or whose torques are changed on their way."""
 
-    def __init__(self, controller: Controller, *, degrees: float) -> None:
-        self.controller, self.sample_time, self._off = controller, controller.sample_time, np.radians(degrees)
+    def __init__(
+        self, controller: Controller, *, state: Change = lambda x: x, torques: Change = lambda u: u
+    ) -> None:
+        self.controller, self.sample_time = controller, controller.sample_time
+        self._state, self._torques = state, torques
 
     def reset(self) -> None:
         self.controller.reset()
@@ -140,6 +145,4 @@ class MisjudgedLean:
     def update(
         self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        wrong = state.copy()
-        wrong[2] += self._off
-        return self.controller.update(t, wrong, reference)
+        return self._torques(self.controller.update(t, self._state(state), reference))
