@@ -76,9 +76,6 @@ def write_study(study: Study, out: Path, *, made: Provenance) -> None:
     write_text(out / "report.html", page_of(replace(study_report(study), provenance=made)))
 
 
-# --- what is held out ---
-
-
 @given(st.floats(1.0, 400.0), st.floats(-50.0, 50.0))
 def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     log = Log({"t": first + np.linspace(0.0, duration, 500)})
@@ -105,9 +102,6 @@ def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Stu
     for name in ("viscous", "coulomb", "stribeck", "rolling"):
         # the file's digits
         np.testing.assert_allclose(getattr(designed, name), getattr(studied, name), rtol=2e-3)
-
-
-# --- end to end ---
 
 
 def test_the_friction_found_is_near_the_truth(small: Study):
@@ -176,9 +170,6 @@ def test_measured_logs_are_predicted_better_with_friction(shared_data, tmp_path,
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     open_loop = results["validation"]["open_loop"]
     assert all(open_loop["with_friction"][name] < open_loop["without_friction"][name] for name in STATE_NAMES)
-
-
-# --- the commands ---
 
 
 def test_a_study_refuses_before_it_works():
