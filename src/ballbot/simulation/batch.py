@@ -1,12 +1,12 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
 The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late
-torques or a sloping floor (`Imperfections`), and may be left once it is lost.
+torques or a sloping floor (`Imperfections`), and may be left once it is lost (`OutcomeBounds`).
 """
 
 import math
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -43,6 +43,19 @@ from ballbot.simulation.sensed_plant import SensedPlant
 T = TypeVar("T")
 
 
+@dataclass(frozen=True, kw_only=True)
+class OutcomeBounds:
+    """Bounds beyond which a lane is lost and its run stops."""
+
+    lost: float = math.inf  #: a lane that leans farther, and outward, cannot recover [rad]
+    grip: float = math.inf  #: friction coefficient of wheels on ball; a lane that needs more ends
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise InputError(f"{name} of the verdict is {value!r}; it must be above zero.")
+
+
 def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
     """Return the models; one compiled call steps them all."""
     models = [as_model(given) for given in _listed(source)]
@@ -65,8 +78,7 @@ def simulate_batch(
     duration: float,
     initial_states: ArrayLike | None = None,
     imperfections: Imperfections | Sequence[Imperfections] | None = None,
-    lost_lean: float = math.inf,
-    grip: float = math.inf,
+    verdict: OutcomeBounds = OutcomeBounds(),
     every: int = 1,
     threads: int | None = None,
 ) -> ClosedLoopBatch:
@@ -90,10 +102,8 @@ def simulate_batch(
         One for all lanes or one for each: sensors, delay, noise, play, floor. By default the controllers see the true
         state, and drives have no limits but the controllers' own. The state is that of the estimator that each
         controller is made for. If there is one for all lanes, its seed is that of the first, and the others' follow it.
-    lost_lean : float
-        Lean [rad] from which no robot recovers: a lane that leans farther, and outward, ends.
-    grip : float
-        Friction coefficient of the wheels on the ball: a lane that needs more ends.
+    verdict : OutcomeBounds, optional
+        Stops each lane as soon as it is lost; by default all run to the end.
     every : int
         Record every `every`-th sample, beginning with the first; 0 records the first only, and `finals`.
     threads : int, optional
@@ -137,15 +147,15 @@ def simulate_batch(
         sample_time=sample_time,
         steps=models[0].steps_in(sample_time),
         every=whole_number(every, "every", least=0) or samples,
-        lost_lean=lost_lean,
-        grip=grip,
+        lost_lean=verdict.lost,
+        grip=verdict.grip,
     )
     if len(laws) == len(controllers):
         out = _side_by_side(lanes, models, laws, initial, by_lane, sampling, threads)
-    elif lost_lean == grip == math.inf:
+    elif verdict == OutcomeBounds():
         out = _one_by_one(lanes, models, controllers, initial, by_lane, sampling, as_reference(reference))
     else:
-        raise InputError("A lost lean and a grip need Ballbot's own controllers in all lanes.")
+        raise InputError("A verdict needs Ballbot's own controllers in all lanes; others run to the end.")
     leans = np.array([lane.fallen_lean for lane in by_lane] or [LARGEST_LEAN])
     return _result(out, sampling, leans)
 

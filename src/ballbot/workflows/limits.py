@@ -28,7 +28,7 @@ from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.results import left_out, reported, to_results
 from ballbot.robot import Robot
-from ballbot.simulation.batch import simulate_batch
+from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
 from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
@@ -82,9 +82,9 @@ class Loop:
         return self.plant.model
 
     @cached_property
-    def lost_lean(self) -> float:
-        """The lean beyond which a robot that leans outward is lost [rad]."""
-        return lost_lean(self.model)
+    def verdict(self) -> OutcomeBounds:
+        """When a run is lost."""
+        return OutcomeBounds(lost=lost_lean(self.model), grip=self.grip)
 
     def recovers(self, starts: Floats) -> Bools:
         """Return from which starts (runs, 10) the robot recovers."""
@@ -97,8 +97,7 @@ class Loop:
                 duration=DURATION,
                 initial_states=starts[kept],
                 imperfections=self.plant.imperfections,
-                lost_lean=self.lost_lean,
-                grip=self.grip,
+                verdict=self.verdict,
                 every=0,
             ).survived
         return kept
