@@ -56,12 +56,8 @@ def swaying(
     angles = np.vstack((np.zeros(3), np.cumsum(0.5 * (wheels[1:] + wheels[:-1]), axis=0) * H / fine))[::fine]
     truth, rate = truth[::fine], rate[::fine]
     # errors by rollers, play and slip of the distance by the wheels and of the ball's turning
-    slip = np.column_stack(
-        (
-            noise.rolling / ALTEN.ball.radius * random.standard_normal((samples + 1, 2)),
-            noise.pivoting * random.standard_normal(samples + 1),
-        )
-    ) * np.sqrt(H)
+    rolled = noise.rolling / ALTEN.ball.radius * random.standard_normal((samples + 1, 2))
+    slip = np.column_stack((rolled, noise.pivoting * random.standard_normal(samples + 1))) * np.sqrt(H)
     slip[0] = 0.0
     slipped = np.einsum("nji,nj->ni", rotation(*truth[:, 2:5].T), slip) @ transforms(ALTEN).T_owb.T
     return _sensed(truth, rate, angles + np.cumsum(slipped, axis=0), random, noise)
@@ -142,9 +138,9 @@ def covariance_of(kalman: KalmanFilter) -> NDArray[np.float64]:
     s3, c3 = math.sin(kalman._x[PSI]), math.cos(kalman._x[PSI])
     turn = np.array([[c3, -s3], [s3, c3]])
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    swap = -quarter  # theta, phi = swap Rz g
     rows = np.zeros((7, STATES))
     rows[0, X], rows[1, X + 1], rows[4, PSI] = 1.0, 1.0, 1.0
-    swap = np.array([[0.0, 1.0], [-1.0, 0.0]])  # theta, phi = swap Rz g
     rows[2:4, G : G + 2] = swap @ turn
     rows[2:4, PSI] = swap @ turn @ quarter @ kalman._x[G : G + 2]
     rows[5:, S : S + 2] = turn

@@ -33,9 +33,8 @@ class Film:
 def ball_video(path: Path, scene: Scene, *, duration: float, codec: str = "HFYU") -> Film:
     """Write the video of a ball that wanders at up to 10 rad/s and return it."""
     motion = wandering(duration=duration, peak=10.0, seed=3)
-    write_video(
-        path, render(scene, motion, duration=duration), frame_rate=scene.camera.frame_rate, codec=codec
-    )
+    frames = render(scene, motion, duration=duration)
+    write_video(path, frames, frame_rate=scene.camera.frame_rate, codec=codec)
     return Film(path=path, motion=motion, scene=scene)
 
 
@@ -63,15 +62,9 @@ def pendulum(
 
         turns.terminal, turns.direction = True, -sign  # pyright: ignore[reportFunctionMemberAccess]
         # a shove of the rate's own size of rounding, so that the turn at the start is not found again
+        span, begin = (start, t[-1] + 1.0), [angle, 1e-9 * sign]
         run = solve_ivp(
-            slope,
-            (start, t[-1] + 1.0),
-            [angle, 1e-9 * sign],
-            method="DOP853",
-            events=turns,
-            rtol=1e-10,
-            atol=1e-12,
-            dense_output=True,
+            slope, span, begin, method="DOP853", events=turns, rtol=1e-10, atol=1e-12, dense_output=True
         )
         ends = run.t[-1]
         now = rows & (t <= ends)
