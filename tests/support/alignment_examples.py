@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.log import Log
 
 _QUATERNION = ("qw", "qx", "qy", "qz")
@@ -45,14 +45,14 @@ class Run:
         self.amplitude = size * random.uniform(0.5, 1.5, (5, 6))
         self.spin = setup.spin
 
-    def pose(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pose(self, t: Floats) -> Floats:
         """Return x, y, theta, phi, psi (n, 5) at times (n,)."""
         swings = self.amplitude * np.sin(2.0 * np.pi * self.frequency * t[:, None, None] + self.phase)
         pose = swings.sum(axis=2)
         pose[:, 4] += self.spin * t
         return pose
 
-    def gyro(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gyro(self, t: Floats) -> Floats:
         """Return the body's angular velocity (n, 3) in its own frame, by central differences of rotations."""
         h = 1e-4
         before, after = (Rotation.from_euler("XYZ", self.pose(one)[:, 2:]) for one in (t - h, t + h))

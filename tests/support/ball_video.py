@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.vision.seam import Seam, cell_directions, octahedral, thesis_seam
 from ballbot.vision.view import View
 
@@ -26,15 +27,15 @@ from ballbot.vision.view import View
 class Motion:
     """Angular velocity, linear between instants, and the orientation that follows."""
 
-    t: NDArray[np.float64]  #: (n,) [s], increasing, close enough together that it hardly changes between two
-    omega: NDArray[np.float64]  #: (n, 3) [rad/s], camera frame
-    rotations: NDArray[np.float64]  #: (n, 3, 3) ball frame to camera frame
+    t: Floats  #: (n,) [s], increasing, close enough together that it hardly changes between two
+    omega: Floats  #: (n, 3) [rad/s], camera frame
+    rotations: Floats  #: (n, 3, 3) ball frame to camera frame
 
-    def omega_at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def omega_at(self, t: Floats) -> Floats:
         """Return the angular velocity (k, 3) [rad/s] at times (k,)."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.omega.T])
 
-    def orientation(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def orientation(self, t: Floats) -> Floats:
         """Return the orientation (k, 3, 3), ball frame to camera frame, at times (k,)."""
         before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         middle = self.omega_at(0.5 * (self.t[before] + t))
@@ -42,7 +43,7 @@ class Motion:
         return (rest * Rotation.from_matrix(self.rotations[before])).as_matrix()
 
 
-def motion_of(t: NDArray[np.float64], omega: NDArray[np.float64], *, start: Rotation | None = None) -> Motion:
+def motion_of(t: Floats, omega: Floats, *, start: Rotation | None = None) -> Motion:
     """Return the motion with an angular velocity (n, 3) [rad/s], camera frame, at times (n,) [s].
 
     Over a step the mean of its ends is taken, which errs by (w x dw) dt^2 / 12: steps of a millisecond give 1e-8 rad.
@@ -168,7 +169,7 @@ def render(scene: Scene, motion: Motion, *, duration: float) -> Iterator[NDArray
         yield _frame(scene, canvas, motion.orientation(instants), middle)
 
 
-def _frame(scene: Scene, canvas: _Canvas, R: NDArray[np.float64], t: float) -> NDArray[np.uint8]:
+def _frame(scene: Scene, canvas: _Canvas, R: Floats, t: float) -> NDArray[np.uint8]:
     seam, ball = _linear(scene.seam_colour), _linear(scene.ball_colour)
     rows, columns = canvas.shading.shape
     share, seamed = np.zeros((2, rows, columns), np.float32)  # of the pixel that is ball, and that is seam
@@ -231,7 +232,7 @@ def _canvas(scene: Scene) -> _Canvas:
     )
 
 
-def _offsets(count: int) -> NDArray[np.float64]:
+def _offsets(count: int) -> Floats:
     """Return places (count, 2) within a pixel, spread evenly: the plastic number's sequence."""
     k = np.arange(count)[:, None] + 0.5
     places = (k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0

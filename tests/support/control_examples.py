@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
+from ballbot.arrays import Floats
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -20,7 +20,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
-Change = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Change = Callable[[Floats], Floats]
 #: the nominal scenario's
 FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
@@ -45,7 +45,7 @@ def four_wheeled(*, friction: bool) -> Robot:
     return robot.replace(wheels=wheels, friction=four if friction else Friction.none(4))
 
 
-def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+def leaning(theta: float, phi: float = 0.0) -> Floats:
     """Return a state (10,) at rest with that lean [rad]."""
     state = np.zeros(10)
     state[2:4] = theta, phi
@@ -142,7 +142,5 @@ class Altered:
     def reset(self) -> None:
         self.controller.reset()
 
-    def update(
-        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
         return self._torques(self.controller.update(t, self._state(state), reference))

@@ -3,9 +3,9 @@
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Model, Robot, simulate
+from ballbot.arrays import Floats
 from ballbot.control import references
 from ballbot.control.presets import nominal_controller
 from ballbot.log import STATE_NAMES, Log
@@ -21,9 +21,9 @@ def balancing(name: str = "alten", *, seed: int = 1, mass: float = 1.0) -> tuple
     """Return a log of 12 s around a square on a robot with friction, and the robot; `mass` scales the true body."""
     robot = Robot.load(name)
     true = robot.replace(friction=FRICTION, body=scaled_body(robot.body, mass=mass, height=1.0))
-    random, measured = np.random.default_rng(seed), list[NDArray[np.float64]]()
+    random, measured = np.random.default_rng(seed), list[Floats]()
 
-    def noisy(state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def noisy(state: Floats) -> Floats:
         measured.append(state + NOISE * random.standard_normal(10))
         return measured[-1]
 

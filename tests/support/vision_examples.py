@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
+from ballbot.arrays import Floats
 from ballbot.vision.spin import Spin
 from tests.support.ball_video import Camera, Motion, Scene, render, wandering, write_video
 
@@ -39,8 +39,8 @@ def ball_video(path: Path, scene: Scene, *, duration: float, codec: str = "HFYU"
 
 
 def pendulum(
-    t: NDArray[np.float64], *, stiffness: float, viscous: float = 0.0, dry: float = 0.0, amplitude: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t: Floats, *, stiffness: float, viscous: float = 0.0, dry: float = 0.0, amplitude: float
+) -> tuple[Floats, Floats]:
     """Return angle and rate (n,) of a pendulum let go at `amplitude`, half swing by half swing to 1e-10.
 
     angle'' = -stiffness sin(angle) - viscous angle' - dry sgn(angle'), at rest where gravity cannot overcome dry.
@@ -54,10 +54,10 @@ def pendulum(
             return angles, rates
         sign = -np.sign(angle)
 
-        def slope(_: float, y: NDArray[np.float64], sign: float = sign) -> list[float]:
+        def slope(_: float, y: Floats, sign: float = sign) -> list[float]:
             return [y[1], -stiffness * np.sin(y[0]) - viscous * y[1] - dry * sign]
 
-        def turns(_: float, y: NDArray[np.float64]) -> float:
+        def turns(_: float, y: Floats) -> float:
             return y[1]
 
         turns.terminal, turns.direction = True, -sign  # pyright: ignore[reportFunctionMemberAccess]
@@ -74,7 +74,7 @@ def pendulum(
         start, angle = float(ends), float(run.y[0, -1])
 
 
-def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0) -> NDArray[np.float64]:
+def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0) -> Floats:
     """Return noise (count,) N(0, deviation), each value `memory` times the one before and something new."""
     white = np.random.default_rng(seed).standard_normal(count)
     return deviation * np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white))
