@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller, default_speed_band
 from ballbot.control.file import controller_text
+from ballbot.control.overcompensation import certain_friction
 from ballbot.control.parts import Parts
 from ballbot.control.parts.integral import IntegralAction
 from ballbot.control.presets import (
@@ -30,7 +31,7 @@ from ballbot.control.references import Reference, circle, figure_eight, square
 from ballbot.fitting.sweep import identity
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.controller_choice import SQUARE, candidates, compensated_robot
+from ballbot.workflows.controller_choice import SQUARE, candidates
 from ballbot.workflows.grid import Condition, GridRun, TwinRobot, grid_runs, run_grid
 from ballbot.workflows.metrics import Score
 from ballbot.workflows.statistics import Estimate, MedianEstimate, mean_ratio, median_with_interval
@@ -108,7 +109,8 @@ def controller_of(robot: Robot, cell: Cell) -> Controller:
 
 def run_cells(seeds: Sequence[int], *, processes: int | None = None) -> Peaks:
     """Run every cell with every seed, or take the results from file."""
-    robot = compensated_robot(identified())
+    found = identified().robot
+    robot = found.replace(friction=certain_friction(found))
     controllers = {cell: controller_of(robot, cell) for cell in CELLS}
     runs = [
         GridRun(

@@ -93,7 +93,7 @@ def undrawn() -> Generator[None]:
 
     empty = Figure()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ballbot.report.style._drawn", lambda _draw, name: (f"<svg><!--{name}--></svg>", empty))
+        patch.setattr("ballbot.report.style.drawn", lambda _draw, name: (f"<svg><!--{name}--></svg>", empty))
         yield
 
 

@@ -14,7 +14,7 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.twin.scenario import Scenario
-from tests.support.control_examples import FRICTION, alten, leaning
+from tests.support.control_examples import FRICTION, Altered, alten, leaning
 from tests.test_summary import RESULTS
 
 ROBOT = alten(FRICTION)
@@ -42,20 +42,6 @@ def test_a_function_is_a_controller():
     np.testing.assert_array_equal(by_function.states, by_object.states)
 
 
-class Own:
-    """The nominal controller as a user's own."""
-
-    def __init__(self) -> None:
-        self.inner = nominal_controller(ROBOT)
-        self.sample_time, self.estimator = self.inner.sample_time, self.inner.estimator
-
-    def reset(self):
-        self.inner.reset()
-
-    def update(self, t, state, reference):
-        return self.inner.update(t, state, reference)
-
-
 @pytest.mark.parametrize("imperfections", [None, Imperfections(delay=1, torque_noise=0.01, seed=4)])
 def test_own_controllers_run_in_a_batch_as_compiled_ones_do(imperfections):
     starts = np.array([leaning(0.01), leaning(-0.02, 0.01), leaning(0.6, 0.6)])
@@ -69,7 +55,7 @@ def test_own_controllers_run_in_a_batch_as_compiled_ones_do(imperfections):
             imperfections=imperfections,
             every=2,
         )
-        for one in (nominal_controller(ROBOT), Own())
+        for one in (nominal_controller(ROBOT), Altered(nominal_controller(ROBOT)))
     ]
     compiled, own = both
     np.testing.assert_array_equal(own.survived, compiled.survived)

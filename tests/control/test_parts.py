@@ -19,7 +19,7 @@ from ballbot.twin import Scenario
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import run_league
 from ballbot.workflows.metrics import falls_of
-from tests.support.control_examples import FRICTION, MisjudgedLean, alten, four_wheeled
+from tests.support.control_examples import FRICTION, Altered, alten, four_wheeled
 
 SAMPLE = 0.005
 
@@ -126,7 +126,10 @@ def test_integral_action_takes_away_an_error_that_stays():
     design = design_integral_gain(robot)
     left = {}
     for name, part in (("without", None), ("with", IntegralAction(gain=design.integral_gain, memory=1e6))):
-        controller = MisjudgedLean(Controller(robot, design.gain, parts=Parts(integral=part)), degrees=1.0)
+        controller = Controller(robot, design.gain, parts=Parts(integral=part))
+        controller = Altered(
+            controller, state=lambda x: x + np.radians(1.0) * np.eye(10)[2]
+        )  # an AHRS that leans
         log = simulate(Model(robot), controller, hold(psi=1.0), duration=18.0)
         left[name] = float(np.hypot(log["x"][-1], log["y"][-1]))
     assert left["without"] > 0.04  # a degree times the gain's lean over its place, 3.5 m/rad

@@ -35,9 +35,7 @@ def _found() -> Identification:
     errors = WindowErrors(
         spans=(span,), window_samples=1, squares_with=np.ones((1, 10)), squares_without=np.ones((1, 10))
     )
-    root = np.random.default_rng(2).normal(size=(12, 12))
-    spread = root @ root.T
-    scale = np.sqrt(np.diag(spread))
+    correlation = np.corrcoef(np.random.default_rng(2).normal(size=(12, 24)))
     coordinates = scale_between(true_robot())
     point = coordinates.scaled(coordinates.nominal)
     sizes = np.array([1e-3] * 3 + [3e-3] * 3 + [4e-3] * 3 + [0.01, 0.02, 1e-4]) / coordinates.slopes(point)
@@ -47,7 +45,7 @@ def _found() -> Identification:
         uncertainty=Uncertainty(
             coordinates=coordinates,
             point=point,
-            covariance=spread / np.outer(scale / sizes, scale / sizes),
+            covariance=correlation * np.outer(sizes, sizes),
             bootstrap=sizes,
             intervals={},
         ),
@@ -111,24 +109,12 @@ def test_the_friction_in_words_is_that_of_the_law(dry, viscous, words):
 def test_the_friction_band_is_that_of_drawn_parameters(wheel):
     found = _found()
     speed = np.array([-2.0, -0.4, 0.05, 0.7, 3.0])
+    at = np.tile(speed[:, None], 3)
     torque, error = friction_curve(found, wheel, speed)
-    np.testing.assert_allclose(
-        torque, wheel_friction(np.tile(speed[:, None], 3), found.robot.friction)[:, wheel]
-    )
-    f = found.robot.friction
-    mean = np.array([*f.viscous, *f.coulomb, *f.stribeck, f.stribeck_speed, f.stribeck_exponent, f.rolling])
-    drawn_sets = np.random.default_rng(0).multivariate_normal(mean, found.covariance, size=4000)
-    torques = []
-    for row in drawn_sets:
-        friction = Friction(
-            viscous=tuple(row[:3]),
-            coulomb=tuple(row[3:6]),
-            stribeck=tuple(row[6:9]),
-            stribeck_speed=row[9],
-            stribeck_exponent=row[10],
-            rolling=0.0,
-        )
-        torques.append(wheel_friction(np.tile(speed[:, None], 3), friction)[:, wheel])
+    np.testing.assert_allclose(torque, wheel_friction(at, found.robot.friction)[:, wheel])
+    drawn_sets = np.random.default_rng(0).multivariate_normal(found.values, found.covariance, size=4000)
+    robots = [found.layout.robot_of(found.robot, values) for values in drawn_sets]
+    torques = [wheel_friction(at, robot.friction)[:, wheel] for robot in robots]
     # 4000 draws give a deviation to 1.1 %; the law is not linear in v_s and delta, which bends it a little
     np.testing.assert_allclose(error, np.std(torques, axis=0), rtol=0.06)
 
@@ -146,14 +132,12 @@ def test_a_parameter_without_a_standard_error_is_as_uncertain_as_its_range():
 
 def _plot() -> Figure:
     figure = Figure(figsize=(7.4, 2.0))
-    axes = figure.subplots()
-    axes.plot([0, 1], [0, 1])
-    axes.set_title("a title")
+    figure.subplots(subplot_kw={"title": "a title"}).plot([0, 1], [0, 1])
     return figure
 
 
 def test_a_figure_is_one_svg_element_whose_names_are_its_own():
-    first, again, other = drawn(_plot, name="a"), drawn(_plot, name="a"), drawn(_plot, name="b")
+    first, again, other = (drawn(_plot, name=name)[0] for name in "aab")
     assert first == again
     for svg in (first, other):
         assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"

@@ -3,10 +3,12 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.log import Log
+
+_QUATERNION = ("qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,14 +45,14 @@ class Run:
         self.amplitude = size * random.uniform(0.5, 1.5, (5, 6))
         self.spin = setup.spin
 
-    def pose(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def pose(self, t: Floats) -> Floats:
         """Return x, y, theta, phi, psi (n, 5) at times (n,)."""
         swings = self.amplitude * np.sin(2.0 * np.pi * self.frequency * t[:, None, None] + self.phase)
         pose = swings.sum(axis=2)
         pose[:, 4] += self.spin * t
         return pose
 
-    def gyro(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def gyro(self, t: Floats) -> Floats:
         """Return the body's angular velocity (n, 3) in its own frame, by central differences of rotations."""
         h = 1e-4
         before, after = (Rotation.from_euler("XYZ", self.pose(one)[:, 2:]) for one in (t - h, t + h))
@@ -87,21 +89,18 @@ def _film(setup: Setup, run: Run, random: np.random.Generator) -> Log:
     centers = np.column_stack([pose[:, :2] - start, np.zeros(len(t))])
     places = setup.camera_world.apply(centers) + setup.origin + markers.apply(setup.lever)
     places += 2e-4 * random.standard_normal(places.shape)
-    quaternions = markers.as_quat()
     columns = {"t": setup.offset + (1.0 + setup.rate) * t}
     columns |= dict(zip("xyz", places.T, strict=True))
-    columns |= {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
-    return Log(columns)
+    return Log(columns | dict(zip(_QUATERNION, markers.as_quat(scalar_first=True).T, strict=True)))
 
 
 def flipped(film: Log, *, start: float, end: float, flip: Rotation) -> Log:
     """Return motion capture whose marker frame is another from `start` to `end` of its clock [s]."""
-    quaternions = np.column_stack([film[name] for name in ("qx", "qy", "qz", "qw")])
+    quaternions = np.column_stack([film[name] for name in _QUATERNION])
     rows = (film.t >= start) & (film.t < end)
-    quaternions[rows] = (Rotation.from_quat(quaternions[rows]) * flip).as_quat()
-    return film.with_columns(
-        {name: quaternions[:, i] for name, i in (("qw", 3), ("qx", 0), ("qy", 1), ("qz", 2))}
-    )
+    turned = Rotation.from_quat(quaternions[rows], scalar_first=True) * flip
+    quaternions[rows] = turned.as_quat(scalar_first=True)
+    return film.with_columns(dict(zip(_QUATERNION, quaternions.T, strict=True)))
 
 
 def unseen(film: Log, *, start: float, end: float) -> Log:

@@ -52,13 +52,9 @@ def robot_messages(log: Log) -> Iterator[Timed]:
         stamp = message("builtin_interfaces/Time", sec=time // 10**9, nanosec=time % 10**9)
         header = message("std_msgs/Header", stamp=stamp, frame_id="base_link")
         body = Rotation.from_euler("XYZ", [at["theta"], at["phi"], at["psi"]])
-        turn, velocity = (
-            vector("Quaternion", *body.as_quat()),
-            body.inv().apply([at["x_dot"], at["y_dot"], 0.0]),
-        )
-        pose = message(
-            "geometry_msgs/Pose", position=vector("Point", at["x"], at["y"], 0.0), orientation=turn
-        )
+        turn, place = vector("Quaternion", *body.as_quat()), vector("Point", at["x"], at["y"], 0.0)
+        velocity = body.inv().apply([at["x_dot"], at["y_dot"], 0.0])
+        pose = message("geometry_msgs/Pose", position=place, orientation=turn)
         twist = message("geometry_msgs/Twist", linear=vector("Vector3", *velocity), angular=still)
         yield "/imu", time, message(
             "sensor_msgs/Imu",

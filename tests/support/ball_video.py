@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.vision.seam import Seam, cell_directions, octahedral, thesis_seam
 from ballbot.vision.view import View
 
@@ -26,15 +27,15 @@ from ballbot.vision.view import View
 class Motion:
     """Angular velocity, linear between instants, and the orientation that follows."""
 
-    t: NDArray[np.float64]  #: (n,) [s], increasing, close enough together that it hardly changes between two
-    omega: NDArray[np.float64]  #: (n, 3) [rad/s], camera frame
-    rotations: NDArray[np.float64]  #: (n, 3, 3) ball frame to camera frame
+    t: Floats  #: (n,) [s], increasing, close enough together that it hardly changes between two
+    omega: Floats  #: (n, 3) [rad/s], camera frame
+    rotations: Floats  #: (n, 3, 3) ball frame to camera frame
 
-    def omega_at(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def omega_at(self, t: Floats) -> Floats:
         """Return the angular velocity (k, 3) [rad/s] at times (k,)."""
         return np.column_stack([np.interp(t, self.t, column) for column in self.omega.T])
 
-    def orientation(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def orientation(self, t: Floats) -> Floats:
         """Return the orientation (k, 3, 3), ball frame to camera frame, at times (k,)."""
         before = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
         middle = self.omega_at(0.5 * (self.t[before] + t))
@@ -42,7 +43,7 @@ class Motion:
         return (rest * Rotation.from_matrix(self.rotations[before])).as_matrix()
 
 
-def motion_of(t: NDArray[np.float64], omega: NDArray[np.float64], *, start: Rotation | None = None) -> Motion:
+def motion_of(t: Floats, omega: Floats, *, start: Rotation | None = None) -> Motion:
     """Return the motion with an angular velocity (n, 3) [rad/s], camera frame, at times (n,) [s].
 
     Over a step the mean of its ends is taken, which errs by (w x dw) dt^2 / 12: steps of a millisecond give 1e-8 rad.
@@ -66,9 +67,7 @@ def wandering(*, duration: float, peak: float, seed: int) -> Motion:
     omega = np.zeros((len(t), 3))
     for axis in range(3):
         # five frequencies: U(0.05, 1) Hz; sizes: U(0.3, 1); phases: U(0, 2 pi)
-        f, size, phase = (
-            rng.uniform(low, high, 5) for low, high in ((0.05, 1.0), (0.3, 1.0), (0.0, 2 * np.pi))
-        )
+        f, size, phase = (rng.uniform(*ends, 5) for ends in ((0.05, 1.0), (0.3, 1.0), (0.0, 2 * np.pi)))
         omega[:, axis] = np.sin(2 * np.pi * np.outer(t, f) + phase) @ size
     omega *= peak / np.linalg.norm(omega, axis=1).max()
     return motion_of(t, omega, start=Rotation.from_quat(rng.normal(size=4)))
@@ -148,10 +147,9 @@ class _Canvas:
 def view_of(scene: Scene) -> View:
     """Return the view that a scene's camera has."""
     camera = scene.camera
-    middle = (0.5 * (camera.size[0] - 1), 0.5 * (camera.size[1] - 1))
-    return View(
-        x=camera.centre[0], y=camera.centre[1], radius=camera.radius, closeness=1.0 / camera.distance, middle=middle
-    )  # fmt: skip
+    (x, y), (width, height) = camera.centre, camera.size
+    middle = (0.5 * (width - 1), 0.5 * (height - 1))
+    return View(x=x, y=y, radius=camera.radius, closeness=1.0 / camera.distance, middle=middle)
 
 
 def render(scene: Scene, motion: Motion, *, duration: float) -> Iterator[NDArray[np.uint8]]:
@@ -163,9 +161,7 @@ def render(scene: Scene, motion: Motion, *, duration: float) -> Iterator[NDArray
     canvas = _canvas(scene)
     count = len(canvas.rays)
     cv2.setRNGSeed(0)
-    order = np.random.default_rng(0).permutation(
-        count
-    )  # so that places within a pixel do not go with instants
+    order = np.random.default_rng(0).permutation(count)  # places within a pixel must not go with instants
     for frame in range(round(duration * camera.frame_rate)):
         middle = frame / camera.frame_rate
         within = (np.arange(count) + 0.5) / count - 0.5
@@ -173,11 +169,10 @@ def render(scene: Scene, motion: Motion, *, duration: float) -> Iterator[NDArray
         yield _frame(scene, canvas, motion.orientation(instants), middle)
 
 
-def _frame(scene: Scene, canvas: _Canvas, R: NDArray[np.float64], t: float) -> NDArray[np.uint8]:
+def _frame(scene: Scene, canvas: _Canvas, R: Floats, t: float) -> NDArray[np.uint8]:
     seam, ball = _linear(scene.seam_colour), _linear(scene.ball_colour)
     rows, columns = canvas.shading.shape
-    share = np.zeros((rows, columns), np.float32)  # of the pixel that is ball, and that is seam
-    seamed = np.zeros((rows, columns), np.float32)
+    share, seamed = np.zeros((2, rows, columns), np.float32)  # of the pixel that is ball, and that is seam
     sharp = np.float32(scene.camera.radius)
     for rays, covered, rotation in zip(canvas.rays, canvas.covered, R, strict=True):
         distance = _sampled(canvas.distances, rays @ rotation.astype(np.float32))
@@ -194,18 +189,12 @@ def _frame(scene: Scene, canvas: _Canvas, R: NDArray[np.float64], t: float) -> N
     box += albedo * canvas.shading[..., None]
     picture *= (canvas.light * _shadow(scene, t))[..., None]
     box += canvas.highlight[..., None] * share[..., None]
-    return _developed(scene, canvas, picture)
-
-
-def _developed(scene: Scene, canvas: _Canvas, picture: NDArray[np.float32]) -> NDArray[np.uint8]:
     if scene.camera.blur > 0.0:
         picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), scene.camera.blur), np.float32)
-    levels = np.clip(picture * 4095.0, 0.0, 4095.0).astype(np.uint16)
-    encoded = canvas.encode[levels]
+    encoded = canvas.encode[np.clip(picture * 4095.0, 0.0, 4095.0).astype(np.uint16)]
     if scene.camera.noise > 0.0:
-        noise = cv2.randn(
-            np.empty(encoded.shape, np.int16), np.zeros((4, 1)), np.full((4, 1), scene.camera.noise)
-        )
+        deviation = np.full((4, 1), scene.camera.noise)
+        noise = cv2.randn(np.empty(encoded.shape, np.int16), np.zeros((4, 1)), deviation)
         encoded = cv2.add(encoded, noise, dtype=cv2.CV_8U)
     return np.asarray(encoded, np.uint8)
 
@@ -229,11 +218,12 @@ def _canvas(scene: Scene) -> _Canvas:
     lit = np.clip(np.nan_to_num(points) @ lamp, 0.0, 1.0)
     shading = _RIM + (1.0 - _RIM) * (0.5 * facing + 0.5 * lit)
     highlight = scene.light.highlight * np.exp(-(1.0 - lit) / 0.006)
+    across = np.add.outer(np.linspace(0.0, 0.6, height), np.linspace(0.0, 0.4, width))
     return _Canvas(
         corner=(left, top),
         rays=rays,
         covered=covered,
-        light=_light(scene),
+        light=(1.0 - scene.light.uneven * across).astype(np.float32),
         shading=shading.reshape(grid.shape[:2]).astype(np.float32),
         highlight=highlight.reshape(grid.shape[:2]).astype(np.float32),
         background=_background(scene, view),
@@ -242,17 +232,11 @@ def _canvas(scene: Scene) -> _Canvas:
     )
 
 
-def _offsets(count: int) -> NDArray[np.float64]:
+def _offsets(count: int) -> Floats:
     """Return places (count, 2) within a pixel, spread evenly: the plastic number's sequence."""
     k = np.arange(count)[:, None] + 0.5
     places = (k * np.array([0.7548776662466927, 0.5698402909980532])) % 1.0
     return places - places.mean(axis=0)
-
-
-def _light(scene: Scene) -> NDArray[np.float32]:
-    width, height = scene.camera.size
-    across = np.add.outer(np.linspace(0.0, 0.6, height), np.linspace(0.0, 0.4, width))
-    return (1.0 - scene.light.uneven * across).astype(np.float32)
 
 
 def _shadow(scene: Scene, t: float) -> NDArray[np.float32] | np.float32:
@@ -264,11 +248,9 @@ def _shadow(scene: Scene, t: float) -> NDArray[np.float32] | np.float32:
     swing = np.sin(2.0 * np.pi * t / light.shadow_period)
     along = np.add.outer(0.35 * np.arange(height), np.arange(width)).astype(np.float32)
     edge = camera.centre[0] + 0.35 * camera.centre[1] + (0.7 * swing - 0.3) * camera.radius
-    within = np.clip((along - np.float32(edge)) / np.float32(_PENUMBRA) + np.float32(0.5), 0.0, 1.0)
-    within *= np.clip(
-        (np.float32(edge + 0.8 * camera.radius) - along) / np.float32(_PENUMBRA) + np.float32(0.5), 0.0, 1.0
-    )
-    return np.float32(1.0) - np.float32(light.shadow) * within
+    before, after = along - np.float32(edge), np.float32(edge + 0.8 * camera.radius) - along
+    within = [np.clip(away / np.float32(_PENUMBRA) + np.float32(0.5), 0.0, 1.0) for away in (before, after)]
+    return np.float32(1.0) - np.float32(light.shadow) * (within[0] * within[1])
 
 
 def _background(scene: Scene, view: View) -> NDArray[np.float32]:
@@ -280,11 +262,7 @@ def _background(scene: Scene, view: View) -> NDArray[np.float32]:
     _disc(picture, centre, 1.32 * radius, (120, 122, 126))
     for azimuth in np.radians([20.0, 140.0, 260.0]):
         place = np.array(centre) + 1.12 * radius * np.array([np.cos(azimuth), np.sin(azimuth)])
-        box = (
-            (float(place[0]), float(place[1])),
-            (0.5 * radius, 0.2 * radius),
-            float(np.degrees(azimuth)) + 90.0,
-        )
+        box = (tuple(place.tolist()), (0.5 * radius, 0.2 * radius), float(np.degrees(azimuth)) + 90.0)
         cv2.fillPoly(picture, [cv2.boxPoints(box).astype(np.int32)], _linear((40, 40, 44)).tolist())
         _disc(picture, (round(place[0]), round(place[1])), 0.05 * radius, (150, 60, 50))
     cv2.line(picture, (0, height // 5), (width, height // 8), _linear((90, 110, 150)).tolist(), 3)

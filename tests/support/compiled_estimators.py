@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Robot
+from ballbot.arrays import Floats
 from ballbot.control.records import fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.firmware.build import compile_sources
@@ -77,11 +78,11 @@ class Compiled:
         call = getattr(library().functions, f"ballbot_{self.name}_reset")
         call(address(self.memory), address(np.array(position, dtype=np.float32)))
 
-    def update(self, reading: Reading) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,)."""
         return self.take(reading_record(reading, robot=self.robot))[0]
 
-    def take(self, record: NDArray[np.void]) -> tuple[NDArray[np.float64], bool]:
+    def take(self, record: NDArray[np.void]) -> tuple[Floats, bool]:
         """Take a reading's record; return the state and whether the reading was whole."""
         if self._state.dtype == np.float64:
             record = record.astype(READING.dtype("double"))
@@ -94,7 +95,7 @@ class Compiled:
 ROUNDOFF = 2.0**-24
 
 
-def covariance_in(memory: NDArray[np.void]) -> NDArray[np.float64]:
+def covariance_in(memory: NDArray[np.void]) -> Floats:
     """Return the covariance (14, 14) in a filter's memory, of which what lies below the diagonal is not used."""
     above = np.triu(memory["P"][0].astype(np.float64))
     return above + np.triu(above, 1).T

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.law import ALLOWED
 from ballbot.control.records import MAX_WHEELS
@@ -124,9 +125,7 @@ class Firmware:
         """The result of the self-test."""
         return SelfTestOutcome(self._call("self_test_of"))
 
-    def update(
-        self, reading: NDArray[np.void], time: int, reference: NDArray[np.float64] | None
-    ) -> NDArray[np.float32]:
+    def update(self, reading: NDArray[np.void], time: int, reference: Floats | None) -> NDArray[np.float32]:
         """Take one sample, a reading (1,) of `READING` at a time [us]; return the torques (n,) [N m].
 
         The last reference (10,) holds if none is given.

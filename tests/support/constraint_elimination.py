@@ -15,8 +15,8 @@ floor's on the ball at its lowest point, the pivot's torque, the ball's force on
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.robot import Robot
 from tests.support.freed_mechanism import Motion, X, Y, Z, euler_axes, wheel_places
 
@@ -28,19 +28,19 @@ NO_PIVOT = 3
 class Freed:
     """M nu_dot + bias = tau of the freed mechanism at N configurations, gravity within the bias."""
 
-    mass_matrix: NDArray[np.float64]  #: (N, 12 + n, 12 + n)
-    bias: NDArray[np.float64]  #: (N, 12 + n)
+    mass_matrix: Floats  #: (N, 12 + n, 12 + n)
+    bias: Floats  #: (N, 12 + n)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solution:
     """What the constrained mechanism does at N states."""
 
-    accelerations: NDArray[np.float64]  #: nu_dot (N, 12 + n)
-    floor_force: NDArray[np.float64]  #: (N, 3) [N], on the ball
+    accelerations: Floats  #: nu_dot (N, 12 + n)
+    floor_force: Floats  #: (N, 3) [N], on the ball
 
 
-def constraints(robot: Robot, motion: Motion) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def constraints(robot: Robot, motion: Motion) -> tuple[Floats, Floats]:
     """Return G (N, 7 + n, 12 + n) and G_dot nu (N, 7 + n).
 
     Only the wheels' rows turn, and they turn with the body: slip = (v_o - v_b) . t + (w - Omega) . (p x t)
@@ -71,7 +71,7 @@ def constrained(
     robot: Robot,
     motion: Motion,
     freed: Freed,
-    torques: NDArray[np.float64],
+    torques: Floats,
     *,
     released: tuple[int, ...] = (),
 ) -> Solution:
@@ -91,9 +91,7 @@ def constrained(
     return Solution(accelerations=solution[:, :size], floor_force=solution[:, size : size + 3])
 
 
-def robot_acceleration(
-    q: NDArray[np.float64], q_dot: NDArray[np.float64], accelerations: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def robot_acceleration(q: Floats, q_dot: Floats, accelerations: Floats) -> Floats:
     """Return q_ddot (N, 5) from nu_dot (N, 12 + n): w_dot = axes . Phi_ddot + the turning of the axes.
 
     The axis of phi turns with theta's rate; that of psi with theta's and phi's.

@@ -1,11 +1,12 @@
 """Robots and controllers that several tests use."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Controller, Robot
+from ballbot.arrays import Floats
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
@@ -19,6 +20,7 @@ from ballbot.control.presets import precise_controller
 from ballbot.robot import Friction
 from ballbot.twin import Scenario
 
+Change = Callable[[Floats], Floats]
 #: the nominal scenario's
 FRICTION = Scenario.nominal(Robot.load("alten")).friction
 
@@ -43,7 +45,7 @@ def four_wheeled(*, friction: bool) -> Robot:
     return robot.replace(wheels=wheels, friction=four if friction else Friction.none(4))
 
 
-def leaning(theta: float, phi: float = 0.0) -> NDArray[np.float64]:
+def leaning(theta: float, phi: float = 0.0) -> Floats:
     """Return a state (10,) at rest with that lean [rad]."""
     state = np.zeros(10)
     state[2:4] = theta, phi
@@ -81,12 +83,11 @@ def example_parts(wheel_count: int) -> Parts:
 def everything(robot: Robot) -> Controller:
     """Return a controller with every part, at settings that all differ from the defaults."""
     precise, parts = precise_controller(robot, compensation="partial"), example_parts(robot.wheel_count)
-    assert precise.parts.integral is not None
-    assert parts.integral is not None
+    own, integral = precise.parts.integral, parts.integral
+    assert own is not None
+    assert integral is not None
     # the example's gain does not stabilise a robot
-    return precise.with_parts(
-        replace(parts, integral=replace(parts.integral, gain=precise.parts.integral.gain))
-    )
+    return precise.with_parts(replace(parts, integral=replace(integral, gain=own.gain)))
 
 
 def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 64) -> Controller:
@@ -111,15 +112,10 @@ def with_policy(controller: Controller, *, feedback: float = 0.0, units: int = 6
 
 def linear_policy(controller: Controller) -> Controller:
     """Return a controller whose policy does as its feedback; its units are driven too little to bend."""
-    small, scales, (wheels, _) = 0.05, np.array(SCALES), controller.gain.shape
-    first, second, last = (
-        np.zeros((10, observation_size(wheels) + 1)),
-        np.zeros((10, 11)),
-        np.zeros((wheels, 11)),
-    )
-    first[:, :10] = small * np.eye(10)
-    second[:, :10] = np.eye(10)
-    last[:, :10] = controller.gain * scales / (small * controller.torque_limit)
+    small, wheels = 0.05, len(controller.gain)
+    first = np.pad(small * np.eye(10), ((0, 0), (0, observation_size(wheels) - 9)))
+    second = np.pad(np.eye(10), ((0, 0), (0, 1)))
+    last = np.pad(controller.gain * np.array(SCALES) / (small * controller.torque_limit), ((0, 0), (0, 1)))
     policy = Policy(
         feedback=0.0,
         torque_scale=controller.torque_limit,
@@ -134,18 +130,17 @@ def linear_policy(controller: Controller) -> Controller:
     return controller.with_parts(replace(controller.parts, policy=policy))
 
 
-class MisjudgedLean:
-    """A controller whose AHRS leans."""
+class Altered:
+    """A controller that is given other states, or whose torques are changed on their way."""
 
-    def __init__(self, controller: Controller, *, degrees: float) -> None:
-        self.controller, self.sample_time, self._off = controller, controller.sample_time, np.radians(degrees)
+    def __init__(
+        self, controller: Controller, *, state: Change = lambda x: x, torques: Change = lambda u: u
+    ) -> None:
+        self.controller, self.sample_time = controller, controller.sample_time
+        self._state, self._torques = state, torques
 
     def reset(self) -> None:
         self.controller.reset()
 
-    def update(
-        self, t: float, state: NDArray[np.float64], reference: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        wrong = state.copy()
-        wrong[2] += self._off
-        return self.controller.update(t, wrong, reference)
+    def update(self, t: float, state: Floats, reference: Floats) -> Floats:
+        return self._torques(self.controller.update(t, self._state(state), reference))

@@ -6,6 +6,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RotationalInertia, SpatialInertia
 
+from ballbot.arrays import Floats
 from ballbot.robot import Robot
 from tests.support.constraint_elimination import Freed
 from tests.support.freed_mechanism import Link, Motion, body_link, wheel_link, wheel_places
@@ -63,7 +64,7 @@ def _velocity_order(plant: MultibodyPlant, robot: Robot) -> NDArray[np.intp]:
     return np.array(places)
 
 
-def _positions(plant: MultibodyPlant, motion: Motion) -> NDArray[np.float64]:
+def _positions(plant: MultibodyPlant, motion: Motion) -> Floats:
     """Return Drake's coordinates (N, 14 + n); a floating body's are quaternion wxyz, then place."""
     positions = np.zeros((len(motion), plant.num_positions()))
     for name, rotation in (("ball", motion.ball), ("body", motion.body)):

@@ -8,9 +8,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.kalman_model import BIAS, PSI, STATES, FilterNoise, G, S, X
@@ -25,8 +25,8 @@ H = 0.005
 class Run:
     """True states (N, 10), true gyro bias (3,) and the sensors' readings."""
 
-    truth: NDArray[np.float64]
-    bias: NDArray[np.float64]
+    truth: Floats
+    bias: Floats
     readings: list[Reading]
 
 
@@ -41,7 +41,7 @@ def swaying(
     seed: int,
     noise: FilterNoise,
     turning: float = 0.2,
-    pivot: NDArray[np.float64] | None = None,
+    pivot: Floats | None = None,
 ) -> Run:
     """A robot that sways and turns with noise of the sizes given; `pivot` (samples,) is the ball's spin [rad/s]."""
     random = np.random.default_rng(seed)
@@ -56,20 +56,14 @@ def swaying(
     angles = np.vstack((np.zeros(3), np.cumsum(0.5 * (wheels[1:] + wheels[:-1]), axis=0) * H / fine))[::fine]
     truth, rate = truth[::fine], rate[::fine]
     # errors by rollers, play and slip of the distance by the wheels and of the ball's turning
-    slip = np.column_stack(
-        (
-            noise.rolling / ALTEN.ball.radius * random.standard_normal((samples + 1, 2)),
-            noise.pivoting * random.standard_normal(samples + 1),
-        )
-    ) * np.sqrt(H)
+    rolled = noise.rolling / ALTEN.ball.radius * random.standard_normal((samples + 1, 2))
+    slip = np.column_stack((rolled, noise.pivoting * random.standard_normal(samples + 1))) * np.sqrt(H)
     slip[0] = 0.0
     slipped = np.einsum("nji,nj->ni", rotation(*truth[:, 2:5].T), slip) @ transforms(ALTEN).T_owb.T
     return _sensed(truth, rate, angles + np.cumsum(slipped, axis=0), random, noise)
 
 
-def _motion(
-    t: NDArray[np.float64], random: np.random.Generator, noise: FilterNoise, turning: float
-) -> NDArray[np.float64]:
+def _motion(t: Floats, random: np.random.Generator, noise: FilterNoise, turning: float) -> Floats:
     """States (N, 10): lean and heading as prescribed, speed by gravity's integral, place by the speed's."""
     robot, step = ALTEN, t[1]
     periods, phases = random.uniform(1.5, 4.0, 2), random.uniform(0, 2 * np.pi, 2)
@@ -97,9 +91,9 @@ def _motion(
 
 
 def _sensed(
-    truth: NDArray[np.float64],
-    rate: NDArray[np.float64],
-    angles: NDArray[np.float64],
+    truth: Floats,
+    rate: Floats,
+    angles: Floats,
     random: np.random.Generator,
     noise: FilterNoise,
 ) -> Run:
@@ -126,7 +120,7 @@ def _sensed(
     return Run(truth, bias, readings)
 
 
-def turned(attitude: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def turned(attitude: Floats, angle: Floats) -> Floats:
     """theta, phi, psi (N, 3) as an AHRS has them whose frame has turned away by -angle (N,), by scipy's rotations."""
     away = Rotation.from_euler("Z", angle[:, None]) * Rotation.from_euler("XYZ", attitude)
     found = away.as_euler("XYZ")
@@ -134,7 +128,7 @@ def turned(attitude: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray
     return np.column_stack((found[:, :2], found[:, 2] + 2 * np.pi * turns))
 
 
-def covariance_of(kalman: KalmanFilter) -> NDArray[np.float64]:
+def covariance_of(kalman: KalmanFilter) -> Floats:
     """Return the covariance (7, 7) of x, y, theta, phi, psi and the ball's velocity, as `update` returns them.
 
     theta, phi and psi to first order in the lean.
@@ -142,9 +136,9 @@ def covariance_of(kalman: KalmanFilter) -> NDArray[np.float64]:
     s3, c3 = math.sin(kalman._x[PSI]), math.cos(kalman._x[PSI])
     turn = np.array([[c3, -s3], [s3, c3]])
     quarter = np.array([[0.0, -1.0], [1.0, 0.0]])
+    swap = -quarter  # theta, phi = swap Rz g
     rows = np.zeros((7, STATES))
     rows[0, X], rows[1, X + 1], rows[4, PSI] = 1.0, 1.0, 1.0
-    swap = np.array([[0.0, 1.0], [-1.0, 0.0]])  # theta, phi = swap Rz g
     rows[2:4, G : G + 2] = swap @ turn
     rows[2:4, PSI] = swap @ turn @ quarter @ kalman._x[G : G + 2]
     rows[5:, S : S + 2] = turn

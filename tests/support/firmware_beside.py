@@ -1,9 +1,10 @@
 """The firmware drives a robot; Python's estimator and law see the same readings and drive nothing."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballbot import Controller, Model, simulate
+from ballbot.arrays import Floats
 from ballbot.control.references import circle
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation import named_estimator
@@ -26,7 +27,7 @@ class _Tap:
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         self._estimator.reset(position=position)
 
-    def update(self, reading: Reading) -> NDArray[np.float64]:
+    def update(self, reading: Reading) -> Floats:
         self.reading = reading
         return self._estimator.update(reading)
 
@@ -40,14 +41,14 @@ class _Beside:
         limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time)
         self.firmware = Firmware(parameter_record(controller, limits))
         self.firmware.skip_self_test()
-        self.torques: list[NDArray[np.float64]] = []
+        self.torques: list[Floats] = []
         self._tap = tap
 
     def reset(self) -> None:
         self.controller.reset()
         self.firmware.arm()
 
-    def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+    def update(self, t: float, state: ArrayLike, reference: ArrayLike) -> Floats:
         wanted = np.asarray(reference, dtype=np.float32).astype(np.float64)  # the shaping differentiates it
         record = reading_record(self._tap.reading, robot=self.controller.robot)
         torques = self.firmware.update(record, round(1e6 * t), wanted).astype(np.float64)
@@ -55,7 +56,7 @@ class _Beside:
         return torques
 
 
-def torques_beside(controller: Controller, *, duration: float) -> NDArray[np.float64]:
+def torques_beside(controller: Controller, *, duration: float) -> Floats:
     """Return by how much Python's torques differ from the firmware's in each sample (N,), over the torque limit.
 
     On a circle, slow enough to be followed without delay, with noise, encoder counts and play. Python's observer takes

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot import Controller, Log, Model, simulate
+from ballbot import Log, Model, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.robot import Friction, Robot
 from campaigns.foreign_logs import POLLED, Habits, columns_of, write
+from tests.support.control_examples import Altered
 
 SENSOR_DELAY = 0.0175  #: [s]
 
@@ -37,24 +38,11 @@ def swaying_log() -> Log:
         r[4] = 0.6 * np.sin(1.1 * t)
         return r
 
-    robot = small_robot()
-    return simulate(Model(robot), Dithered(nominal_controller(robot)), reference, duration=30.0)
-
-
-class Dithered:
-    """A controller with noise on its torques, without which no log separates a command's delay from the lean's."""
-
-    def __init__(self, controller: Controller) -> None:
-        self.controller, self.sample_time = controller, controller.sample_time
-        self.random = np.random.default_rng(7)
-
-    def reset(self) -> None:
-        self.controller.reset()
-
-    def update(self, t: float, state: np.ndarray, reference: np.ndarray) -> np.ndarray:
-        # [N m]; its mean is a push along the way or of the heading
-        noise = 0.15 * self.random.standard_normal(3)
-        return self.controller.update(t, state, reference) + noise
+    # noise on the torques [N m], without which no log separates a command's delay from the lean's; its mean is a push
+    # along the way or of the heading
+    robot, random = small_robot(), np.random.default_rng(7)
+    dithered = Altered(nominal_controller(robot), torques=lambda u: u + 0.15 * random.standard_normal(3))
+    return simulate(Model(robot), dithered, reference, duration=30.0)
 
 
 #: as the course's robot logs: a host polls the latest of messages of 5 ms

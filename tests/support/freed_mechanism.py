@@ -13,9 +13,9 @@ the geometry and the angles are written down again, with SciPy's rotations.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ballbot.arrays import Floats
 from ballbot.robot import Robot
 
 #: share of the body's mass that one wheel has, and its inertia across the axle over that about the axle; any
@@ -31,18 +31,18 @@ class Link:
     """A rigid body in its own frame."""
 
     mass: float  #: [kg]
-    center_of_mass: NDArray[np.float64]  #: (3,) [m]
-    inertia: NDArray[np.float64]  #: (3, 3) [kg m^2] about the centre of mass
+    center_of_mass: Floats  #: (3,) [m]
+    inertia: Floats  #: (3, 3) [kg m^2] about the centre of mass
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WheelPlace:
     """Where a wheel sits, in the body's frame, whose origin belongs at the ball's centre."""
 
-    contact: NDArray[np.float64]  #: n_i (3,), from the ball's centre to the contact
-    rolling: NDArray[np.float64]  #: t_i (3,), along which the wheel pushes the ball
-    axle: NDArray[np.float64]  #: t_i x n_i (3,), about which the wheel then turns
-    hub: NDArray[np.float64]  #: (r_b + r_w) n_i (3,) [m]
+    contact: Floats  #: n_i (3,), from the ball's centre to the contact
+    rolling: Floats  #: t_i (3,), along which the wheel pushes the ball
+    axle: Floats  #: t_i x n_i (3,), about which the wheel then turns
+    hub: Floats  #: (r_b + r_w) n_i (3,) [m]
     frame: Rotation  #: of the wheel's link in the body's: its z axis is the axle
 
 
@@ -52,16 +52,9 @@ def wheel_places(robot: Robot) -> list[WheelPlace]:
     for azimuth in robot.wheels.azimuths:
         turn = Rotation.from_euler("ZY", [azimuth, robot.wheels.tilt])
         contact, rolling = turn.apply(Z), turn.apply(Y)
-        axle = np.cross(rolling, contact)
-        places.append(
-            WheelPlace(
-                contact=contact,
-                rolling=rolling,
-                axle=axle,
-                hub=(robot.ball.radius + robot.wheels.radius) * contact,
-                frame=Rotation.from_matrix(np.column_stack([rolling, contact, axle])),
-            )
-        )
+        axle, hub = np.cross(rolling, contact), (robot.ball.radius + robot.wheels.radius) * contact
+        frame = Rotation.from_matrix(np.column_stack([rolling, contact, axle]))
+        places.append(WheelPlace(contact=contact, rolling=rolling, axle=axle, hub=hub, frame=frame))
     return places
 
 
@@ -84,13 +77,11 @@ def body_link(robot: Robot) -> Link:
     for place in places:
         turned = place.frame.as_matrix() @ wheel.inertia @ place.frame.as_matrix().T
         inertia = inertia - turned - point_inertia(wheel.mass, place.hub)
-    center_of_mass = moment / mass
-    return Link(
-        mass=mass, center_of_mass=center_of_mass, inertia=inertia - point_inertia(mass, center_of_mass)
-    )
+    center = moment / mass
+    return Link(mass=mass, center_of_mass=center, inertia=inertia - point_inertia(mass, center))
 
 
-def point_inertia(mass: float, place: NDArray[np.float64]) -> NDArray[np.float64]:
+def point_inertia(mass: float, place: Floats) -> Floats:
     """Return the inertia (3, 3) of a point mass about the origin."""
     return mass * (place @ place * np.eye(3) - np.outer(place, place))
 
@@ -105,24 +96,24 @@ def reflected_inertia(robot: Robot) -> float:
 class Motion:
     """N configurations of the freed mechanism and its velocities there."""
 
-    ball_center: NDArray[np.float64]  #: (N, 3) [m]; the body's origin is there as well
+    ball_center: Floats  #: (N, 3) [m]; the body's origin is there as well
     ball: Rotation  #: N, ball to world
     body: Rotation  #: N, body to world
-    wheel_angles: NDArray[np.float64]  #: (N, n) [rad]
-    velocities: NDArray[np.float64]  #: nu (N, 12 + n)
+    wheel_angles: Floats  #: (N, n) [rad]
+    velocities: Floats  #: nu (N, 12 + n)
 
     def __len__(self) -> int:
         return len(self.velocities)
 
 
-def euler_axes(q: NDArray[np.float64]) -> NDArray[np.float64]:
+def euler_axes(q: Floats) -> Floats:
     """Return the axes (N, 3, 3), as rows and in the world, that theta, phi and psi turn about: R = Rx Ry Rz."""
     after_theta = Rotation.from_euler("X", q[:, 2:3])
     after_phi = Rotation.from_euler("XY", q[:, 2:4])
     return np.stack([np.tile(X, (len(q), 1)), after_theta.apply(Y), after_phi.apply(Z)], axis=1)
 
 
-def rolling_motion(robot: Robot, q: NDArray[np.float64], q_dot: NDArray[np.float64], seed: int) -> Motion:
+def rolling_motion(robot: Robot, q: Floats, q_dot: Floats, seed: int) -> Motion:
     """Return the motion of a robot whose ball rolls and whose wheels follow it.
 
     Parameters

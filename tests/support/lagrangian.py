@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballbot.arrays import Floats
 from ballbot.mechanics.parameters import Formulation
 from ballbot.robot import Robot
 
@@ -353,14 +354,12 @@ class Equations:
     robot: Robot
     corrections: Corrections
 
-    def dynamics(
-        self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def dynamics(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return M (5, 5), the Coriolis, centrifugal and gravity terms (5,) on its side, and Q (5,)."""
         M, bias, Q = self._evaluated(0, q, q_dot, u)
         return np.asarray(M, dtype=float), np.asarray(bias, float).ravel(), np.asarray(Q, float).ravel()
 
-    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
+    def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> Floats:
         """Return q_ddot (5,) in float64."""
         M, bias, Q = self.dynamics(q, q_dot, u)
         return np.linalg.solve(M, Q - bias)
@@ -369,7 +368,7 @@ class Equations:
         """Return T + V [J], V zero with the body's centre of mass as high as the ball's centre."""
         return float(self._evaluated(1, q, q_dot, np.zeros(self.robot.wheel_count)))
 
-    def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
+    def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> Floats:
         """Return the speed (n,) [rad/s] that torque and friction act on.
 
         "exact": what an encoder sees, relative to the body; "thesis": (II.16), absolute.

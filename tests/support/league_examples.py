@@ -3,14 +3,14 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballbot import Log, Robot
+from ballbot.arrays import Floats
 from ballbot.control.interface import Feedback
 from ballbot.log.columns import STATE_NAMES
 from ballbot.workflows.candidates import parse_candidates
 
-Column = Callable[[NDArray[np.float64]], NDArray[np.float64]] | float
+Column = Callable[[Floats], Floats] | float
 
 #: a file of a user's own: a controller that works, ones that do not
 OWN = '''\
@@ -95,5 +95,5 @@ def made_log(
     return Log({"t": t} | made | {name: _column(one, t) for name, one in columns.items()}, ended=ended)
 
 
-def _column(column: Column, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _column(column: Column, t: Floats) -> Floats:
     return np.full(len(t), column) if isinstance(column, float) else column(t)

@@ -9,6 +9,9 @@ from ballbot.control.records import Number
 from ballbot.link.frames import encode
 from ballbot.link.messages import MESSAGES, SCHEMAS, Message
 
+_WHOLE = st.integers(-(2**31), 2**31 - 1)
+_REAL = st.floats(width=32, allow_nan=False, allow_infinity=False)
+
 
 @st.composite
 def messages(draw) -> Message:
@@ -17,13 +20,8 @@ def messages(draw) -> Message:
     values = {}
     for name, one in SCHEMAS[kind].fields.items():
         assert isinstance(one, Number)
-        element = (
-            st.integers(-(2**31), 2**31 - 1)
-            if one.whole
-            else st.floats(width=32, allow_nan=False, allow_infinity=False)
-        )
         size = int(np.prod(one.shape))
-        drawn = draw(st.lists(element, min_size=size, max_size=size))
+        drawn = draw(st.lists(_WHOLE if one.whole else _REAL, min_size=size, max_size=size))
         dtype = np.int32 if one.whole else np.float32
         values[name] = np.array(drawn, dtype=dtype).reshape(one.shape) if one.shape else drawn[0]
     return MESSAGES[kind](**values)

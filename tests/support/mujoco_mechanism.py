@@ -18,16 +18,8 @@ def freed(robot: Robot, motion: Motion) -> Freed:
     to_engine = np.tile(np.eye(12 + n), (count, 1, 1))
     to_engine[:, 3:6, 3:6] = motion.ball.inv().as_matrix()
     to_engine[:, 9:12, 9:12] = motion.body.inv().as_matrix()
-    positions = np.concatenate(
-        [
-            motion.ball_center,
-            motion.ball.as_quat(scalar_first=True),
-            motion.ball_center,
-            motion.body.as_quat(scalar_first=True),
-            motion.wheel_angles,
-        ],
-        axis=1,
-    )
+    ball, body = (rotation.as_quat(scalar_first=True) for rotation in (motion.ball, motion.body))
+    positions = np.hstack([motion.ball_center, ball, motion.ball_center, body, motion.wheel_angles])
     velocities = np.einsum("kij,kj->ki", to_engine, motion.velocities)
     M, bias = np.zeros((count, 12 + n, 12 + n)), np.zeros((count, 12 + n))
     for k in range(count):
@@ -43,19 +35,15 @@ def _model(robot: Robot) -> mujoco.MjModel:
     """Return the mechanism; its joints in the order ball, body, wheels."""
     spec = mujoco.MjSpec()
     spec.option.gravity = [0.0, 0.0, -robot.gravity]
-    ball = spec.worldbody.add_body(name="ball")
-    ball.add_freejoint()
-    _set_inertia(
-        ball, Link(mass=robot.ball.mass, center_of_mass=np.zeros(3), inertia=robot.ball.inertia * np.eye(3))
-    )
-    body = spec.worldbody.add_body(name="body")
-    body.add_freejoint()
-    _set_inertia(body, body_link(robot))
+    own = Link(mass=robot.ball.mass, center_of_mass=np.zeros(3), inertia=robot.ball.inertia * np.eye(3))
+    ball, body = (spec.worldbody.add_body(name=name) for name in ("ball", "body"))
+    for free, link in ((ball, own), (body, body_link(robot))):
+        free.add_freejoint()
+        _set_inertia(free, link)
     for i, place in enumerate(wheel_places(robot)):
         wheel = body.add_body(name=f"wheel {i}", pos=place.hub, quat=place.frame.as_quat(scalar_first=True))
-        wheel.add_joint(
-            type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0], armature=reflected_inertia(robot)
-        )
+        armature = reflected_inertia(robot)
+        wheel.add_joint(type=mujoco.mjtJoint.mjJNT_HINGE, axis=[0.0, 0.0, 1.0], armature=armature)
         _set_inertia(wheel, wheel_link(robot))
     return spec.compile()
 

@@ -3,12 +3,12 @@
 import base64
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.viewer.packing import _MISSING
 
 
-def unpacked(column: dict[str, object]) -> NDArray[np.float64]:
+def unpacked(column: dict[str, object]) -> Floats:
     """Return the values (K,) of a packed column, as the page computes them; NaN where missing."""
     data = base64.b64decode(str(column["data"]))
     if column["kind"] == "float32":

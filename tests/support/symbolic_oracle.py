@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.robot import Ball, Body, Friction, Robot, Wheels
 
 
@@ -50,13 +50,13 @@ def random_body(rng: np.random.Generator) -> Body:
     return cloud_body(random_cloud(rng), mass=rng.uniform(8, 25), center_of_mass=rng.uniform(0.2, 0.6))
 
 
-def random_cloud(rng: np.random.Generator) -> NDArray[np.float64]:
+def random_cloud(rng: np.random.Generator) -> Floats:
     """Return 40 points (40, 3) [m] about their mean, spread unevenly along the axes."""
     points = rng.normal(scale=[0.15, 0.2, 0.3], size=(40, 3))
     return points - points.mean(axis=0)
 
 
-def cloud_body(points: NDArray[np.float64], *, mass: float, center_of_mass: float) -> Body:
+def cloud_body(points: Floats, *, mass: float, center_of_mass: float) -> Body:
     """Return the body whose mass is shared evenly by points (k, 3) about its centre of mass."""
     J = mass * np.mean([p @ p * np.eye(3) - np.outer(p, p) for p in points], axis=0)
     return Body(
@@ -67,9 +67,7 @@ def cloud_body(points: NDArray[np.float64], *, mass: float, center_of_mass: floa
     )
 
 
-def random_state(
-    rng: np.random.Generator, wheel_count: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def random_state(rng: np.random.Generator, wheel_count: int) -> tuple[Floats, Floats, Floats]:
     """Return q (5,), q_dot (5,) and u (n,): lean to 1.2 rad, any heading, speeds to 3, torques to 6 N m."""
     q = rng.uniform([-3, -3, -1.2, -1.2, -np.pi], [3, 3, 1.2, 1.2, np.pi])
     q_dot = rng.uniform(-3, 3, 5)

@@ -6,8 +6,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.robot import Robot
 from ballbot.twin import Scenario, twin_mjcf
 from ballbot.twin.driveline import TwinDriveline
@@ -28,22 +28,20 @@ def wheels_in_the_air(scenario: Scenario) -> tuple[Engine, TwinDriveline]:
     return engine, TwinDriveline(ALTEN, scenario, engine)
 
 
-def mass_matrix(engine: Engine) -> NDArray[np.float64]:
+def mass_matrix(engine: Engine) -> Floats:
     full = np.zeros((engine.model.nv, engine.model.nv))
     mujoco.mj_forward(engine.model, engine.data)
     mujoco.mj_fullM(engine.model, engine.data, full)
     return full
 
 
-def block_of(engine: Engine, joint: str) -> NDArray[np.float64]:
+def block_of(engine: Engine, joint: str) -> Floats:
     """Return the mass matrix (6, 6) of a free joint: three translations, then three rotations about its origin."""
     first = engine.model.joint(joint).dofadr[0]
     return mass_matrix(engine)[first : first + 6, first : first + 6]
 
 
-def turn(
-    engine: Engine, driveline: TwinDriveline, torques: NDArray[np.float64], steps: int
-) -> list[list[float]]:
+def turn(engine: Engine, driveline: TwinDriveline, torques: Floats, steps: int) -> list[list[float]]:
     driveline.command(torques)
     speeds = []
     for _ in range(steps):

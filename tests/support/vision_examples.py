@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
+from ballbot.arrays import Floats
 from ballbot.vision.spin import Spin
 from tests.support.ball_video import Camera, Motion, Scene, render, wandering, write_video
 
@@ -33,15 +33,14 @@ class Film:
 def ball_video(path: Path, scene: Scene, *, duration: float, codec: str = "HFYU") -> Film:
     """Write the video of a ball that wanders at up to 10 rad/s and return it."""
     motion = wandering(duration=duration, peak=10.0, seed=3)
-    write_video(
-        path, render(scene, motion, duration=duration), frame_rate=scene.camera.frame_rate, codec=codec
-    )
+    frames = render(scene, motion, duration=duration)
+    write_video(path, frames, frame_rate=scene.camera.frame_rate, codec=codec)
     return Film(path=path, motion=motion, scene=scene)
 
 
 def pendulum(
-    t: NDArray[np.float64], *, stiffness: float, viscous: float = 0.0, dry: float = 0.0, amplitude: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t: Floats, *, stiffness: float, viscous: float = 0.0, dry: float = 0.0, amplitude: float
+) -> tuple[Floats, Floats]:
     """Return angle and rate (n,) of a pendulum let go at `amplitude`, half swing by half swing to 1e-10.
 
     angle'' = -stiffness sin(angle) - viscous angle' - dry sgn(angle'), at rest where gravity cannot overcome dry.
@@ -55,23 +54,17 @@ def pendulum(
             return angles, rates
         sign = -np.sign(angle)
 
-        def slope(_: float, y: NDArray[np.float64], sign: float = sign) -> list[float]:
+        def slope(_: float, y: Floats, sign: float = sign) -> list[float]:
             return [y[1], -stiffness * np.sin(y[0]) - viscous * y[1] - dry * sign]
 
-        def turns(_: float, y: NDArray[np.float64]) -> float:
+        def turns(_: float, y: Floats) -> float:
             return y[1]
 
         turns.terminal, turns.direction = True, -sign  # pyright: ignore[reportFunctionMemberAccess]
         # a shove of the rate's own size of rounding, so that the turn at the start is not found again
+        span, begin = (start, t[-1] + 1.0), [angle, 1e-9 * sign]
         run = solve_ivp(
-            slope,
-            (start, t[-1] + 1.0),
-            [angle, 1e-9 * sign],
-            method="DOP853",
-            events=turns,
-            rtol=1e-10,
-            atol=1e-12,
-            dense_output=True,
+            slope, span, begin, method="DOP853", events=turns, rtol=1e-10, atol=1e-12, dense_output=True
         )
         ends = run.t[-1]
         now = rows & (t <= ends)
@@ -81,7 +74,7 @@ def pendulum(
         start, angle = float(ends), float(run.y[0, -1])
 
 
-def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0) -> NDArray[np.float64]:
+def sensor_noise(count: int, *, deviation: float, seed: int, memory: float = 0.0) -> Floats:
     """Return noise (count,) N(0, deviation), each value `memory` times the one before and something new."""
     white = np.random.default_rng(seed).standard_normal(count)
     return deviation * np.asarray(lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], white))

@@ -47,9 +47,6 @@ def around(peak: float, roughness: float) -> Trial:
     return trial(*(run(peak * factor, roughness) for factor in np.linspace(0.9, 1.1, 20)))
 
 
-# --- the rule ---
-
-
 def test_of_overlapping_intervals_the_smoothest_wins():
     trials = {"none": around(0.3, 0.01), "rough": around(0.0100, 0.09), "smooth": around(0.0102, 0.05)}
     assert equal_best(trials) == ("rough", "smooth")
@@ -98,9 +95,6 @@ def test_ratios_are_taken_draw_by_draw():
     assert (ratio.low, ratio.median, ratio.high) == pytest.approx((10.0, 10.0, 10.0))
 
 
-# --- statistics ---
-
-
 @given(st.integers(6, 60), st.integers(0, 2**32 - 1))
 def test_median_interval_contains_the_median_and_respects_the_binomial_limit(count, seed):
     values = np.random.default_rng(seed).standard_normal(count)
@@ -110,9 +104,6 @@ def test_median_interval_contains_the_median_and_respects_the_binomial_limit(cou
     # P(interval misses) = 2 P(at most `below` of n values lie below the median)
     assert 2.0 * stats.binom.cdf(below, count, 0.5) <= 0.05
     assert 2.0 * stats.binom.cdf(below + 1, count, 0.5) > 0.05
-
-
-# --- plants ---
 
 
 @given(st.floats(0.002, 0.02))
@@ -167,9 +158,6 @@ def test_the_twin_contradicts_by_a_fall_or_by_the_other_order():
     fell = confirmed(loop=loop, twin=(few[0], fallen)).contradiction
     assert fell is not None
     assert "precise fell in 1 of 3 runs" in fell
-
-
-# --- performance ---
 
 
 def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():

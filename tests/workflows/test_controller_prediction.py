@@ -56,9 +56,6 @@ def prediction() -> ControllerPrediction:
     return known_prediction()
 
 
-# --- intervals ---
-
-
 @settings(max_examples=20, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -74,9 +71,6 @@ def test_interval_holds_95_percent_of_new_lognormal_values(seed, spread, center,
         inside += lognormal_interval(np.array(sample)).place(float(new)) == "inside"
     # 380 expected, standard deviation 4.4; five of them
     assert abs(inside - 0.95 * trials) < 22
-
-
-# --- files ---
 
 
 def stored(prediction: ControllerPrediction, path: Path) -> Path:
@@ -121,9 +115,6 @@ def test_previous_controller_is_the_one_replaced(tmp_path: Path):
     assert previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline) == controller_text(older)
     (tmp_path / "controller.toml").unlink()
     assert previous_controller_text(tmp_path, new=CONTROLLER, baseline=baseline) == controller_text(older)
-
-
-# --- verdicts ---
 
 
 def test_run_as_predicted_is_kept(prediction: ControllerPrediction, log: Log):
@@ -197,9 +188,6 @@ def test_course_is_found_after_rows_before_it(before, shift, prediction: Control
     found = course_of(Log(columns), prediction, sample_time=h)
     assert len(found) == len(log)
     np.testing.assert_array_equal(found["x"], log["x"])
-
-
-# --- a sample of the campaign ---
 
 
 @pytest.mark.sample

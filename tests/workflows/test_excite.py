@@ -130,15 +130,9 @@ def test_only_parameters_of_the_law_are_designed_for():
     assert np.isfinite(expected_errors(question, [log])).all()
 
 
-@pytest.mark.parametrize(
-    ("limits", "message"),
-    [
-        (Extent(lean=0.14, floor=1e-4, torque=3.0), "the robot hardly moves, and no reference makes b1"),
-        (Extent(lean=0.14, floor=0.8, torque=1e-3), "the robot hardly moves"),
-    ],
-)
-def test_impossible_limits_are_refused(limits, message):
-    with pytest.raises(InputError, match=message):
+def test_impossible_limits_are_refused():
+    limits = Extent(lean=0.14, floor=1e-4, torque=3.0)
+    with pytest.raises(InputError, match="the robot hardly moves, and no reference makes b1"):
         design(asked(limits=limits, duration=4.0))
 
 

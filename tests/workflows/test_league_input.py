@@ -33,17 +33,9 @@ def folder(tmp_path_factory) -> Path:
 
 def test_the_built_in_courses_are_all_of_the_league():
     courses = choose_courses("league", alten(), "twin")
-    assert {one.name for one in courses} == {
-        "hold", "square", "circle", "figure_eight", "change_pose", "push", "ramp", "payload", "floor", "heading",
-    }  # fmt: skip
     both = (*choose_courses("motions", alten(), "twin"), *choose_courses("disturbances", alten(), "twin"))
     assert courses == both
     assert choose_courses("motions,square", alten(), "twin") == courses[:5]
-    changed = {one.name: one.scenario for one in courses}
-    assert changed["floor"].friction.rolling == pytest.approx(3 * changed["hold"].friction.rolling)
-    assert changed["heading"].sensors.heading_drift == pytest.approx(
-        5 * changed["hold"].sensors.heading_drift, rel=1e-3
-    )
 
 
 def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
@@ -82,12 +74,14 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
         ("{}/own.py:Timeless", "the sample_time of"),
         ("{}/nowhere.py:Mine", "there is no Python file"),
         ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
+        ("{}/worse.py:Mine", "worse.py cannot be run: SyntaxError"),
         ("=none", "lacks its name or its source"),
         ("none@camera", "There is no estimator 'camera'; the estimators are onboard, kalman"),
     ],
 )
 def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
     (folder / "bad.py").write_text("import numpy\nno_such_name\n")
+    (folder / "worse.py").write_text("def broken(:")
     with pytest.raises(InputError) as refusal:
         controllers_of(alten(), word.format(folder))
     assert sentence in str(refusal.value)
@@ -103,12 +97,9 @@ def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
 )
 def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence):
     robot = alten()
-    controllers, courses = (
-        controllers_of(robot, f"{folder}/own.py:{own}"),
-        choose_courses("hold", robot, "model"),
-    )
+    controllers = controllers_of(robot, f"{folder}/own.py:{own}")
     with pytest.raises(InputError, match=re.escape(sentence)):
-        run_league(robot, controllers, courses, seeds=[1], workers=Threads())
+        run_league(robot, controllers, choose_courses("hold", robot, "model"), seeds=[1], workers=Threads())
 
 
 @pytest.mark.parametrize(

@@ -47,12 +47,6 @@ def test_a_controller_cannot_end_the_program(tmp_path, where):
         one.update(0.0, np.zeros(10), np.zeros(10))
 
 
-@pytest.mark.parametrize("head", ["def broken(:", "1 / 0", "import not_there_at_all"])
-def test_error_at_import_of_a_controller_is_one_sentence(tmp_path, head):
-    with pytest.raises(InputError, match=r"mine\.py cannot be run: "):
-        controller(tmp_path, head)
-
-
 def test_a_file_that_is_changed_while_it_runs_is_noticed(tmp_path):
     one = controller(tmp_path)
     copy.deepcopy(one)

@@ -29,7 +29,7 @@ from ballbot.report.study import study_report, study_results, study_texts
 from ballbot.robot import Robot
 from ballbot.workflows import controller_choice
 from ballbot.workflows import study as study_workflow
-from ballbot.workflows.controller_choice import NamedCourse, compensated_robot, confirm
+from ballbot.workflows.controller_choice import NamedCourse, confirm
 from ballbot.workflows.study import Study, StudyOptions, study
 from tests.support.control_examples import FRICTION
 from tests.support.screen import assert_fits_a_screen
@@ -76,9 +76,6 @@ def write_study(study: Study, out: Path, *, made: Provenance) -> None:
     write_text(out / "report.html", page_of(replace(study_report(study), provenance=made)))
 
 
-# --- what is held out ---
-
-
 @given(st.floats(1.0, 400.0), st.floats(-50.0, 50.0))
 def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     log = Log({"t": first + np.linspace(0.0, duration, 500)})
@@ -101,13 +98,10 @@ def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
 def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
     small.found.robot.write(tmp_path / "robot.toml")
     designed = certain_friction(Robot.load(tmp_path / "robot.toml"))
-    studied = compensated_robot(small.found).friction
+    studied = certain_friction(small.found.robot)
     for name in ("viscous", "coulomb", "stribeck", "rolling"):
         # the file's digits
         np.testing.assert_allclose(getattr(designed, name), getattr(studied, name), rtol=2e-3)
-
-
-# --- end to end ---
 
 
 def test_the_friction_found_is_near_the_truth(small: Study):
@@ -176,9 +170,6 @@ def test_measured_logs_are_predicted_better_with_friction(shared_data, tmp_path,
     results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
     open_loop = results["validation"]["open_loop"]
     assert all(open_loop["with_friction"][name] < open_loop["without_friction"][name] for name in STATE_NAMES)
-
-
-# --- the commands ---
 
 
 def test_a_study_refuses_before_it_works():

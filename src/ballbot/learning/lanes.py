@@ -31,7 +31,6 @@ from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.engine.tracing import borrowed
-from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.simulation.draws import bump_table, empty_outcome, push_table
 from ballbot.simulation.imperfections import LOOP, loop_record, packed_on_floor
 from ballbot.simulation.loop import (
@@ -398,8 +397,7 @@ class TaskLanes:
                 sample_time=self.sample_time,
                 steps=robots[0].model.steps_in(self.sample_time),
                 every=1,
-                settled=np.zeros((0, 10)),
-                lost=LARGEST_LEAN,
+                lost_lean=np.inf,
                 grip=np.inf,
             ),
             blocks=new_blocks(

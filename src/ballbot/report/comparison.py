@@ -188,7 +188,10 @@ def course_figure(league: League, course: Course) -> Figure:
     for index, name in enumerate(league.controllers):
         track = league.tracks[course.name, name]
         label = label_of(name) + (" (fell)" if track.ended else "")
-        floor.plot(track["x"], track["y"], label=label, **line_of(index))
+        rounds, position = divmod(index, len(TRACK_LOOKS))  # beyond the looks they repeat, broader
+        look = LOOKS[TRACK_LOOKS[position]]
+        style: LineStyle = {**look, "linewidth": look["linewidth"] + 0.7 * rounds}
+        floor.plot(track["x"], track["y"], label=label, **style)
     floor.set_aspect("equal", adjustable="datalim")
     figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
     return figure
@@ -212,13 +215,6 @@ def course_series(league: League, course: Course) -> TimeSeries:
         f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
         level=f"{band:g} mm: has arrived",
     )
-
-
-def line_of(index: int) -> LineStyle:
-    """Return the line style of the controller with this index; beyond the looks they repeat, broader."""
-    rounds, position = divmod(index, len(TRACK_LOOKS))
-    look = LOOKS[TRACK_LOOKS[position]]
-    return {**look, "linewidth": look["linewidth"] + 0.7 * rounds}
 
 
 def _reference_path(course: Course, t: Floats) -> Floats:

@@ -16,6 +16,7 @@ from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
 from ballbot.log import STATE_NAMES
+from ballbot.log.columns import torque_names
 from ballbot.mechanics.model import LinearModel
 from ballbot.report.blocks import (
     Block,
@@ -36,7 +37,6 @@ from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
-from ballbot.workflows.robot_check import state_order
 
 
 def _nothing_compensated(design: ControllerDesign) -> str:
@@ -157,7 +157,8 @@ def poles_figure(poles: NDArray[np.complex128]) -> Figure:
 
 def linear_section(linear: LinearModel, *, caption: str) -> Section:
     """Return the section on a linear model about upright."""
-    order = state_order(linear.B.shape[1])
+    states = ", ".join(f"{name} [{STATE_UNITS[name]}]" for name in STATE_NAMES)
+    order = f"x = {states}\nu = {', '.join(torque_names(linear.B.shape[1]))} [N m]"
     text = "\n".join((order, matrix_text("A", linear.A), matrix_text("B", linear.B)))
     return details("Linear model", Verbatim(text, f"x_dot = A x + B u about upright, {caption}."))
 

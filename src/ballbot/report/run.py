@@ -39,7 +39,6 @@ from ballbot.workflows.metrics import (
     leans,
     position_error,
     rms,
-    rms_torque,
     rms_torque_change,
     run_results,
     settled,
@@ -349,7 +348,7 @@ def _numbers(log: Log, robot: Robot | None) -> Sheet:
         share = "" if robot is None else f"{percent(largest / robot.drive.torque_limit)} of the robot's limit"
         rows += [
             ("largest torque of a wheel", f"{digits(largest)} N m", share),
-            ("torque, RMS", f"{digits(rms_torque(log))} N m", "all wheels, whole run"),
+            ("torque, RMS", f"{digits(rms(log.torques))} N m", "all wheels, whole run"),
             ("change of torque from row to row, RMS", f"{digits(rms_torque_change(log))} N m", "roughness"),
         ]
     has_truth = all(f"{TRUE_PREFIX}{name}" in log for name in STATE_NAMES)

@@ -8,8 +8,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, TypedDict, TypeVar, TypeVarTuple
 from urllib.parse import quote
@@ -28,9 +27,7 @@ from ballbot.log.columns import unit_of
 from ballbot.printable import printable, printable_line
 from ballbot.report.blocks import Picture
 from ballbot.report.palette import AXIS, BLUE, GREEN, GRID, INK, MUTED, ORANGE, PALE, VIOLET, YELLOW
-from ballbot.report.series import Line, Look, Panel, TimeSeries
-from ballbot.report.words import state_mark
-from ballbot.rounding import unit_heading
+from ballbot.report.series import Look, TimeSeries
 
 if TYPE_CHECKING:  # of matplotlib 3.10
     from matplotlib.typing import RcKeyType
@@ -233,14 +230,3 @@ def thinned(*columns: Floats) -> tuple[Floats, ...]:
     """Return every k-th row of the columns, so that a line has at most `_MOST_POINTS` points."""
     step = max(1, -(-len(columns[0]) // _MOST_POINTS))
     return tuple(column[::step] for column in columns)
-
-
-def state_panels(names: Sequence[str], lines: Sequence[Line]) -> list[Panel]:
-    """Return a panel for each of the states `names`, of lines that have all ten, (n, 10)."""
-    return [
-        Panel(
-            unit_heading(state_mark(name), STATE_UNITS[name]),
-            [replace(line, values=line.values[:, STATE_NAMES.index(name)]) for line in lines],
-        )
-        for name in names
-    ]

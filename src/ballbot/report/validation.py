@@ -14,7 +14,7 @@ from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
-from ballbot.report.series import IN_TURN, Line, TimeSeries
+from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import (
     LOOKS,
     MARKS,
@@ -23,7 +23,6 @@ from ballbot.report.style import (
     drawn_picture,
     label_of,
     one_panel,
-    state_panels,
 )
 from ballbot.report.words import state_mark, with_symbols
 from ballbot.rounding import DASH, digits, interval, unit_heading
@@ -91,12 +90,18 @@ def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:
             case ErrorPair():
                 yield error_sheet(models, shown, caption)
             case Trajectories():
-                lines = (
-                    Line("measured", shown.measured, "measured"),
-                    Line(f"model {first}", shown.first, "first"),
-                    Line(f"model {second}", shown.second, "second"),
-                )
-                panels = state_panels(("x", "y", "theta", "phi", "psi", "psi_dot"), lines)
+                panels = [
+                    Panel(
+                        unit_heading(state_mark(name), STATE_UNITS[name]),
+                        (
+                            Line("measured", shown.measured[:, i], "measured"),
+                            Line(f"model {first}", shown.first[:, i], "first"),
+                            Line(f"model {second}", shown.second[:, i], "second"),
+                        ),
+                    )
+                    for i, name in enumerate(STATE_NAMES)
+                    if name in ("x", "y", "theta", "phi", "psi", "psi_dot")
+                ]
                 yield TimeSeries(shown.t, panels, caption, across="time of the log [s]")
             case None:
                 yield Paragraph(caption)

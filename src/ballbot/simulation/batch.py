@@ -1,7 +1,7 @@
 """Many robots in closed loop at once: the law and the mechanics in one compiled call, robots side by side.
 
 The numbers are those of `simulate` on a `Model`, to rounding, at the same instants. A lane may have sensors, late
-torques or a sloping floor (`Imperfections`), and may be left as soon as its outcome is known (`OutcomeBounds`).
+torques or a sloping floor (`Imperfections`), and may be left once it is lost (`OutcomeBounds`).
 """
 
 import math
@@ -43,32 +43,17 @@ from ballbot.simulation.sensed_plant import SensedPlant
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class OutcomeBounds:
-    """Bounds beyond which a lane's outcome is known and its run stops.
+    """Bounds beyond which a lane is lost and its run stops."""
 
-    InputError if the bounds are not rows of ten numbers, or a limit is not above zero.
-    """
-
-    #: rows c (m, 10): settled where |c e| <= 1 for each, e = S(psi) (r - x) the error in the heading frame;
-    #: infinite numbers if a lane is never to count as settled
-    settled: NDArray[np.float64]
-    lost: float  #: lean [rad] beyond which the robot cannot recover
+    lost: float = math.inf  #: a lane that leans farther, and outward, cannot recover [rad]
     grip: float = math.inf  #: friction coefficient of wheels on ball; a lane that needs more ends
 
     def __post_init__(self) -> None:
-        what = "The array of bounds within which a robot counts as settled"
-        rows = real_array(self.settled, ("...", 10), what, finite=False)
-        if np.isnan(rows).any():
-            raise InputError(f"{what} holds a value that is not a number.")
-        if rows.ndim != 2:
-            raise InputError(
-                f"The bounds of the verdict have the shape {rows.shape}; they must be rows of ten numbers."
-            )
-        object.__setattr__(self, "settled", rows)
-        for name in ("lost", "grip"):
-            if not getattr(self, name) > 0.0:
-                raise InputError(f"{name} of the verdict is {getattr(self, name)!r}; it must be above zero.")
+        for name, value in vars(self).items():
+            if not value > 0.0:
+                raise InputError(f"{name} of the verdict is {value!r}; it must be above zero.")
 
 
 def _models(source: ModelLike | Sequence[ModelLike]) -> list[Model]:
@@ -93,7 +78,7 @@ def simulate_batch(
     duration: float,
     initial_states: ArrayLike | None = None,
     imperfections: Imperfections | Sequence[Imperfections] | None = None,
-    verdict: OutcomeBounds | None = None,
+    verdict: OutcomeBounds = OutcomeBounds(),
     every: int = 1,
     threads: int | None = None,
 ) -> ClosedLoopBatch:
@@ -118,7 +103,7 @@ def simulate_batch(
         state, and drives have no limits but the controllers' own. The state is that of the estimator that each
         controller is made for. If there is one for all lanes, its seed is that of the first, and the others' follow it.
     verdict : OutcomeBounds, optional
-        Stops each lane as soon as its outcome is known; by default all run to the end.
+        Stops each lane as soon as it is lost; by default all run to the end.
     every : int
         Record every `every`-th sample, beginning with the first; 0 records the first only, and `finals`.
     threads : int, optional
@@ -155,7 +140,6 @@ def simulate_batch(
     sample_time = _common_sample_time(controllers)
     _check_imperfections(by_lane, models[0], sample_time)
     samples = sample_count(duration, sample_time)
-    ends = OutcomeBounds(settled=np.zeros((0, 10)), lost=LARGEST_LEAN) if verdict is None else verdict
     laws = [law for law in controllers if isinstance(law, Controller)]
     plans = all(law.follows_plans for law in laws)  # a controller of the user's may do with it as it likes
     sampling = Sampling(
@@ -163,13 +147,12 @@ def simulate_batch(
         sample_time=sample_time,
         steps=models[0].steps_in(sample_time),
         every=whole_number(every, "every", least=0) or samples,
-        settled=ends.settled,
-        lost=min(ends.lost, LARGEST_LEAN),
-        grip=ends.grip,
+        lost_lean=verdict.lost,
+        grip=verdict.grip,
     )
     if len(laws) == len(controllers):
         out = _side_by_side(lanes, models, laws, initial, by_lane, sampling, threads)
-    elif verdict is None:
+    elif verdict == OutcomeBounds():
         out = _one_by_one(lanes, models, controllers, initial, by_lane, sampling, as_reference(reference))
     else:
         raise InputError("A verdict needs Ballbot's own controllers in all lanes; others run to the end.")
@@ -287,7 +270,6 @@ def _result(out: Outcome, sampling: Sampling, fallen_leans: NDArray[np.float64])
     """Return an outcome as the batch that users see."""
     _, records, n = out.torques.shape
     samples, sample_time = len(sampling.references), sampling.sample_time
-    decided = np.minimum(out.ended, out.settled)
     return ClosedLoopBatch(
         t=np.round(np.arange(records) * (sampling.every * sample_time), 9),
         states=out.states,
@@ -302,10 +284,9 @@ def _result(out: Outcome, sampling: Sampling, fallen_leans: NDArray[np.float64])
         sample_time=sample_time,
         fallen_leans=fallen_leans,
         ended=np.where(out.ended < samples, out.ended * sample_time, np.inf),
-        settled=np.where(out.settled < samples, out.settled * sample_time, np.inf),
         lifted=out.lifted,
         slipped=out.slipped,
-        torque_change=np.sqrt(out.changes / (n * np.maximum(decided - 1, 1))),
+        torque_change=np.sqrt(out.changes / (n * np.maximum(out.ended - 1, 1))),
     )
 
 

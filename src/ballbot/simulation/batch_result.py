@@ -36,7 +36,7 @@ class ClosedLoopBatch:
     """The result of `simulate_batch`, a lane for each robot."""
 
     t: NDArray[np.float64]  #: (records,) the first is 0, as in a log of `simulate` [s]
-    #: (lanes, records, 10) the true states at t; a lane that ended or settled stays where it was
+    #: (lanes, records, 10) the true states at t; a lane that ended stays where it was
     states: NDArray[np.float64]
     finals: NDArray[np.float64]  #: (lanes, 10) the states at the end of the run, a sample after the last row
     torques: NDArray[np.float64]  #: (lanes, records, n) at the end of the sample that begins at t [N m]
@@ -49,8 +49,6 @@ class ClosedLoopBatch:
     sample_time: float  #: [s]
     fallen_leans: NDArray[np.float64]  #: (1 or lanes,) at which a lane counts as fallen [rad]
     ended: NDArray[np.float64]  #: (lanes,) time [s] at which a lane ended; infinity if it did not
-    #: (lanes,) time [s] at which it settled by `OutcomeBounds`; infinity if it never did
-    settled: NDArray[np.float64]
     lifted: NDArray[np.bool_]  #: (lanes,) whether it ended because the ball would have lifted off
     slipped: NDArray[np.bool_]  #: (lanes,) whether it ended because a wheel would have slipped on the ball
     #: (lanes,) root mean square from sample to sample, of all wheels [N m]
@@ -79,7 +77,7 @@ class ClosedLoopBatch:
             )
         if not 0 <= lane < lanes:
             raise InputError(f"The lane is {lane}; it must be 0 to {lanes - 1}.")
-        end = min(self.ended[lane], self.settled[lane])
+        end = self.ended[lane]
         rows = records if np.isinf(end) else round(end / self.sample_time)
         parts = (
             np.round(np.arange(rows) * self.sample_time, 9)[:, None],
@@ -117,9 +115,6 @@ class ClosedLoopBatch:
         for name, which in (("fell", fell), ("lifted off", self.lifted), ("slipped", self.slipped)):
             if which.any():
                 rows.append((name, f"{_share(which)}, {_times(self.ended[which])}"))
-        settled = np.isfinite(self.settled)
-        if settled.any():
-            rows.append(("settled", f"{_share(settled)}, {_times(self.settled[settled])}"))
         rows += [
             ("last distance", f"{range_words(np.hypot(final[:, 0], final[:, 1]), 'm')} from the origin"),
             ("last lean", range_words(np.hypot(final[:, 2], final[:, 3]), "rad")),

@@ -79,7 +79,6 @@ def empty_outcome(lanes: int, records: int, samples: int, n: int) -> Outcome:
         encoders=np.empty((lanes, records, 2 * n)),
         gyro=np.empty((lanes, records, 3)),
         ended=np.full(lanes, samples, np.int64),
-        settled=np.full(lanes, samples, np.int64),
         lifted=np.zeros(lanes, np.bool_),
         slipped=np.zeros(lanes, np.bool_),
         changes=np.zeros(lanes),

@@ -132,10 +132,8 @@ class Sampling(NamedTuple):
     sample_time: float  #: [s]
     steps: int  #: in a sample
     every: int  #: so many samples between records
-    #: when a lane is left; see `OutcomeBounds`
-    settled: NDArray[np.float64]  #: no rows without a verdict
-    lost: float
-    grip: float
+    lost_lean: float  #: [rad] a lane that leans farther, and outward, is left
+    grip: float  #: of the wheels on the ball; a lane that needs more is left
 
 
 class Outcome(NamedTuple):
@@ -151,7 +149,6 @@ class Outcome(NamedTuple):
     ]  #: (robots, records, 2 n) the wheels' angles and speeds as they were measured
     gyro: NDArray[np.float64]  #: (robots, records, 3)
     ended: NDArray[np.int64]  #: sample in which it fell, lifted off or slipped; all samples if it did not
-    settled: NDArray[np.int64]
     lifted: NDArray[np.bool_]
     slipped: NDArray[np.bool_]
     changes: NDArray[np.float64]  #: sum of the squared changes of its torques
@@ -732,7 +729,7 @@ def _turn_motors(selected, work, width, inputs, block, first, steps):
 
 @inlined
 def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
-    """Stop a lane that has fallen within the sample, would lift off or slip at its end, or whose outcome is known."""
+    """Stop a lane that has fallen within the sample, would lift off or slip at its end, or is lost."""
     robot = robot_in(work, lane)
     record, number = _loop_of(inputs, first + robot), first + robot
     lean = max(abs(work[(STATE + 2) * LANES + lane]), abs(work[(STATE + 3) * LANES + lane]))
@@ -742,6 +739,8 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     # 1 - (theta^2 + phi^2)/2 is at most the product of the cosines
     near = 1.0 - 0.5 * (truth[2] * truth[2] + truth[3] * truth[3]) < record.fallen_cosine
     fallen = fallen or (near and math.cos(truth[2]) * math.cos(truth[3]) < record.fallen_cosine)
+    lost = truth[2] * truth[2] + truth[3] * truth[3] > sampling.lost_lean * sampling.lost_lean
+    fallen = fallen or (lost and truth[2] * truth[7] + truth[3] * truth[8] > 0.0)
     if not fallen:
         if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
             fallen = out.lifted[number] = True
@@ -756,45 +755,12 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     if fallen:
         out.ended[number] = sample
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
-    elif len(sampling.settled) > 0:
-        _decide(work, lane, sampling, truth, sample, out, number)
-
-
-@inlined
-def _decide(work, lane, sampling, state, sample, out, robot):
-    """Stop a lane whose outcome is known; see `OutcomeBounds`."""
-    lean = state[2] * state[2] + state[3] * state[3]
-    if lean > sampling.lost * sampling.lost and state[2] * state[7] + state[3] * state[8] > 0.0:
-        out.ended[robot] = sample
-    elif _within(sampling.settled, state, sampling.references[sample - 1]):
-        out.settled[robot] = sample
-    else:
-        return
-    work[STEP * LANES + lane] = 0.0
-
-
-@inlined
-def _within(bounds, state, reference):
-    """Return whether each row's product with the heading frame's error is between -1 and 1."""
-    c, s = math.cos(state[4]), math.sin(state[4])
-    e = np.empty(10)
-    for i in range(10):
-        e[i] = reference[i] - state[i]
-    for i in (0, 2, 5, 7):
-        e[i], e[i + 1] = c * e[i] + s * e[i + 1], c * e[i + 1] - s * e[i]
-    for row in range(len(bounds)):
-        size = 0.0
-        for i in range(10):
-            size += bounds[row, i] * e[i]
-        if not abs(size) <= 1.0:
-            return False
-    return True
 
 
 @inlined
 def _runs(work, lane, out, first, samples):
     robot = first + robot_in(work, lane)
-    return out.ended[robot] == samples and out.settled[robot] == samples
+    return out.ended[robot] == samples
 
 
 def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -> Block:

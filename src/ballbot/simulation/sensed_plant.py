@@ -17,7 +17,6 @@ from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
-from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.draws import bump_table, change_samples, draws_of, empty_outcome, push_table
@@ -80,8 +79,7 @@ class SensedPlant:
             sample_time=self._sample_time,
             steps=model.steps_in(self._sample_time),
             every=1,
-            settled=np.zeros((0, 10)),
-            lost=LARGEST_LEAN,
+            lost_lean=np.inf,
             grip=np.inf,
         )
         self.reset()

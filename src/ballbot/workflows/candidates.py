@@ -148,14 +148,6 @@ class Candidate:
             raise InputError(f"There is no controller {self.source!r}; {hint}")
         return named_controller(self.source, robot)
 
-    @property
-    def file(self) -> Path | None:
-        """The file it comes from, or None."""
-        if self.source in NAMED_CONTROLLERS:
-            return None
-        path, _, _ = self.source.rpartition(":")
-        return Path(path if path.endswith(".py") else self.source)
-
 
 def parse_candidates(words: Sequence[str]) -> tuple[Candidate, ...]:
     """Return the candidates that words of the command line name; InputError if they name none, or two alike."""

@@ -184,7 +184,7 @@ class ControllerChoice:
 
 def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controller]:
     """Return the candidates, sampled at that time [s]; all compensate the friction that is 95 % certain."""
-    robot = compensated_robot(fit)
+    robot = fit.robot.replace(friction=certain_friction(fit.robot))
     gain = design_gain(robot, sample_time=sample_time).gain
     by_kind: Mapping[str, Controller] = {
         "nominal": Controller(robot, gain, sample_time=sample_time),
@@ -194,11 +194,6 @@ def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controll
         name: by_kind[kind].with_compensation(compensation)
         for name, (kind, compensation) in CANDIDATES.items()
     }
-
-
-def compensated_robot(fit: Identification) -> Robot:
-    """Return the identified robot with no more friction than is certain."""
-    return fit.robot.replace(friction=certain_friction(fit.robot))
 
 
 def choose_controller(

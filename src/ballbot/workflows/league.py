@@ -25,14 +25,6 @@ from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
 
-def track_of(log: Log) -> Log:
-    """Return the true path of a run (t, x, y), ten times a second, to a tenth of a millimetre."""
-    step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
-    truth = true_place(log)
-    columns = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
-    return Log(columns, ended=log.ended)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class League(Reported):
     """The results of every run."""
@@ -129,8 +121,13 @@ def run_league(
 
 
 def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
-    """Return a run's score, and its track if it is of the first seed."""
-    return run.score(log), track_of(log) if run.condition.seed == first else None
+    """Return a run's score, and its true path (t, x, y) if it is of the first seed."""
+    if run.condition.seed != first:
+        return run.score(log), None
+    step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
+    truth = true_place(log)
+    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    return run.score(log), Log(track, ended=log.ended)
 
 
 #: that are never zero, so that their ratios are finite

@@ -5,16 +5,9 @@ with the sensors of a scenario; every run has its own noise. The equations of mo
 two bounds of each: `lower`, from runs in which no wheel exceeds its grip, and `upper`, from runs with unlimited grip.
 
 A ray is first tried at `LOOKS` sizes, so that a fall between two sizes from which the robot recovers is not overlooked;
-the first fall is then bisected, all rays in one batch. A run ends as soon as its outcome is known, which halves the
-time:
-
-    settled    the sampled linear closed loop e[k+1] = (F - G K) e[k] will from now on need no torque above 40 % of
-               the limit or of the wheels' grip at rest, no wheel speed above 40 % of the motors' highest and
-               no lean above 0.15 rad, by the rows K (F - G K)^k and so on
-    lost       leaning outward beyond the lean from which the motors' full torque can still recover
-
-The first is exact for the linear loop without dry friction and noise, the second for a robot at rest; the rest of the
-torque and a tenth of the lean are a margin for what is neglected.
+the first fall is then bisected, all rays in one batch. A run ends early once it is lost:
+leaning outward beyond the lean from which the motors' full torque can still recover. That is exact for a robot at rest;
+a tenth of the lean is a margin for what is neglected.
 """
 
 import math
@@ -28,12 +21,9 @@ from numpy.typing import ArrayLike
 
 from ballbot.arrays import Bools, Floats
 from ballbot.control.controller import Controller
-from ballbot.control.lqr import held
-from ballbot.control.parts import Parts
 from ballbot.control.references import hold
 from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.mechanics.geometry import wheel_load
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
 from ballbot.results import left_out, reported, to_results
@@ -49,10 +39,6 @@ from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run
 #: runs of three controllers with sensors none ended differently after 5 s
 DURATION = 3.0
 
-_FRACTION = 0.4  # of torque limit and speed limit that a settled robot will need at most
-_LEAN = 0.15  # [rad] that it will lean at most
-_EVERY = 10  # samples at which its future is looked at
-_FADED = 0.02  # of the largest row: what comes later is no more than that
 _BEYOND = 1.1  # times the lean from which full torque does not turn a fall back
 _DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
@@ -97,16 +83,11 @@ class Loop:
 
     @cached_property
     def verdict(self) -> OutcomeBounds:
-        """When a run's outcome is known; the state alone does not determine the future of a loop that is late."""
-        borne = self.plant.imperfections
-        late = borne.delay > 0 or borne.lag > 0.0 or borne.sensor_faults is not None
-        never = np.full((1, 10), np.inf)
-        settled = never if late else settled_rows(self.model, self.controller, grip=self.grip)
-        return OutcomeBounds(settled=settled, lost=lost_lean(self.model), grip=self.grip)
+        """When a run is lost."""
+        return OutcomeBounds(lost=lost_lean(self.model), grip=self.grip)
 
-    def recovers(self, starts: Floats, *, cut_short: bool = True) -> Bools:
-        """Return from which starts (runs, 10) the robot recovers; `cut_short` ends runs whose outcome is known."""
-        whole = replace(self.verdict, settled=np.zeros((0, 10)), lost=LARGEST_LEAN)
+    def recovers(self, starts: Floats) -> Bools:
+        """Return from which starts (runs, 10) the robot recovers."""
         kept = np.abs(starts[:, 2:4]).max(axis=1) <= LARGEST_LEAN
         if kept.any():
             kept[kept] = simulate_batch(
@@ -116,7 +97,7 @@ class Loop:
                 duration=DURATION,
                 initial_states=starts[kept],
                 imperfections=self.plant.imperfections,
-                verdict=self.verdict if cut_short else whole,
+                verdict=self.verdict,
                 every=0,
             ).survived
         return kept
@@ -126,26 +107,6 @@ class Loop:
 Recovers = Callable[[Floats], Bools]
 #: from sizes (k, *shape) along each of some rays to starts (k, *shape, 10)
 StartOf = Callable[[Floats], Floats]
-
-
-def settled_rows(model: Model, controller: Controller, *, grip: float) -> Floats:
-    """Return the rows c (m, 10) of what counts as settled, |c e| <= 1; infinite if nothing does."""
-    linear, K = model.linearize(), controller.gain
-    F, G = held(linear.A, linear.B, controller.sample_time)
-    loop = F - G @ K
-    if controller.parts != Parts() or np.abs(np.linalg.eigvals(loop)).max() >= 1.0:
-        return np.full((1, 10), np.inf)
-    speeds = np.hstack([np.zeros((len(K), 5)), model.wheel_jacobian(np.zeros(5))])
-    slips = grip * wheel_load(model.robot) * model.robot.wheels.radius
-    now = [
-        K / (_FRACTION * min(controller.torque_limit, slips)),
-        speeds / (_FRACTION * model.robot.drive.top_speed),
-        np.eye(10)[2:4] / _LEAN,
-    ]
-    rows, ahead = [np.concatenate(now)], np.linalg.matrix_power(loop, _EVERY)
-    while np.abs(rows[-1]).max() > _FADED * np.abs(rows[0]).max():
-        rows.append(rows[-1] @ ahead)
-    return np.concatenate(rows)
 
 
 def lost_lean(model: Model) -> float:

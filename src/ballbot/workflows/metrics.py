@@ -93,11 +93,6 @@ def true_place(log: Log) -> Log:
     return log.truth() if "true_x" in log else log
 
 
-def rms_torque(log: Log) -> float:
-    """Return the root mean square of the torques of all wheels [N m]."""
-    return rms(log.torques)
-
-
 def rms_torque_change(log: Log) -> float:
     """Return the root mean square of the torques' change from one sample to the next [N m]."""
     return rms(np.diff(log.torques, axis=0)) if len(log) > 1 else 0.0
@@ -278,7 +273,7 @@ def score(log: Log, rules: Rules = Rules(), *, unsettled: bool = False) -> Score
         peak_heading_error=float(heading.max()) if counted.any() else np.nan,
         settling_time=arriving,
         arrived=arrived and log.ended is None,
-        rms_torque=rms_torque(log),
+        rms_torque=rms(log.torques),
         rms_torque_change=rms_torque_change(log),
         high_frequency_torque=high_frequency_torque(log) if fast else np.nan,
         energy=energy(log),

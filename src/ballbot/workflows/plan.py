@@ -16,7 +16,6 @@ from ballbot.arrays import Floats, positive_number, real_array
 from ballbot.control.controller import Controller, grip_torque_limit
 from ballbot.control.references import Reference, read_poses, sampled_reference, write_reference
 from ballbot.errors import InputError, every
-from ballbot.fitting.run import ALL_CORES, Executor
 from ballbot.log import Log
 from ballbot.results import left_out
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -162,7 +161,15 @@ def plan(
         legs, what = [_path_leg(planner, along, corridor)], "the path"
     else:
         pose = np.array(to, dtype=np.float64)
-        legs, what = [_move_leg(planner, pose)], f"the move to [{pose[0]:g} {pose[1]:g} {pose[2]:g}]"
+        if pose.shape != (3,) or not np.isfinite(pose).all() or not pose.any():
+            raise InputError(
+                "The pose to move to is three numbers, x and y in m and psi in rad, not all zero."
+            )
+        time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
+        legs, what = (
+            [_leg_to(planner, pose, float(time))],
+            f"the move to [{pose[0]:g} {pose[1]:g} {pose[2]:g}]",
+        )
         ahead = pose[:2] / max(float(np.hypot(*pose[:2])), 1e-9) if pose[:2].any() else ahead
     motions = [planner.fastest(leg) for leg in legs]
     if within is not None and motions[-1].t[-1] > within:
@@ -181,13 +188,6 @@ def _leg_to(planner: Planner, pose: Floats, time: float, course: PlannedPath | N
     end[[0, 1, 4]] = pose
     torques = np.zeros((2, planner.robot.wheel_count))
     return Leg(start=np.zeros(10), end=end, torques=torques, course=course, time=time)
-
-
-def _move_leg(planner: Planner, pose: Floats) -> Leg:
-    if pose.shape != (3,) or not np.isfinite(pose).all() or not np.abs(pose).max() > 0.0:
-        raise InputError("The pose to move to is three numbers, x and y in m and psi in rad, not all zero.")
-    time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
-    return _leg_to(planner, pose, float(time))
 
 
 def _path_leg(planner: Planner, along: str | Path | Floats, corridor: float) -> Leg:
@@ -285,22 +285,17 @@ def follow(
     *,
     runs: int = 20,
     twin: bool = False,
-    workers: Executor = ALL_CORES,
 ) -> Followed:
     """Return how robots follow a plan, on the loop or on the twin, each with a seed; friction is the robot's."""
-    truth = with_identified(scenario, plan.robot.friction)
-    plant = (
-        TwinRobot(robot=plan.robot, scenario=truth, known=plan.robot)
-        if twin
-        else LoopRobot.of(plan.robot, truth, known=plan.robot)
-    )
+    robot, truth = plan.robot, with_identified(scenario, plan.robot.friction)
+    on_twin = TwinRobot(robot=robot, scenario=truth, known=robot)
+    plant = on_twin if twin else LoopRobot.of(robot, truth, known=robot)
     reference = partial(sampled_reference, plan.t, plan.states)
     conditions = [
         Condition(plant=plant, reference=reference, duration=float(plan.t[-1]) + _AFTER, seed=seed)
         for seed in range(1, runs + 1)
     ]
-    runs_of_plan = grid_runs({"plan": controller}, conditions)
-    errors = np.array(run_grid(runs_of_plan, _errors, workers=workers).answers)
+    errors = np.array(run_grid(grid_runs({"plan": controller}, conditions), _errors).answers)
     return Followed(
         runs=runs,
         fell=int(np.isnan(errors[:, 0]).sum()),

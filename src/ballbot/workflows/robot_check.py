@@ -189,9 +189,3 @@ def linearization_results(model: Model) -> dict[str, object]:
         "input_unit": "N m",
         "exact": {"A": linear.A, "B": linear.B},
     }
-
-
-def state_order(wheel_count: int) -> str:
-    """Return what the rows and columns of A and B are, as a line of text."""
-    states = ", ".join(f"{name} [{unit_of(name)}]" for name in STATE_NAMES)
-    return f"x = {states}\nu = {', '.join(torque_names(wheel_count))} [N m]"
