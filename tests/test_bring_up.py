@@ -16,9 +16,7 @@ from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
-TUTORIAL, PAGE = (
-    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("tutorials/hardware.md", "bring_up.md")
-)
+PAGE = (ROOT / "docs" / "bring_up.md").read_text(encoding="utf-8")
 
 
 def commands_of(text: str) -> list[list[str]]:
@@ -51,10 +49,3 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     assert found.viscous == pytest.approx((0.014, 0.016, 0.013), rel=0.05)
     assert len(Log.read("square/log.csv")) == 40 / 0.005
     assert "After over before, the drift removed" in capsys.readouterr().out
-
-
-def test_page_shows_every_command_against_the_emulated_robot():
-    live = [words for words in commands_of(TUTORIAL + PAGE) if words[0] == "run"]
-    assert all("--emulated" in words for words in live)
-    shown = {words[1] for words in live if not words[1].startswith("-")}
-    assert shown == {"monitor", "wiring", "sweep", "upside-down", "compare"}

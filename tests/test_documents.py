@@ -5,6 +5,7 @@ import importlib
 import importlib.util
 import json
 import math
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -54,15 +55,6 @@ def test_links_of_a_document_lead_somewhere(document):
         assert not anchor or anchor in anchors(file), f"{document.name}: {target}"
 
 
-def test_every_page_is_once_in_the_contents_of_the_site():
-    blocks = re.findall(
-        r"```\{toctree\}\n(.*?)```", (ROOT / "docs/index.md").read_text(encoding="utf-8"), re.DOTALL
-    )
-    listed = [line for block in blocks for line in block.splitlines() if line and not line.startswith(":")]
-    pages = [path.relative_to(ROOT / "docs").with_suffix("").as_posix() for path in DOCUMENTS[1:]]
-    assert sorted(listed) == sorted(page for page in pages if page != "index")
-
-
 def commands_of(document: Path) -> list[list[str]]:
     """Return the command lines in a document's code, each up to a pipe or the shell's next operator."""
     found, fence = [], False
@@ -90,14 +82,10 @@ def test_every_command_in_the_documents_has_these_options():
 
 def resolved(name: str) -> bool:
     """Return whether a dotted name is a module, or something in one."""
-    found, parts = importlib.import_module("ballbot"), name.split(".")[1:]
-    for part in parts:
-        try:
-            found = getattr(found, part)
-        except AttributeError:
-            if importlib.util.find_spec(f"{found.__name__}.{part}") is None:
-                return False
-            found = importlib.import_module(f"{found.__name__}.{part}")
+    try:
+        pkgutil.resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
     return True
 
 
@@ -136,10 +124,7 @@ def test_the_readmes_python_runs_by_itself(tmp_path, monkeypatch, capsys):
 @pytest.mark.sample
 @pytest.mark.parametrize("example", ["01_model.py", "02_closed_loop.py"])
 def test_examples_run(example):
-    done = subprocess.run(
-        [sys.executable, ROOT / "examples" / example], check=True, capture_output=True, text=True
-    )
-    assert done.stdout.count("\n") >= 3
+    assert subprocess.check_output([sys.executable, ROOT / "examples" / example]).count(b"\n") >= 3
 
 
 @pytest.mark.sample

@@ -1,12 +1,8 @@
 """The document "From a CSV file to a report": its file and messages are those of the commands."""
 
-import io
-import json
-import re
 import subprocess
 import sys
 import tomllib
-from contextlib import redirect_stdout
 
 import pytest
 
@@ -58,32 +54,3 @@ def test_the_mapping_is_the_truth(mapping):
     assert (attitude["turn"], attitude["unit"], attitude["rates"]["unit"]) == (30.0, "deg", "deg/s")
     assert found["columns"]["t"]["unit"] == "ms"
     assert (found["file"]["separator"], found["file"]["decimal"]) == ("semicolon", "comma")
-
-
-@pytest.fixture(scope="module")
-def identified(folder, mapping):
-    """Return the folder of the identification, with what the command prints in printed.txt."""
-    words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(mapping)]
-    printed = io.StringIO()
-    with redirect_stdout(printed):
-        assert main([*words, "--out", str(folder / "found")]) == 0
-    (folder / "found" / "printed.txt").write_text(printed.getvalue())
-    return folder / "found"
-
-
-def explained(section):
-    """Return the codes in a section's list of findings."""
-    text = DOCUMENT.split(f"\n## {section}")[1].split("\n## ")[0]
-    return set(re.findall(r"^- `([\w-]+)`: ", text, flags=re.MULTILINE))
-
-
-def test_every_warning_of_the_identification_is_explained(identified):
-    results = json.loads((identified / "results.json").read_text())
-    printed = " ".join((identified / "printed.txt").read_text().split())
-    warnings = [one for one in results["findings"] if one["severity"] == "warning"]
-    assert all(one["text"] in printed for one in warnings)
-    # which parameters they name differs between processors, as the simulated log does
-    assert {one["code"] for one in warnings} <= explained("3.")
-    assert "`with other logs and robots`" in DOCUMENT
-    assert "with other logs and robots" in printed
-    assert "another log" in printed

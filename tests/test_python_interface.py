@@ -59,19 +59,10 @@ class Own:
 @pytest.mark.parametrize("imperfections", [None, Imperfections(delay=1, torque_noise=0.01, seed=4)])
 def test_own_controllers_run_in_a_batch_as_compiled_ones_do(imperfections):
     starts = np.array([leaning(0.01), leaning(-0.02, 0.01), leaning(0.6, 0.6)])
-    both = [
-        simulate_batch(
-            Model(ROBOT),
-            one,
-            "hold",
-            duration=1.0,
-            initial_states=starts,
-            imperfections=imperfections,
-            every=2,
-        )
-        for one in (nominal_controller(ROBOT), Own())
-    ]
-    compiled, own = both
+    options = {"duration": 1.0, "initial_states": starts, "imperfections": imperfections, "every": 2}
+    compiled, own = (
+        simulate_batch(Model(ROBOT), one, "hold", **options) for one in (nominal_controller(ROBOT), Own())
+    )
     np.testing.assert_array_equal(own.survived, compiled.survived)
     assert own.survived.tolist() == [True, True, False]
     np.testing.assert_array_equal(own.t, compiled.t)

@@ -3,7 +3,7 @@
 import clarabel
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy import sparse
 
 from ballbot import Controller, InputError, Robot
@@ -136,18 +136,6 @@ def test_controller_moves_to_the_gain_without_a_jump_and_steps_back():
     controller.tune(Setting(weights=(0.0, 1.0)))  # again, as after an answer that was lost
     controller.tune(None)
     assert_allclose(torques(samples)[-1], first, atol=1e-12)
-
-
-def test_setting_moves_along_a_straight_line_of_mixtures():
-    controller = tunable(nominal_controller(ROBOT), [stiffer(0.3), stiffer(0.5)])
-    now = controller.memory["tuning"]["now"]
-    for weights in ((0.1, 0.9, 0.0), (0.1, 0.0, 0.9), (0.55, 0.45, 0.0), (0.1, 0.45, 0.45)):
-        controller.tune(Setting(weights=weights))
-        for _ in range(300):
-            controller.update(0.0, np.zeros(10), np.zeros(10))
-            assert (now[0, :2] >= 0.0).all()
-            assert now[0, :2].sum() <= 0.9 + 1e-12
-        assert_array_equal(now, controller.memory["tuning"]["wanted"])
 
 
 def mixed_numbers(controller: Controller) -> list[np.ndarray]:

@@ -41,10 +41,6 @@ def bench() -> Bench:
     return Bench(robot=Robot.load("alten"), seed=0)
 
 
-def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf) -> ClaimCheck:
-    return check_of("it is so", "a number", value, "m", lowest, highest)
-
-
 def item_of(*checks: ClaimCheck) -> Item:
     return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
 
@@ -188,7 +184,7 @@ def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
 def test_page_and_results_have_every_verdict(bench: Bench) -> None:
     items = (
         figures.figure_iii_1(bench),
-        replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
+        replace(item_of(check_of("it is so", "a number", 0.0, "m", 1.0)), name="Table 4.1", title="<b>"),
     )
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
     page = page_of(reproduction_report(made))
