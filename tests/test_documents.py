@@ -131,20 +131,16 @@ def test_examples_run(example):
 def test_the_sample_records_of_the_pages_are_what_their_commands_read(tmp_path, monkeypatch):
     pytest.importorskip("cv2")
     monkeypatch.chdir(tmp_path)
-    made = [
-        line.strip().partition("#")[0].split()
-        for page in ("axis", "swing", "spin")
-        for line in (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8").splitlines()
-        if "examples/07_sample_records.py" in line
-    ]
+    pages = [ROOT / "docs" / f"{name}.md" for name in ("axis", "swing", "spin")]
+    lines = [line.strip() for page in pages for line in page.read_text(encoding="utf-8").splitlines()]
+    made = [line.partition("#")[0].split() for line in lines if "examples/07_sample_records.py" in line]
     assert len(made) == 3
     assert main(["record", "nominal", "--experiment", "upside_down", "--out", "upside_down"]) == 0
     for words in made:
         subprocess.run([sys.executable, ROOT / words[1], *words[2:]], check=True)
     read = [
         words
-        for page in ("axis", "swing", "spin")
-        for words in commands_of(ROOT / "docs" / f"{page}.md")
+        for words in [words for page in pages for words in commands_of(page)]
         if {"axis.csv", "hanging.csv", "upside_down.mp4"} & set(words)
     ]
     assert [words[0] for words in read] == ["identify-axis", "check", "spin", "spin"]

@@ -51,15 +51,6 @@ TEXTS: dict[Kind, str] = {
 }
 
 
-@pytest.mark.parametrize("path", sorted(OLD.glob("robot*.toml")), ids=lambda path: path.name)
-def test_old_robot_file_is_written_with_the_same_values_and_a_format(path: Path, tmp_path: Path) -> None:
-    robot = Robot.load(path)
-    written = tmp_path / "robot.toml"
-    written.write_text(robot_text(robot), encoding="utf-8")
-    assert format_line("robot") in written.read_text(encoding="utf-8").splitlines()
-    assert Robot.load(written) == robot
-
-
 def test_checksum_of_a_controller_does_not_depend_on_the_number_of_the_format() -> None:
     # what `checksum_of` gave before formats had numbers
     found = checksum_of(read_controller(OLD / "controller_full.toml", ALTEN))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ballbot
-from ballbot import InputError, Model, Robot, simulate, simulate_batch
+from ballbot import InputError, Log, Model, Robot, simulate, simulate_batch
 from ballbot.control.presets import nominal_controller
 from ballbot.results import as_json
 from ballbot.simulation.imperfections import Imperfections
@@ -72,10 +72,33 @@ def test_own_controllers_run_in_a_batch_as_compiled_ones_do(imperfections):
     np.testing.assert_allclose(own.torque_change[:2], compiled.torque_change[:2], rtol=0.02)
 
 
-def test_lqr_called_as_python_control_s_says_what_is_expected():
-    linear = Model(Robot.load("alten")).linearize()
-    with pytest.raises(InputError, match=r"lqr\(StateSpace\(A, B\), Q, R\)"):
-        ballbot.lqr(linear.A, linear.B, np.eye(10), np.eye(3))
+LINEAR = Model(Robot.load("alten")).linearize
+LOG = Log({"t": np.array([0.0, 1.0]), "x": np.zeros(2), "y": np.zeros(2)})
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: LOG.select(["x", "y"]), r"select takes rows, such as log.select\(slice\(0, 100\)\)"),
+        (lambda: LOG[["x", "y"]], "indexed by the name of one column"),
+        (lambda: LOG[0:10], r"not by a slice; log.select\(slice\(0, 10\)\)"),
+        (lambda: simulate(ROBOT, 5, "square", duration=1.0), "controller is given as .* of type int"),
+        (lambda: simulate(ROBOT, "nominal", 5, duration=1.0), "reference is given as .* of type int"),
+        (lambda: ballbot.loop_margins("nominal"), "loop_margins\\('nominal', robot='alten'\\)"),
+        (
+            lambda: ballbot.lqr(LINEAR().A, LINEAR().B, np.eye(10), np.eye(3)),
+            r"lqr\(StateSpace\(A, B\), Q, R\)",
+        ),
+    ],
+)
+def test_refusal_says_what_to_give(call, sentence):
+    with pytest.raises(InputError, match=sentence):
+        call()
+
+
+def test_misspelt_name_of_the_package_has_the_nearest():
+    with pytest.raises(AttributeError, match="Did you mean 'Robot'"):
+        ballbot.Robt  # noqa: B018
 
 
 @pytest.mark.parametrize("name", ["batch", "gain", "controller design", "limits", "driveline"])

@@ -16,11 +16,8 @@ from tests.support.control_examples import alten, four_wheeled
 
 BOUND = LeanLimit(lean=0.1, turn=0.4)
 ROBOT = alten()
-designed = st.deferred(
-    lambda: st.sampled_from(
-        [(robot, design_integral_gain(robot).gain) for robot in (ROBOT, four_wheeled(friction=False))]
-    )
-)
+ROBOTS = ROBOT, four_wheeled(friction=False)
+designed = st.deferred(lambda: st.sampled_from([(one, design_integral_gain(one).gain) for one in ROBOTS]))
 states = st.lists(st.floats(-1.0, 1.0), min_size=10, max_size=10).map(np.array)
 
 
@@ -43,9 +40,8 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
     turn = asked(gain, state, [4, 9], slice(4, 5))
     bounded = state.copy()
     bounded[:2] *= min(1.0, BOUND.lean / max(asked(gain, state, [0, 1], slice(2, 4)), 1e-300))
-    bounded[[0, 1, 5, 6]] *= min(
-        1.0, BOUND.lean / max(asked(gain, bounded, [0, 1, 5, 6], slice(2, 4)), 1e-300)
-    )
+    moving = [0, 1, 5, 6]
+    bounded[moving] *= min(1.0, BOUND.lean / max(asked(gain, bounded, moving, slice(2, 4)), 1e-300))
     bounded[[4, 9]] *= min(1.0, BOUND.turn / max(turn, 1e-300))
     # gains reach 50 N m/rad, and short polynomials for sines are good to 1e-12
     np.testing.assert_allclose(torques(robot, gain, state, BOUND), -gain @ bounded, rtol=1e-9, atol=1e-9)
@@ -53,40 +49,31 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
 
 @pytest.mark.slow
 def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_can_save():
-    stiff = design_integral_gain(ROBOT).gain
-    weak = ROBOT.replace({"drive.torque_limit": 2.0})
-    directions = np.radians([0.0, 90.0])
+    weak, directions = ROBOT.replace({"drive.torque_limit": 2.0}), np.radians([0.0, 90.0])
+    model, stiff = Model(weak), design_integral_gain(ROBOT).gain
+    starts = (
+        (leaning_state, LARGEST_LEAN),
+        (lambda way, size: pushed_state(model, way, size, weak.body.center_of_mass), 60.0),
+    )
 
-    def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
+    def edges(bound: LeanLimit | None) -> list[np.ndarray]:
         controller = Controller(weak, stiff, torque_limit=2.0, parts=Parts(lean_limit=bound))
         loop = Loop(robot=weak, controller=controller, grip=np.inf)
-        leans = reach(loop.recovers, lambda s: leaning_state(directions, s), shape=(2,), end=LARGEST_LEAN)
-        height = weak.body.center_of_mass
-        blows = reach(
-            loop.recovers, lambda s: pushed_state(loop.model, directions, s, height), shape=(2,), end=60.0
-        )
-        return leans, blows
+        return [
+            reach(loop.recovers, lambda size, start=start: start(directions, size), shape=(2,), end=end)
+            for start, end in starts
+        ]
 
-    (lean, blow), (bare_lean, bare_blow) = edges(BOUND), edges(None)
-    assert (blow > 2.0 * bare_blow).all()
+    bounded, (bare_lean, bare_blow) = edges(BOUND), edges(None)
+    assert (bounded[0] >= bare_lean).all()
+    assert (bounded[1] > 2.0 * bare_blow).all()
     # what no controller can pass: the linear model's falling part kept from growing by the motors' whole torque
-    linear = Model(weak).linearize()
+    linear = model.linearize()
     values, vectors = np.linalg.eig(linear.A.T)
     falls = values.real > 1.0
     rates, left = values[falls].real, vectors[:, falls].real.T
-    for edge, most in (
-        (lean[0], _most(rates, left, linear.B, leaning_state(0.0, 1.0))),
-        (
-            blow[0],
-            _most(rates, left, linear.B, pushed_state(Model(weak), 0.0, 1.0, weak.body.center_of_mass)),
-        ),
-    ):
-        assert 0.9 * most < edge < 1.05 * most  # the exact model's own fall is slower at a lean
-    assert (lean >= bare_lean).all()
-
-
-def _most(rates: np.ndarray, left: np.ndarray, B: np.ndarray, start: np.ndarray) -> float:
-    """Return how many times a start some torques within 2 N m can keep from falling further."""
-    kept = np.column_stack([rates * (left @ start), left @ B])
-    found = linprog([-1, 0, 0, 0], A_eq=kept, b_eq=[0, 0], bounds=[(0, None), *[(-2, 2)] * 3])
-    return float(found.x[0])
+    for edge, (start, _) in zip(bounded, starts, strict=True):
+        kept = np.column_stack([rates * (left @ start(0.0, 1.0)), left @ linear.B])
+        # how many times the start some torques within 2 N m can keep from falling further
+        most = linprog([-1, 0, 0, 0], A_eq=kept, b_eq=[0, 0], bounds=[(0, None), *[(-2, 2)] * 3]).x[0]
+        assert 0.9 * most < edge[0] < 1.05 * most  # the exact model's own fall is slower at a lean

@@ -74,9 +74,8 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     assert margin.overcompensates
     assert margin.rolling_fraction == pytest.approx(1.0)
     assert "wheel 2" in margin.sentence
-    assert not compensation_margin(
-        Controller(wheel, designed_gain()), FRICTION
-    ).overcompensates  # it compensates nothing
+    none = Controller(wheel, designed_gain())
+    assert not compensation_margin(none, FRICTION).overcompensates
 
 
 @pytest.mark.slow
@@ -114,12 +113,8 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
         read_controller(path, unsure)
 
 
-DIRECTED = replace(
-    FRICTION,
-    coulomb_asymmetry=(0.03, -0.02, 0.04),
-    stribeck_asymmetry=(-0.02, 0.01, 0.05),
-    load=(0.2, 0.1, 0.3),
-)
+ASYMMETRY = {"coulomb_asymmetry": (0.03, -0.02, 0.04), "stribeck_asymmetry": (-0.02, 0.01, 0.05)}
+DIRECTED = replace(FRICTION, load=(0.2, 0.1, 0.3), **ASYMMETRY)
 
 
 def test_compensation_is_the_friction_of_the_direction_and_the_load():
@@ -166,7 +161,6 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
     assert "warning" not in capsys.readouterr().err
     assert "because more would spin the wheels on the ball" in Path(out, "report.html").read_text()
     controller = f"{out}/controller.toml"
-    assert (
-        main(["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]) == 0
-    )
+    words = ["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]
+    assert main(words) == 0
     assert "warning" not in capsys.readouterr().err

@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from ballbot import InputError, Model, Robot, simulate
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import hold
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 from tests.support.freed_mechanism import reflected_inertia
 
@@ -123,10 +121,4 @@ def test_pivoting_model_refuses_unsupported_options() -> None:
     with pytest.raises(InputError, match="linearise the model without pivoting"):
         Model(alten(), pivoting=0.1).linearize()
     with pytest.raises(InputError, match="its last dimension must be 10"):
-        simulate(
-            Model(alten(), pivoting=0.1),
-            nominal_controller(alten()),
-            hold(),
-            duration=0.1,
-            initial_state=np.zeros(11),
-        )
+        simulate(Model(alten(), pivoting=0.1), "nominal", "hold", duration=0.1, initial_state=np.zeros(11))

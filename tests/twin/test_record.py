@@ -12,6 +12,8 @@ from ballbot.cli.context import parse_seeds
 from ballbot.cli.main import main
 from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.geometry import transforms
+from ballbot.robot import Robot
 from ballbot.twin.recording import MotionCapture
 
 
@@ -95,9 +97,6 @@ def test_sweep_has_the_thesis_s_columns_and_speeds(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("undrawn")
 def test_upside_down_ball_stays_on_the_wheels_and_turns_them(tmp_path: Path) -> None:
-    from ballbot.mechanics.geometry import transforms
-    from ballbot.robot import Robot
-
     command = ["record", "nominal", "--experiment", "upside_down", "--duration", "5", "--out", str(tmp_path)]
     assert main(command) == 0
     log, truth = Log.read(tmp_path / "log.csv"), Log.read(tmp_path / "truth.csv")
