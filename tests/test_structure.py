@@ -1,10 +1,13 @@
-"""The source's structure: packages import in one direction; functions and files have a readable size."""
+"""The source's structure: packages import in one direction; functions have a readable size; one version everywhere."""
 
 import ast
+import re
+import tomllib
 from collections import defaultdict
 from functools import cache
 from graphlib import TopologicalSorter
 
+import ballbot
 from tests.support.paths import ROOT
 from tests.support.schedule import ORDER
 from tests.support.source import SOURCE, modules, nodes_of
@@ -140,3 +143,20 @@ def test_what_benchmarks_campaigns_and_examples_import_exists():
         if alias.name not in names_at_top(node.module)
     ]
     assert not missing
+
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+
+def test_version_is_the_same_everywhere() -> None:
+    assert PROJECT["version"] == ballbot.__version__
+    assert f"\nversion: {ballbot.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(
+        rf"^## .*\b{ballbot.__version__}\b", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE
+    )
+
+
+def test_dependencies_have_lower_bounds() -> None:
+    extras = [one for name, found in PROJECT["optional-dependencies"].items() for one in found]
+    for one in [*PROJECT["dependencies"], *extras]:
+        assert ">=" in one or one.startswith("ballbot["), f"{one} has no lowest version"

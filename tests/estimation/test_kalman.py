@@ -12,10 +12,8 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ballbot.control.presets import nominal_controller
-from ballbot.control.references import figure_eight
 from ballbot.errors import InputError
-from ballbot.estimation.interface import Fix, Reading
+from ballbot.estimation.interface import Fix
 from ballbot.estimation.kalman import KalmanFilter, filter_model
 from ballbot.estimation.kalman_model import (
     BIAS,
@@ -24,7 +22,6 @@ from ballbot.estimation.kalman_model import (
     LEAN_ERROR,
     PSI,
     SENSORS,
-    SHOWN_PSI,
     STATES,
     FilterModel,
     FilterNoise,
@@ -39,8 +36,7 @@ from ballbot.estimation.kalman_model import (
 from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
-from ballbot.simulation.run import simulate
-from tests.support.estimation_examples import ALTEN, H, Run, covariance_of, light_wheels, swaying, turned
+from tests.support.estimation_examples import ALTEN, H, Run, covariance_of, light_wheels, swaying
 
 LIGHT = light_wheels()
 NOISE = FilterNoise.of(ALTEN)
@@ -193,31 +189,6 @@ def test_heading_uncertainty_walks_by_pivoting_without_references() -> None:
     assert 0.9 * walked < np.sqrt(covariance_of(ran(run, blind)[0])[4, 4]) < 1.5 * walked
     level = replace(blind, lean_error=1e-6)
     assert np.sqrt(covariance_of(ran(run, level)[0])[4, 4]) == pytest.approx(walked, rel=0.1)
-
-
-def test_the_exact_model_s_figure_of_eight_is_followed() -> None:
-    """Perfect encoders and a gyro with bias, an AHRS whose heading runs away by 16 degrees in 3 minutes."""
-    log = simulate(Model(ALTEN), nominal_controller(ALTEN), figure_eight(), duration=40.0)
-    random = np.random.default_rng(1)
-    sensors, truth = ALTEN.sensors, log.truth().states
-    rate = np.einsum("nij,nj->ni", body_rates_matrix(*truth[:, 2:5].T), truth[:, 7:])
-    bias = np.array([0.002, -0.001, 0.0015])
-    kalman = KalmanFilter(ALTEN, sample_time=H)
-    attitude = truth[:, 2:5] + sensors.attitude_noise * random.standard_normal((len(log), 3))
-    attitude = turned(attitude, sensors.heading_drift * log.t)
-    found = []
-    for k in range(len(log)):
-        gyro = rate[k] + bias + sensors.gyro_noise * random.standard_normal(3)
-        angles = np.array([log[f"wheel{i}"][k] for i in (1, 2, 3)])
-        one = Reading(wheel_angles=angles, wheel_speeds=np.zeros(3), gyro=gyro, attitude=attitude[k])
-        found.append(kalman.update(one))
-    error = np.array(found) - truth
-    assert np.degrees(attitude[-1, 2] - truth[-1, 4]) == pytest.approx(3.55, abs=0.4)
-    assert np.abs(np.degrees(error[:, 4])).max() < 1.2  # 0.005 rad a root second would be 1.8
-    assert np.abs(error[:, :2]).max() < 0.012  # that heading's over 0.5 m
-    assert np.degrees(np.sqrt(np.mean(error[400:, 2:4] ** 2))) < 0.05
-    assert_allclose(kalman._x[BIAS : BIAS + 3], bias, atol=5e-4)
-    assert np.degrees(kalman._x[SHOWN_PSI] - kalman._x[PSI]) == pytest.approx(3.55, abs=1.2)
 
 
 def test_fix_removes_the_drift_and_missing_fix_changes_nothing() -> None:

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot.mechanics.engine import elementary
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.elementary import (
     binary_logarithm,
@@ -40,11 +39,3 @@ def test_functions_are_the_library_s_but_for_rounding(angle, lean, x, positive):
 def test_ends_of_the_range():
     assert found(0.0, 0.0, 0.0, 1.0) == ((0.0, 1.0), (0.0, 1.0), 1.0, 0.0)
     assert np.isnan(found(np.nan, 0.0, 0.0, 1.0)[0][0])
-
-
-def test_the_polynomials_are_those_of_the_command():
-    pytest.importorskip("mpmath", reason="mpmath, which SymPy brings, is not installed")
-    from campaigns.polynomials import fits
-
-    for name, (coefficients, _) in fits().items():
-        assert getattr(elementary, name) == tuple(coefficients), name

@@ -56,12 +56,6 @@ def test_law_of_a_python_file_beside_the_robot_s_is_found_from_any_folder(tmp_pa
     assert subprocess.check_output(command, text=True, cwd="/") == "(0.1, 0.1, 0.1)\n"
 
 
-def test_friction_of_numpy_is_the_formula():
-    speeds = np.array([[-2.0, 0.3, 4.0], [0.1, -0.7, 0.0]])
-    expected = np.array(FRICTION.viscous) * speeds + dry(speeds, TORQUES) * np.sign(speeds)
-    np.testing.assert_allclose(wheel_friction(speeds, FRICTION, torque=TORQUES), expected, rtol=1e-14)
-
-
 def test_motion_is_that_of_an_integrator_of_another_library():
     """While no wheel stops, SciPy's DOP853 solves the equations of the bare robot with the friction as a torque."""
     model, bare = Model(robot_by_law(), step=5e-4), Model(robot_by_law().replace(friction=Friction.none(3)))

@@ -64,18 +64,12 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path, monkeypatch:
     assert not any(name.startswith("true_") for name in log.names)
     assert np.abs(log["theta"] - truth["theta"]).max() > 0  # sensors err
     assert np.abs(log["x"] - truth["x"]).max() < 0.02
-    assert {"x", "y", "z", "qw", "qx", "qy", "qz"} <= set(film.names)
     found = json.loads((one / "results.json").read_text())
     assert found["ended"] is None
-    error = np.sqrt((truth["x"] - truth["ref_x"]) ** 2 + (truth["y"] - truth["ref_y"]) ** 2)
-    assert found["peak_position_error_whole_run"] == pytest.approx(error.max())
-    lean_error = log["theta"] - truth["theta"]
-    lean = np.mean(lean_error**2 + (log["phi"] - truth["phi"]) ** 2)
+    lean = np.mean((log["theta"] - truth["theta"]) ** 2 + (log["phi"] - truth["phi"]) ** 2)
     assert found["estimation_errors"]["lean"] == pytest.approx(np.sqrt(lean))
-    assert found["estimation_errors"]["position_drift"] is None  # shorter than a minute
     made = tomllib.loads((one / "record.toml").read_text())
     assert made["run"]["seed"] == 3
-    assert tomllib.loads((one / "scenario.toml").read_text())["friction"]["coulomb"] == [0.11, 0.09, 0.12]
     assert film.t[0] == pytest.approx(made["motion_capture"]["clock_offset"])
 
 
