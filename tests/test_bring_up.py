@@ -3,9 +3,6 @@
 The commands of bring_up.md run here, those of the tutorial when the site is built.
 """
 
-import re
-import shlex
-
 import pytest
 
 from ballbot.cli.main import main
@@ -13,21 +10,9 @@ from ballbot.firmware.build import compilers
 from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
+from tests.test_documents import commands_of
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
-
-PAGE = (ROOT / "docs" / "bring_up.md").read_text(encoding="utf-8")
-
-
-def commands_of(text: str) -> list[list[str]]:
-    """Return the words after `ballbot` of each command in a page's blocks."""
-    return [
-        shlex.split(line.partition(" | ")[0])[1:]
-        for block in re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
-        for line in block.splitlines()
-        if line.startswith("ballbot ")
-    ]
-
 
 #: options that make the long commands and the runs for them shorter; the page's own options stay
 _SHORTER = {
@@ -41,7 +26,7 @@ _SHORTER = {
 @pytest.mark.sample
 def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    for words in commands_of(PAGE):
+    for words in commands_of(ROOT / "docs" / "bring_up.md"):
         assert main([*words, *_SHORTER.get(tuple(words[:2]), [])]) == 0, (words, capsys.readouterr().err)
     # the emulated robot has the friction of the twin's nominal scenario
     found = Robot.load("driveline/robot.toml").friction

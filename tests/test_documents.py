@@ -25,11 +25,6 @@ from tests.support.paths import ROOT
 SOURCE = ROOT / "src" / "ballbot"
 
 
-def fenced(document: str, language: str) -> list[str]:
-    text = (ROOT / document).read_text(encoding="utf-8")
-    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
-
-
 SOURCES = [
     path.as_posix()
     for folder in ("src", "tests", "campaigns", "benchmarks", "examples")
@@ -110,7 +105,7 @@ def test_the_readme_lists_every_command_and_preset():
 
 @pytest.mark.slow
 def test_the_readmes_python_runs_by_itself(tmp_path, monkeypatch, capsys):
-    (example,) = fenced("README.md", "python")
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text("utf-8"), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     exec(example, {})
     # the model has no chance in it, but its loop is chaotic: another processor's last digits move these by some mm

@@ -75,16 +75,13 @@ def batch() -> ClosedLoopBatch:
     return simulate_batch(alten(FRICTION), "nominal", "hold", duration=0.5, initial_states=starts)
 
 
-def scenario_with_everything() -> Scenario:
-    examples = {name: (one,) if name == "pushes" else one for name, one in EXAMPLES.items()}
-    return replace(Scenario.nominal(alten()), **examples)
-
-
 RESULTS = {
     "linear model": lambda: Model("alten").linearize(),
     "batch": batch,
     "scenario": lambda: Scenario.nominal(alten()),
-    "scenario with everything": scenario_with_everything,
+    "scenario with everything": lambda: replace(
+        Scenario.nominal(alten()), **EXAMPLES | {"pushes": (EXAMPLES["pushes"],)}
+    ),
     "robot": lambda: alten(FRICTION),
     "robot of four wheels": lambda: four_wheeled(friction=True),
     "log": lambda: with_wheels(smooth_log(rows=40), alten()),

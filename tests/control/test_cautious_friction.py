@@ -25,11 +25,6 @@ def drawn_covariance(seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(0.5, 1.5) ** 2 * errors[:, None] * correlation * errors
 
 
-def curve(values: np.ndarray, wheel: int) -> np.ndarray:
-    b, c, s, v_s, delta = values[[wheel, 3 + wheel, 6 + wheel, 9, 10]]
-    return b * SPEEDS + c + s * np.exp(-((SPEEDS / v_s) ** delta))
-
-
 @pytest.mark.parametrize("load", [0.0, 1.5])
 def test_few_robots_with_terms_by_direction_and_load_have_less_friction(load):
     friction = replace(FRICTION, coulomb_asymmetry=(0.03, -0.02, 0.01), load=(0.05, 0.04, 0.06))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
@@ -43,7 +43,6 @@ def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
     return np.array([force.real, force.imag])
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     design=designed,
     state=states,
@@ -70,7 +69,6 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     )
 
 
-@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses)
 def test_partial_compensation_never_adds_against_the_intended_motion(design, state, pose):
     robot, gain = design
@@ -86,7 +84,6 @@ def test_partial_compensation_never_adds_against_the_intended_motion(design, sta
     np.testing.assert_allclose(partial[u * encoder_speeds(robot, state) < -1e-9], 0.0, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses)
 def test_partial_rolling_compensation_pushes_forward_or_not_at_all_and_does_not_turn(design, state, pose):
     robot, gain = design

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Controller, Robot
@@ -30,7 +30,6 @@ def asked(gain: np.ndarray, state: np.ndarray, by: list[int], of: slice) -> floa
     return float(np.linalg.norm(np.linalg.lstsq(gain[:, of], gain[:, by] @ state[by], rcond=None)[0]))
 
 
-@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, size=st.sampled_from([0.01, 0.1, 1.0]))
 def test_lean_limit_equals_its_numpy_reference(design, state, size):
     robot, gain = design

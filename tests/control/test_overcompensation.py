@@ -16,9 +16,7 @@ from ballbot.control.overcompensation import (
     overcompensation_warning,
     refuse_overcompensation,
 )
-from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, nominal_controller
-from ballbot.control.references import hold
 from ballbot.errors import UnsuitedController
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.components import Correlation, scaled_friction
@@ -32,28 +30,18 @@ def designed_gain() -> np.ndarray:
     return design_gain(ROBOT).gain
 
 
-def compensating(share: float, parts: Parts = Parts()) -> Controller:  # noqa: B008 (frozen)
-    """Return a controller that compensates that share of the robot's friction."""
-    assumed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
-    return Controller(assumed, designed_gain(), compensation="full", parts=parts)
-
-
-def spin_after(controller: Controller, spin: float) -> float:
-    """Return how fast a robot still turns on the spot, 6 s after it was set turning, its heading left free [rad/s]."""
-    free = designed_gain().copy()
-    free[:, [4, 9]] = 0.0
-    loose = Controller(controller.robot, free, compensation=controller.compensation, parts=controller.parts)
-    state = np.zeros(10)
-    state[9] = spin
-    return float(abs(simulate(Model(ROBOT), loose, hold(), duration=6.0, initial_state=state)["psi_dot"][-1]))
-
-
 @pytest.mark.parametrize(("share", "overcompensates"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
 def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(share, overcompensates):
-    controller = compensating(share)
+    """A robot turns on the spot for 6 s, its heading left free."""
+    assumed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
+    controller = Controller(assumed, designed_gain(), compensation="full")
     assert compensation_margin(controller, FRICTION).overcompensates is overcompensates
+    free = designed_gain().copy()
+    free[:, [4, 9]] = 0.0
+    loose = Controller(assumed, free, compensation="full")
     # 1 rad/s of the body is 1.2 rad/s of the wheels, far above the band in which the sign is a ramp
-    later = spin_after(controller, 1.0)
+    log = simulate(ROBOT, loose, "hold", duration=6.0, initial_state=np.eye(10)[9])
+    later = abs(log["psi_dot"][-1])
     if overcompensates:
         assert later > 1.2
         with pytest.raises(InputError, match=r"injects energy and can destabilise"):

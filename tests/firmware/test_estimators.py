@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -148,7 +148,6 @@ WORDS = READING.dtype("single").itemsize // 4
 values = st.floats(width=32) | st.floats(-4.0, 4.0, width=32) | st.just(np.nan)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from(sorted(MEMORIES)),
     st.lists(st.lists(st.tuples(st.integers(0, WORDS - 1), values), max_size=6), min_size=1, max_size=4),

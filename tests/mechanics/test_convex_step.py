@@ -172,7 +172,6 @@ def test_the_engine_s_step_meets_the_optimality_conditions(wheel_count: int, piv
     st.floats(1e-9, 1.0),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
 def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(limits, shares, wheel, direction, excess, beyond):
     """Upright at rest, the others under torques they hold: nothing moves up to c + s, and beyond it the wheel does."""
     coulomb, stribeck = (share * np.array(limits) for share in (0.6, 0.4))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
@@ -70,7 +70,6 @@ def held_torque(robot: Robot, u: float) -> float:
 
 
 @given(st.floats(0.005, 3.0), st.floats(1e-9, 0.5), st.booleans(), st.sampled_from([1.0, -1.0]))
-@settings(max_examples=60, deadline=None)
 def test_the_spin_breaks_away_at_exactly_the_limit(u, excess, beyond, direction):
     """Equal torques on frictionless wheels, from rest (the convex step) and while the heading turns (RK4)."""
     robot = alten()
@@ -85,7 +84,6 @@ def test_the_spin_breaks_away_at_exactly_the_limit(u, excess, beyond, direction)
 
 
 @given(st.floats(0.01, 0.3), st.floats(0.01, 0.3), st.floats(1e-9, 0.1), st.booleans())
-@settings(max_examples=60, deadline=None)
 def test_a_whole_robot_at_rest_turns_where_the_weaker_of_wheels_and_pivot_gives_way(dry, u, excess, beyond):
     """Wheels that stick carry the motors' torque back into the body: nothing turns until u passes c + s."""
     friction = replace(FRICTION, coulomb=(0.7 * dry,) * 3, stribeck=(0.3 * dry,) * 3)
