@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballbot import Controller, Robot
+from ballbot import Controller
 from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain
@@ -18,11 +18,6 @@ ROBOT = alten()
 ROBOTS = ROBOT, four_wheeled(friction=False)
 designed = st.deferred(lambda: st.sampled_from([(one, design_integral_gain(one).gain) for one in ROBOTS]))
 states = st.lists(st.floats(-1.0, 1.0), min_size=10, max_size=10).map(np.array)
-
-
-def torques(robot: Robot, gain: np.ndarray, state: np.ndarray, bound: LeanLimit | None) -> np.ndarray:
-    controller = Controller(robot, gain, torque_limit=1e6, parts=Parts(lean_limit=bound))
-    return controller.update(0.0, state, np.zeros(10))
 
 
 def asked(gain: np.ndarray, state: np.ndarray, by: list[int], of: slice) -> float:
@@ -41,8 +36,11 @@ def test_lean_limit_equals_its_numpy_reference(design, state, size):
     moving = [0, 1, 5, 6]
     bounded[moving] *= min(1.0, BOUND.lean / max(asked(gain, bounded, moving, slice(2, 4)), 1e-300))
     bounded[[4, 9]] *= min(1.0, BOUND.turn / max(turn, 1e-300))
+    found = Controller(robot, gain, torque_limit=1e6, parts=Parts(lean_limit=BOUND)).update(
+        0.0, state, np.zeros(10)
+    )
     # gains reach 50 N m/rad, and short polynomials for sines are good to 1e-12
-    np.testing.assert_allclose(torques(robot, gain, state, BOUND), -gain @ bounded, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found, -gain @ bounded, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow

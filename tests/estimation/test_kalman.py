@@ -120,16 +120,12 @@ class Dense:
         return np.array(residuals), np.array([[row.get(k, 0.0) for k in range(STATES)] for row in rows])
 
 
-def dense(random: np.random.Generator) -> Dense:
-    model = filter_model(ALTEN, sample_time=H, noise=NOISE)
-    return Dense(model, random.uniform(-1, 1, 3), random.uniform(-3, 3, FIRST["fix"] + 3))
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_derivatives_are_those_of_the_functions(seed: int) -> None:
     """At random states that lean by up to 6 degrees, against central differences."""
     random = np.random.default_rng(seed)
-    x, one = random.uniform(-0.1, 0.1, STATES), dense(random)
+    x, model = random.uniform(-0.1, 0.1, STATES), filter_model(ALTEN, sample_time=H, noise=NOISE)
+    one = Dense(model, random.uniform(-1, 1, 3), random.uniform(-3, 3, FIRST["fix"] + 3))
     # F is to first order in h: h^2/2 times gravity's 7 m/s^2 and rates of some 1 rad/s
     assert_allclose(one.F(x), numerical(lambda x: one.moved(x)[0], x), atol=5e-4)
 

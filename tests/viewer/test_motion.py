@@ -14,11 +14,6 @@ from tests.support.log_examples import smooth_log, with_wheels
 ALTEN = Robot.load("alten")
 
 
-def rotations(motion):
-    w, x, y, z = (motion.columns[f"ball_{name}"] for name in "wxyz")
-    return Rotation.from_quat(np.column_stack((x, y, z, w)))
-
-
 def upright(t, **columns):
     zero = np.zeros_like(t)
     return Log({"t": t, **dict.fromkeys(("x", "y", "theta", "phi", "psi"), zero), **columns})
@@ -28,7 +23,7 @@ def test_ball_that_rolls_forward_turns_about_left():
     radius = ALTEN.ball.radius
     t = np.linspace(0.0, 2.0, 401)
     motion = motion_of(upright(t, x=np.pi * radius * t), ALTEN)  # one turn
-    turns = rotations(motion)
+    turns = Rotation.from_quat(np.column_stack([motion.columns[f"ball_{name}"] for name in "xyzw"]))
     assert motion.rows == 101
     # what was on top is in front after a quarter turn; a speed that stays the same is integrated exactly
     np.testing.assert_allclose(turns[25].apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
