@@ -12,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import venv
 from collections.abc import Sequence
 from pathlib import Path
@@ -54,18 +55,13 @@ def try_wheel(folder: Path) -> None:
     (wheel,) = folder.glob("ballbot-*.whl")
     python = _environment(folder / "environment")
     _run(python, "-m", "pip", "install", "--quiet", wheel)
-    try_first_call(python, folder)
-    try_commands(python, folder)
-
-
-def try_first_call(python: Path, folder: Path) -> None:
-    """Run a first simulation with an empty cache."""
-    kept = folder / "kept"
-    begun = time.monotonic()
+    # a first simulation with an empty cache
+    begun, kept = time.monotonic(), folder / "kept"
     line = "simulate alten --reference circle --duration 20 --out first"
     _run(python, "-m", "ballbot", *line.split(), cwd=folder, NUMBA_CACHE_DIR=str(kept))
     print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}, with compilation", flush=True)
     assert any(kept.rglob("*.nbc")), "no compiled code was kept for the next start"
+    try_commands(python, folder)
 
 
 def try_lowest(folder: Path) -> None:
@@ -97,7 +93,8 @@ def try_commands(python: Path, folder: Path) -> None:
         print(f"{time.monotonic() - begun:6.1f} s  ballbot {line}", flush=True)
         return made
 
-    assert ballbot("-V").strip() == _version()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert ballbot("-V").strip() == project["version"]
     assert "ballbot study" in ballbot("")
     assert 3.0 < json.loads(ballbot("check alten --json"))["unstable_pole"] < 10.0  # [rad/s]
     ballbot("new mine --from rezero")
@@ -110,13 +107,6 @@ def try_commands(python: Path, folder: Path) -> None:
     ballbot("simulate alten --reference hold --duration 2 --out run")
     ballbot("view run/log.csv --robot alten --save replay.html")
     assert ballbot("check-log run/log.csv --robot alten --json").startswith("{")
-
-
-def _version() -> str:
-    import tomllib
-
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        return tomllib.load(file)["project"]["version"]
 
 
 def _environment(folder: Path) -> Path:

@@ -3,9 +3,6 @@
 The commands of bring_up.md run here, those of the tutorial when the site is built.
 """
 
-import re
-import shlex
-
 import pytest
 
 from ballbot.cli.main import main
@@ -13,23 +10,9 @@ from ballbot.firmware.build import compilers
 from ballbot.log import Log
 from ballbot.robot import Robot
 from tests.support.paths import ROOT
+from tests.test_documents import commands_of
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
-
-TUTORIAL, PAGE = (
-    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("tutorials/hardware.md", "bring_up.md")
-)
-
-
-def commands_of(text: str) -> list[list[str]]:
-    """Return the words after `ballbot` of each command in a page's blocks."""
-    return [
-        shlex.split(line.partition(" | ")[0])[1:]
-        for block in re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
-        for line in block.splitlines()
-        if line.startswith("ballbot ")
-    ]
-
 
 #: options that make the long commands and the runs for them shorter; the page's own options stay
 _SHORTER = {
@@ -43,7 +26,7 @@ _SHORTER = {
 @pytest.mark.sample
 def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    for words in commands_of(PAGE):
+    for words in commands_of(ROOT / "docs" / "bring_up.md"):
         assert main([*words, *_SHORTER.get(tuple(words[:2]), [])]) == 0, (words, capsys.readouterr().err)
     # the emulated robot has the friction of the twin's nominal scenario
     found = Robot.load("driveline/robot.toml").friction
@@ -51,10 +34,3 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     assert found.viscous == pytest.approx((0.014, 0.016, 0.013), rel=0.05)
     assert len(Log.read("square/log.csv")) == 40 / 0.005
     assert "After over before, the drift removed" in capsys.readouterr().out
-
-
-def test_page_shows_every_command_against_the_emulated_robot():
-    live = [words for words in commands_of(TUTORIAL + PAGE) if words[0] == "run"]
-    assert all("--emulated" in words for words in live)
-    shown = {words[1] for words in live if not words[1].startswith("-")}
-    assert shown == {"monitor", "wiring", "sweep", "upside-down", "compare"}

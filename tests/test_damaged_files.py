@@ -15,13 +15,14 @@ from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
 
 from ballbot.control.file import controller_text, read_controller
 from ballbot.control.presets import nominal_controller
-from ballbot.control.references import Reference, named_reference, read_reference
+from ballbot.control.references import read_reference
 from ballbot.errors import InputError, UnsuitedController
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
 from ballbot.log import Log
@@ -29,18 +30,17 @@ from ballbot.log.checks import check
 from ballbot.log.formats import WRITTEN_SUFFIXES, read_foreign_table
 from ballbot.log.mapping import parse_mapping, read_mapping
 from ballbot.log.row_order import LONGEST
-from ballbot.mechanics.model import Model
 from ballbot.report.blocks import sheet_of
 from ballbot.report.log_check import COLUMNS, summed_columns
 from ballbot.robot import Robot
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.file import robot_text
 from ballbot.simulation.imperfections import Push, Roughness
-from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Payload, Timing
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 from tests.support.control_examples import example_parts
+from tests.support.log_examples import smooth_log, with_wheels
 
 ALTEN = Robot.load("alten")
 COUNT = 1000 if os.environ.get("BALLBOT_EXAMPLES") == "exploring" else 5
@@ -102,11 +102,8 @@ angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "counts", counts_per_turn =
 @cache
 def noisy_log() -> Log:
     """Return a log that is long enough for every check, with so few rows that it is written soon."""
-    start = np.zeros(10)
-    start[2] = 0.03
-    square = named_reference("square")
-    run = simulate(Model(ALTEN), nominal_controller(ALTEN), square, duration=8.0, initial_state=start)
-    noise, log = np.random.default_rng(1), run.without_truth().select(slice(None, None, 4))
+    log = with_wheels(smooth_log(rows=1600), ALTEN).select(slice(None, None, 4))
+    noise = np.random.default_rng(1)
     noisy = {name: log[name] + 1e-5 * noise.standard_normal(len(log)) for name in log.names if name != "t"}
     return log.with_columns(noisy)
 
@@ -119,14 +116,9 @@ def csv_of(log: Log, *, quoted: bool = False) -> bytes:
     return ("\n".join(lines) + "\n").encode()
 
 
-def axis_log() -> Log:
-    t = 0.001 * np.arange(200)
-    return Log({"t": t, "position": np.sin(5.0 * t), "force": np.cos(5.0 * t)})
-
-
-def reference_log() -> Log:
-    t = 0.5 * np.arange(12)
-    return Log({"t": t, "ref_x": np.sin(t), "ref_y": np.cos(t), "ref_psi": 0.0 * t})
+def waves(step: float, *names: str) -> Log:
+    t = step * np.arange(200)
+    return Log({"t": t} | {name: np.sin(5.0 * t + k) for k, name in enumerate(names)})
 
 
 def raw() -> bytes:
@@ -139,14 +131,13 @@ def raw() -> bytes:
 
 
 def full_scenario() -> Scenario:
-    return replace(
-        Scenario.nominal(ALTEN),
-        name="full",
-        pushes=(Push(time=1.0, duration=0.1, force=(10.0, 0.0, 0.0), height=0.4),),
-        payload=Payload(mass=1.0, position=(0.0, 0.1, 0.5)),
-        roughness=Roughness(height=1e-4, wavelength=0.05, seed=1),
-        timing=Timing(delay=1, jitter=1e-3),
-    )
+    parts = {
+        "pushes": (Push(time=1.0, duration=0.1, force=(10.0, 0.0, 0.0), height=0.4),),
+        "payload": Payload(mass=1.0, position=(0.0, 0.1, 0.5)),
+        "roughness": Roughness(height=1e-4, wavelength=0.05, seed=1),
+        "timing": Timing(delay=1, jitter=1e-3),
+    }
+    return replace(Scenario.nominal(ALTEN), name="full", **parts)
 
 
 def controllers() -> list[bytes]:
@@ -157,8 +148,8 @@ def controllers() -> list[bytes]:
 # --- what must hold of an accepted file -------------------------------------------------------------
 
 
-def columns(path: Path) -> Log:
-    """Return a log that is read, written and read back."""
+def checked(path: Path) -> None:
+    """Check a log that is read, written and read back."""
     log = Log.read(path)
     whole(log)
     for suffix in WRITTEN_SUFFIXES:
@@ -172,11 +163,6 @@ def columns(path: Path) -> Log:
         back = Log.read(copy)
         assert back.names == log.names
         assert all(np.array_equal(log[name], back[name], equal_nan=True) for name in log.names)
-    return log
-
-
-def checked(path: Path) -> None:
-    log = columns(path)
     sheet_of(summed_columns(log), COLUMNS)
     check(log, robot=ALTEN)
 
@@ -205,52 +191,44 @@ def mapping(path: Path) -> None:
     whole(Log.read(table, mapping=read_mapping(path)))
 
 
-def robot(path: Path) -> None:
-    read = Robot.load(path)
-    finite(read)
-    finite([one.value for one in derived_quantities(read)])
-    copy = path.with_name("copy.toml")
-    copy.write_text(robot_text(read), encoding="utf-8")
-    assert Robot.load(copy) == read
-
-
-def scenario(path: Path) -> None:
-    read = load_scenario(path, ALTEN)
-    finite(read)
-    copy = path.with_name("copy.toml")
-    copy.write_text(scenario_text(read), encoding="utf-8")
-    assert load_scenario(copy, ALTEN) == read
-
-
 def finite(value: object) -> None:
     if is_dataclass(value):
-        for field in fields(value):
-            finite(getattr(value, field.name))
-    elif isinstance(value, tuple | list):
+        value = [getattr(value, field.name) for field in fields(value)]
+    if isinstance(value, tuple | list):
         for one in value:
             finite(one)
     elif isinstance(value, int | float):
         assert math.isfinite(value)
 
 
-def poses(reference: Reference) -> None:
-    for t in (0.0, 0.005, 37.3, 86400.0):
-        assert np.isfinite(reference(t)).all()
-        assert reference(t).shape == (10,)
+def kept(path: Path, read: Callable[[Path], object], text: Callable[[Any], str]) -> Any:
+    """Return what a file holds, of which a written copy reads back the same."""
+    found, copy = read(path), path.with_name("copy.toml")
+    copy.write_text(text(found), encoding="utf-8")
+    assert text(read(copy)) == text(found)
+    return found
+
+
+def robot(path: Path) -> None:
+    read = kept(path, Robot.load, robot_text)
+    finite([read, *(one.value for one in derived_quantities(read))])
 
 
 def controller(path: Path) -> None:
-    copy = path.with_name("copy.toml")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnsuitedController)  # a damaged gain need not stabilise the robot
-        read = read_controller(path, ALTEN)
-        copy.write_text(controller_text(read), encoding="utf-8")
-        assert controller_text(read_controller(copy, ALTEN)) == controller_text(read)
+        read = kept(path, lambda one: read_controller(one, ALTEN), controller_text)
     for k, lean in enumerate((0.0, 0.01, -0.1)):
         state = np.array([0.1, 0.0, lean, -lean, 0.2, 0.0, 0.1, lean, 0.0, 0.0])
         torques = read.update(k * read.sample_time, state, np.zeros(10))
         assert np.isfinite(torques).all()
         assert np.abs(torques).max() <= read.torque_limit * (1.0 + 1e-12)
+
+
+def reference(path: Path) -> None:
+    poses = np.array([read_reference(path)(t) for t in (0.0, 0.005, 37.3, 86400.0)])
+    assert poses.shape == (4, 10)
+    assert np.isfinite(poses).all()
 
 
 def axis(path: Path) -> None:
@@ -266,10 +244,14 @@ LOADERS: dict[str, tuple[str, Callable[[], list[bytes]], Callable[[Path], object
     "mapped table": (".txt", lambda: [raw()], mapped),
     "mapping": (".toml", lambda: [MAPPING.encode(), ATTITUDE.encode()], mapping),
     "robot": (".toml", lambda: [robot_text(Robot.load(one)).encode() for one in ("alten", "kugle")], robot),
-    "scenario": (".toml", lambda: [scenario_text(full_scenario()).encode()], scenario),
+    "scenario": (
+        ".toml",
+        lambda: [scenario_text(full_scenario()).encode()],
+        lambda path: finite(kept(path, lambda one: load_scenario(one, ALTEN), scenario_text)),
+    ),
     "controller": (".toml", controllers, controller),
-    "reference": (".csv", lambda: [csv_of(reference_log())], lambda path: poses(read_reference(path))),
-    "axis record": (".csv", lambda: [csv_of(axis_log())], axis),
+    "reference": (".csv", lambda: [csv_of(waves(0.5, "ref_x", "ref_y", "ref_psi"))], reference),
+    "axis record": (".csv", lambda: [csv_of(waves(0.001, "position", "force"))], axis),
 }
 
 

@@ -1,12 +1,9 @@
 """The document "From a CSV file to a report": its file and messages are those of the commands."""
 
-import io
-import json
-import re
 import subprocess
 import sys
 import tomllib
-from contextlib import redirect_stdout
+from pathlib import Path
 
 import pytest
 
@@ -19,71 +16,24 @@ pytestmark = pytest.mark.sample
 DOCUMENT = (ROOT / "docs" / "first_log.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Return a folder with the document's file."""
-    path = tmp_path_factory.mktemp("first_log")
-    words = "record nominal --reference figure_eight --duration 40 --seed 3 --out"
-    assert words in DOCUMENT
-    assert main([*words.split(), str(path / "run")]) == 0
+def test_file_of_the_document_is_asked_about_once_and_its_mapping_is_the_truth(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    record = "record nominal --reference figure_eight --duration 40 --seed 3 --out"
+    stated = "--robot alten --command current --out"
+    assert record in DOCUMENT
+    assert stated in DOCUMENT
+    assert main([*record.split(), "run"]) == 0
     script = [sys.executable, str(ROOT / "examples" / "05_foreign_csv.py"), "run/log.csv", "balance.csv"]
-    subprocess.run(script, cwd=path, check=True)
-    return path
-
-
-@pytest.fixture(scope="module")
-def mapping(folder):
-    """Return the mapping of the document's second check."""
-    words = "--robot alten --command current --out"
-    assert words in DOCUMENT
-    out = folder / "checked"
-    assert main(["check-log", str(folder / "balance.csv"), *words.split(), str(out)]) == 0
-    return out / "mapping.toml"
-
-
-def test_only_the_kind_of_the_command_is_asked(folder, capsys):
-    assert main(["check-log", str(folder / "balance.csv"), "--robot", "alten"]) == 2
-    said = capsys.readouterr().err
-    assert said.split("balance.csv: ")[-1].strip() in DOCUMENT
-
-
-def test_the_mapping_is_the_truth(mapping):
-    found = tomllib.loads(mapping.read_text(encoding="utf-8"))
+    subprocess.run(script, check=True)
+    capsys.readouterr()
+    assert main(["check-log", "balance.csv", "--robot", "alten"]) == 2
+    # only the kind of the command is asked
+    assert capsys.readouterr().err.split("balance.csv: ")[-1].strip() in DOCUMENT
+    assert main(["check-log", "balance.csv", *stated.split(), "checked"]) == 0
+    found = tomllib.loads(Path("checked/mapping.toml").read_text(encoding="utf-8"))
     wheels, attitude = found["wheels"], found["attitude"]
-    assert (wheels["order"], wheels["sign"], wheels["angle"]["counts_per_turn"]) == (
-        [1, 3, 2],
-        [1, 1, -1],
-        55200.0,
-    )
+    assert (wheels["order"], wheels["sign"]) == ([1, 3, 2], [1, 1, -1])
+    assert wheels["angle"]["counts_per_turn"] == 55200.0
     assert (attitude["turn"], attitude["unit"], attitude["rates"]["unit"]) == (30.0, "deg", "deg/s")
     assert found["columns"]["t"]["unit"] == "ms"
     assert (found["file"]["separator"], found["file"]["decimal"]) == ("semicolon", "comma")
-
-
-@pytest.fixture(scope="module")
-def identified(folder, mapping):
-    """Return the folder of the identification, with what the command prints in printed.txt."""
-    words = ["identify", "alten", str(folder / "balance.csv"), "--mapping", str(mapping)]
-    printed = io.StringIO()
-    with redirect_stdout(printed):
-        assert main([*words, "--out", str(folder / "found")]) == 0
-    (folder / "found" / "printed.txt").write_text(printed.getvalue())
-    return folder / "found"
-
-
-def explained(section):
-    """Return the codes in a section's list of findings."""
-    text = DOCUMENT.split(f"\n## {section}")[1].split("\n## ")[0]
-    return set(re.findall(r"^- `([\w-]+)`: ", text, flags=re.MULTILINE))
-
-
-def test_every_warning_of_the_identification_is_explained(identified):
-    results = json.loads((identified / "results.json").read_text())
-    printed = " ".join((identified / "printed.txt").read_text().split())
-    warnings = [one for one in results["findings"] if one["severity"] == "warning"]
-    assert all(one["text"] in printed for one in warnings)
-    # which parameters they name differs between processors, as the simulated log does
-    assert {one["code"] for one in warnings} <= explained("3.")
-    assert "`with other logs and robots`" in DOCUMENT
-    assert "with other logs and robots" in printed
-    assert "another log" in printed

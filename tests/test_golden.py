@@ -13,8 +13,8 @@ from tests.golden.compare import differences
 from tests.golden.workshop import RESULTS, is_same_machine
 from tests.support.paths import ROOT
 
-#: `ballbot reproduce` takes ten minutes; the case `reproduce_items` has what needs no recording. `ballbot demo` writes
-#: a page of recorded runs and no results; its identification is that of `ballbot identify`. `help` and `completion`
+#: `ballbot reproduce` takes ten minutes; test_reproduce compares what needs no recording. `ballbot demo` writes a page
+#: of recorded runs and no results; its identification is that of `ballbot identify`. `help` and `completion`
 #: write no files. `ballbot learn` writes times, and sums whose order differs between machines; tests/learning has it.
 #: `ballbot convert` writes the log that it reads, in another format; the round trips have their tests
 _NOT_FROZEN = {"reproduce", "demo", "convert", "completion", "learn"}

@@ -71,9 +71,8 @@ def test_the_vector_does_as_gymnasiums_own_vector_of_single_environments(mode):
         ended = results[0][2] | results[0][3]
         ends += ended.sum()
         if mode == "Disabled" and ended.any():
-            for a, b in zip(
-                *(each.reset(options={"reset_mask": ended}) for each in (mine, its)), strict=True
-            ):
+            results = (each.reset(options={"reset_mask": ended}) for each in (mine, its))
+            for a, b in zip(*results, strict=True):
                 if isinstance(a, np.ndarray):
                     same(a, b)
     assert ends >= 3
@@ -90,10 +89,7 @@ def test_an_episode_that_runs_out_of_time_is_truncated():
 
 @pytest.mark.slow
 def test_wrong_actions_raise_gymnasiums_error_and_leave_the_robot_as_it_is():
-    env, other = (
-        gymnasium.make("ballbot/Balance-v0").unwrapped,
-        gymnasium.make("ballbot/Balance-v0").unwrapped,
-    )
+    env, other = (gymnasium.make("ballbot/Balance-v0").unwrapped for _ in range(2))
     for each in (env, other):
         each.reset(seed=2)
     with pytest.raises(InvalidAction, match=r"shape \(2,\); it must have \(3,\)"):

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -60,19 +61,15 @@ def test_a_move_that_is_killed_never_mixes_two_results_and_is_finished_later(tmp
         return call
 
     with monkeypatch.context() as patch, result_folder(tmp_path, command="study", names=NAMES) as held:
-        try:
-            with held.replaced() as new:
-                for name, text in NEW.items():
-                    write_text(new / name, text)
-                for method in ("replace", "unlink", "rmdir", "mkdir"):
-                    patch.setattr(Path, method, counted(getattr(Path, method)))
-            killed = False
-        except KilledError:
-            killed = True
+        with suppress(KilledError), held.replaced() as new:
+            for name, text in NEW.items():
+                write_text(new / name, text)
+            for method in ("replace", "unlink", "rmdir", "mkdir"):
+                patch.setattr(Path, method, counted(getattr(Path, method)))
         patch.undo()
     seen = shown(tmp_path)
     assert set(seen.values()) in ({"old"}, {"new"}, set())
-    assert killed or steps == 11
+    assert left < 0 or steps == 11
     with result_folder(tmp_path, command="study", names=NAMES):
         pass
     assert shown(tmp_path) in (OLD, NEW)
@@ -86,24 +83,25 @@ def test_another_commands_result_is_refused(tmp_path):
     assert shown(tmp_path) == OLD
 
 
-def test_files_of_the_users_are_not_replaced(tmp_path):
-    (tmp_path / "robot.toml").write_text("mine")
-    with pytest.raises(InputError, match=r"robot\.toml exists already and is not part of a result"):
-        leave(tmp_path, NEW)
-
-
-def test_a_result_that_was_edited_is_not_replaced(tmp_path):
-    leave(tmp_path, OLD)
-    (tmp_path / "results.json").write_text("edited")
-    with pytest.raises(InputError, match=r"results\.json has changed since ballbot study wrote it"):
-        leave(tmp_path, NEW)
-
-
 def test_an_input_is_not_replaced_by_what_is_made_from_it(tmp_path, monkeypatch):
     leave(tmp_path / "found", OLD | {"robot.toml": "old"})
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"robot\.toml is an input of this run"):
         leave(tmp_path / "found", NEW, inputs=(Path("found/../found/robot.toml"),))
+
+
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("robot.toml", r"robot\.toml exists already and is not part of a result"),
+        ("results.json", r"results\.json has changed since ballbot study wrote it"),
+    ],
+)
+def test_files_of_the_users_and_edited_results_are_not_replaced(tmp_path, name, sentence):
+    leave(tmp_path, OLD)
+    (tmp_path / name).write_text("mine")
+    with pytest.raises(InputError, match=sentence):
+        leave(tmp_path, NEW)
 
 
 @pytest.mark.parametrize(
@@ -135,17 +133,13 @@ def test_folder_is_locked_by_one_process(tmp_path):
     assert shown(tmp_path) == NEW
 
 
-@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
-def test_only_regular_files_are_written(tmp_path, kind):
+@pytest.mark.parametrize(
+    "make",
+    [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path), lambda path: path.symlink_to("/dev/null")],
+)
+def test_only_regular_files_are_written(tmp_path, make):
     path = tmp_path / "file"
-    if kind == "folder":
-        path.mkdir()
-    elif kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "loop":
-        path.symlink_to(path)
-    else:
-        path = Path("/dev/null")
+    make(path)
     with pytest.raises(InputError):
         write_text(path, "text")
     assert not path.is_file()

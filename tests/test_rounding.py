@@ -1,12 +1,10 @@
 """Numbers as people read them."""
 
 import math
-import re
 
 import pytest
 
 from ballbot.rounding import digits, interval, percent, plus_minus
-from tests.support.paths import ROOT
 
 
 @pytest.mark.parametrize(
@@ -22,15 +20,6 @@ from tests.support.paths import ROOT
 )
 def test_a_small_share_is_not_none(share: float, text: str) -> None:
     assert percent(share) == text
-
-
-def test_every_heading_has_its_unit_in_brackets():
-    units = "mm|m|s|ms|rad|deg|degrees|°|N|N m|N s|rad/s|deg/s|m/s|mm/s|Hz|J|W|kg|%"
-    # at the end of a text, or before what is put into it
-    other = re.compile(rf"""\w,? \((?:{units})\)["'{{]|\[(?:degrees(?:/s)?|°)\]["'{{]""")
-    for folder in ("src/ballbot", "campaigns"):
-        for path in (ROOT / folder).rglob("*.py"):
-            assert not other.findall(path.read_text("utf-8")), path
 
 
 @pytest.mark.parametrize(

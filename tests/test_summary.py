@@ -1,7 +1,7 @@
 """Results on one screen: their `repr`, what a notebook shows of them, and their figures."""
 
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
+from ballbot.control.margins import loop_margins
 from ballbot.control.presets import nominal_controller
 from ballbot.findings import Finding, note, warning
 from ballbot.fitting.sweep import digest
@@ -21,7 +22,7 @@ from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import EXAMPLES, scenario_of
+from ballbot.twin.scenario_file import EXAMPLES
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import POINTS, LimitBounds, Plane, RobotLimits
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
@@ -74,16 +75,13 @@ def batch() -> ClosedLoopBatch:
     return simulate_batch(alten(FRICTION), "nominal", "hold", duration=0.5, initial_states=starts)
 
 
-def scenario_with_everything() -> Scenario:
-    tables = {name: [asdict(one)] if name == "pushes" else asdict(one) for name, one in EXAMPLES.items()}  # pyright: ignore[reportArgumentType]
-    return scenario_of(tables, alten(), default_name="everything")
-
-
 RESULTS = {
     "linear model": lambda: Model("alten").linearize(),
     "batch": batch,
     "scenario": lambda: Scenario.nominal(alten()),
-    "scenario with everything": scenario_with_everything,
+    "scenario with everything": lambda: replace(
+        Scenario.nominal(alten()), **EXAMPLES | {"pushes": (EXAMPLES["pushes"],)}
+    ),
     "robot": lambda: alten(FRICTION),
     "robot of four wheels": lambda: four_wheeled(friction=True),
     "log": lambda: with_wheels(smooth_log(rows=40), alten()),
@@ -96,6 +94,7 @@ RESULTS = {
     "controller design": lambda: design_controller(alten(FRICTION)),
     "driveline": driveline,
     "limits": limits,
+    "margins": lambda: loop_margins(nominal_controller("alten")),
 }
 
 
@@ -105,11 +104,8 @@ def test_result_fits_a_screen(name):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "robot", "log", "controller", "gain with integral", "driveline", "limits",
-    ],
-)  # fmt: skip
+    "name", ["robot", "log", "controller", "gain with integral", "driveline", "limits", "margins"]
+)
 def test_plot_returns_a_figure_that_a_notebook_shows(name):
     figure = RESULTS[name]().plot()
     assert isinstance(figure, Figure)

@@ -1,6 +1,5 @@
 """Small samples of the campaigns on learned policies; `make evidence` runs the whole."""
 
-import numpy as np
 import pytest
 
 from ballbot.fitting.run import Threads
@@ -37,10 +36,3 @@ def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
         trials = randomisation.tried((run, randomisation.policy_of(run)))
         assert [len(runs) for runs in trials.values()] == [2, 1]
         assert all(0.0 < trial.reward <= 1.0 for runs in trials.values() for trial in runs)
-
-
-def test_ratio_and_difference_of_pairs_have_their_intervals():
-    base = np.array([0.8, 0.9, 1.0, 1.1])
-    assert randomisation.compared_words(1.1 * base, base, ratio=True) == "1.1 (1.1 to 1.1)"
-    words = randomisation.compared_words(np.array([1.0, 1.0, 4.0, np.nan]), np.zeros(4), ratio=False)
-    assert words == "+2 (-2.3 to +6.3)"

@@ -4,45 +4,35 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot import Controller, InputError, Model, Robot, simulate
 from ballbot.control.presets import design_gain, nominal_controller
-from ballbot.control.references import hold
 from ballbot.log.columns import STATE_NAMES
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.mechanics.geometry import rotation, transforms
 from ballbot.robot import Friction
 from ballbot.robot.derived import encoder_step
 from tests.support.control_examples import FRICTION, alten, four_wheeled, leaning
 
 finite = st.floats(-1.0, 1.0)
 states = st.lists(finite, min_size=10, max_size=10).map(np.array)
-poses = st.lists(finite, min_size=3, max_size=3).map(
-    lambda p: np.array([p[0], p[1], 0, 0, p[2], 0, 0, 0, 0, 0])
-)
+poses = st.tuples(finite, finite, finite).map(lambda p: np.array([p[0], p[1], 0, 0, p[2], 0, 0, 0, 0, 0]))
+ROBOTS = alten(FRICTION), four_wheeled(friction=True)
 #: robots with the gains designed for them
-designed = st.deferred(
-    lambda: st.sampled_from(
-        [(r, design_gain(r).gain) for r in (alten(FRICTION), four_wheeled(friction=True))]
-    )
-)
+designed = st.deferred(lambda: st.sampled_from([(robot, design_gain(robot).gain) for robot in ROBOTS]))
 
 
 def encoder_speeds(robot: Robot, state: np.ndarray) -> np.ndarray:
-    """A (R^T Omega - w), Omega = (-y_dot, x_dot, 0)/r_b."""
-    angles, (x_dot, y_dot) = state[2:5], state[5:7]
-    Omega = np.array([-y_dot, x_dot, 0.0]) / robot.ball.radius
-    w = body_rates_matrix(*angles) @ state[7:]
-    return transforms(robot).T_owb @ (rotation(*angles).T @ Omega - w)
+    return Model(robot).wheel_speed(state[:5], state[5:])
 
 
 def turned_back(vector: np.ndarray, psi: float) -> np.ndarray:
-    """S(psi) e: the pairs turned by -psi, each as a complex number."""
-    pairs = vector[[0, 2, 5, 7]] + 1j * vector[[1, 3, 6, 8]]
-    pairs = pairs * np.exp(-1j * psi)
-    return np.array([*pairs[:1].real, *pairs[:1].imag, pairs[1].real, pairs[1].imag, vector[4],
-                     pairs[2].real, pairs[2].imag, pairs[3].real, pairs[3].imag, vector[9]])  # fmt: skip
+    """S(psi) e: the pairs turned by -psi."""
+    turned, back = vector.copy(), rotation(0.0, 0.0, -psi)[:2, :2]
+    for first in (0, 2, 5, 7):
+        turned[first : first + 2] = back @ vector[first : first + 2]
+    return turned
 
 
 def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
@@ -53,7 +43,6 @@ def rolling_force(robot: Robot, state: np.ndarray, band: float) -> np.ndarray:
     return np.array([force.real, force.imag])
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     design=designed,
     state=states,
@@ -67,16 +56,12 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     u = controller.gain @ turned_back(pose - state, state[4])
     if compensation == "full":
         f, w = robot.friction, encoder_speeds(robot, state)
-        size = np.array(f.coulomb) + f.stribeck * np.exp(
-            -(np.abs(w / f.stribeck_speed) ** f.stribeck_exponent)
-        )
+        decay = np.exp(-(np.abs(w / f.stribeck_speed) ** f.stribeck_exponent))
+        size = np.array(f.coulomb) + f.stribeck * decay
         u = u + f.viscous * w + size * np.clip(w / controller.speed_band, -1.0, 1.0)
         # the push over the ground of wheel torques u is ((A' u)_y, -(A' u)_x) / r_b; none about the vertical
-        T = (
-            robot.ball.radius
-            * np.array([[0, -1], [1, 0], [0, 0]])
-            @ rolling_force(robot, state, controller.speed_band)
-        )
+        x, y = rolling_force(robot, state, controller.speed_band)
+        T = robot.ball.radius * np.array([-y, x, 0.0])
         u = u + np.linalg.lstsq(transforms(robot).T_owb.T, T, rcond=None)[0]
     # short polynomials for exp and sin stand in the compiled law, good to 1e-12; gains reach 50 N m/rad
     np.testing.assert_allclose(
@@ -84,21 +69,21 @@ def test_law_equals_its_numpy_reference(design, state, pose, compensation, limit
     )
 
 
-@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses)
 def test_partial_compensation_never_adds_against_the_intended_motion(design, state, pose):
     robot, gain = design
     robot = robot.replace(friction=replace(robot.friction, rolling=0.0))
-    u = Controller(robot, gain, torque_limit=1e3).update(0.0, state, pose)
-    full = Controller(robot, gain, torque_limit=1e3, compensation="full").update(0.0, state, pose) - u
-    partial = Controller(robot, gain, torque_limit=1e3, compensation="partial").update(0.0, state, pose) - u
+    u, full, partial = (
+        Controller(robot, gain, torque_limit=1e3, compensation=one).update(0.0, state, pose)
+        for one in ("none", "full", "partial")
+    )
+    full, partial = full - u, partial - u
     assert (partial * u >= -1e-9).all()
     helps = u * encoder_speeds(robot, state) > 1e-9
     np.testing.assert_allclose(partial[helps], full[helps], atol=1e-9)
     np.testing.assert_allclose(partial[u * encoder_speeds(robot, state) < -1e-9], 0.0, atol=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
 @given(design=designed, state=states, pose=poses)
 def test_partial_rolling_compensation_pushes_forward_or_not_at_all_and_does_not_turn(design, state, pose):
     robot, gain = design
@@ -125,12 +110,10 @@ def test_reference_with_a_lean_or_a_rate_is_refused(place):
 def test_a_flickering_encoder_count_does_not_make_the_motors_chatter():
     robot = alten(replace(FRICTION, viscous=(0.0, 0.0, 0.0), rolling=0.0))
     gain = design_gain(robot).gain
-    count = (
-        encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio) / 0.005
-    )
+    counts = {"encoder_counts": robot.sensors.encoder_counts, "gear_ratio": robot.drive.gear_ratio}
+    count = encoder_step(**counts) / 0.005
     bare, full = Controller(robot, gain), Controller(robot, gain, compensation="full")
-    state = np.zeros(10)
-    state[9] = count  # turning on the spot: encoder speed is A (0 0 -psi_dot)
+    state = count * np.eye(10)[9]  # turning on the spot: encoder speed is A (0 0 -psi_dot)
     speeds = encoder_speeds(robot, state)
     added = full.update(0.0, state, np.zeros(10)) - bare.update(0.0, state, np.zeros(10))
     break_away = np.add(robot.friction.coulomb, robot.friction.stribeck)
@@ -140,10 +123,9 @@ def test_a_flickering_encoder_count_does_not_make_the_motors_chatter():
 
 def test_the_robot_stands_still_without_a_limit_cycle():
     robot = alten(FRICTION)
-    log = simulate(Model(robot), nominal_controller(robot, compensation="full"), hold(), duration=20.0,
-                   initial_state=leaning(0.01))  # fmt: skip
-    last = log.between(10.0, 20.0)
-    change = np.diff(last.torques, axis=0)
+    controller = nominal_controller(robot, compensation="full")
+    log = simulate(robot, controller, "hold", duration=20.0, initial_state=leaning(0.01))
+    change = np.diff(log.between(10.0, 20.0).torques, axis=0)
     # a sign that flipped from sample to sample would change the torque by twice the break-away torque, 0.3 N m
     assert np.abs(change).max() < 0.1
 

@@ -72,13 +72,6 @@ def test_linear_controller_is_the_law_that_runs(name, notch, prediction, seed):
     assert largest_difference(chosen, 1e-7, rng) < 3e-6
 
 
-def one_loop(name: str, wheel: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return A, B, C of the loop broken at one wheel, the others closed."""
-    A, B, C = robot_loop(controller(name)).broken()
-    others = [place for place in range(B.shape[1]) if place != wheel]
-    return A + B[:, others] @ C[others], B[:, [wheel]], -C[[wheel]]
-
-
 @pytest.mark.parametrize("name", ["nominal", "precise", "four wheels"])
 def test_the_sensitivity_has_no_bound_where_a_margin_ends(name):
     loop, margins = robot_loop(controller(name)), found(name).together
@@ -96,7 +89,10 @@ def test_the_sensitivity_has_no_bound_where_a_margin_ends(name):
 def test_margins_of_a_wheel_are_those_of_python_control(name, wheel):
     control = pytest.importorskip("control")
     loop, one = robot_loop(controller(name)), found(name).wheels[wheel]
-    system = control.StateSpace(*one_loop(name, wheel), 0.0, loop.sample_time)
+    A, B, C = loop.broken()
+    others = [place for place in range(B.shape[1]) if place != wheel]  # they are closed
+    closed = A + B[:, others] @ C[others]
+    system = control.StateSpace(closed, B[:, [wheel]], -C[[wheel]], 0.0, loop.sample_time)
     omega = np.geomspace(0.3, math.pi / loop.sample_time, 500)
     # by its polynomials it is wrong by factors: ten poles about z = 1
     gains, phases, *_, crossings = control.stability_margins(control.frd(system, omega), returnall=True)[:5]

@@ -10,23 +10,15 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.interface import LARGEST_STATE
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.references import hold
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Estimator, Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
-from ballbot.mechanics.model import Model
-from ballbot.simulation.batch import simulate_batch
-from ballbot.simulation.imperfections import Imperfections
-from ballbot.simulation.model_plant import ModelPlant
-from ballbot.simulation.plant import Measurement
-from ballbot.simulation.run import simulate
 from tests.support.control_examples import FRICTION, alten, everything, leaning
 
 ROBOT = alten(FRICTION)
 #: every part with those that it needs, none, and all of them together
 PARTS = (*KINDS, "none", "all")
-LAWS = (*(pytest.param(one, marks=pytest.mark.sample) for one in (*KINDS, "none")), "all")
 INVALID = (np.nan, np.inf, -np.inf, 2.0 * LARGEST_STATE)
 H = ROBOT.sensors.sample_time
 
@@ -80,42 +72,6 @@ def test_refused_reference_leaves_the_state_unchanged():
     with pytest.raises(InputError, match="The reference holds a value that is not finite"):
         controller.update(H, swaying(1), np.full(10, np.nan))
     np.testing.assert_array_equal(controller._memory, before)
-
-
-class Blinking(ModelPlant):
-    """A plant whose measurement does not come in some samples."""
-
-    def __init__(self, model: Model, missing: range) -> None:
-        super().__init__(model)
-        self.missing = missing
-
-    def step(self, torques, duration) -> Measurement:
-        measured = super().step(torques, duration)
-        if round(measured.t / duration) in self.missing:
-            return replace(measured, state=np.full(10, np.nan))
-        return measured
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LAWS)
-def test_single_and_batched_laws_bridge_alike(name):
-    """Two samples are missing in one lane and none in the other, of a run with every part."""
-    model, controller, start = Model(ROBOT), with_parts(name), leaning(0.03)
-    log = simulate(Blinking(model, range(7, 9)), controller, hold(x=0.1), duration=0.2, initial_state=start)
-    clean = simulate(model, controller, hold(x=0.1), duration=0.2, initial_state=start)
-    batch = simulate_batch(
-        model,
-        controller,
-        hold(x=0.1),
-        duration=0.2,
-        initial_states=start,
-        imperfections=[Imperfections(missing_from=7, missing=2), Imperfections()],
-    )
-    assert (log.torques[7:9] == 0.0).all()
-    # single and batched round differently, 40 steps of an unstable robot apart
-    np.testing.assert_allclose(batch.torques[0], log.torques, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(batch.torques[1], clean.torques, rtol=0.0, atol=1e-9)
-    np.testing.assert_allclose(batch.states[0], log.truth().states, rtol=0.0, atol=1e-9)
 
 
 def reading(k: int) -> Reading:

@@ -16,9 +16,7 @@ from ballbot.control.overcompensation import (
     overcompensation_warning,
     refuse_overcompensation,
 )
-from ballbot.control.parts import Parts
 from ballbot.control.presets import design_gain, nominal_controller
-from ballbot.control.references import hold
 from ballbot.errors import UnsuitedController
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot.components import Correlation, scaled_friction
@@ -32,28 +30,18 @@ def designed_gain() -> np.ndarray:
     return design_gain(ROBOT).gain
 
 
-def compensating(share: float, parts: Parts = Parts()) -> Controller:  # noqa: B008 (frozen)
-    """Return a controller that compensates that share of the robot's friction."""
-    assumed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
-    return Controller(assumed, designed_gain(), compensation="full", parts=parts)
-
-
-def spin_after(controller: Controller, spin: float) -> float:
-    """Return how fast a robot still turns on the spot, 6 s after it was set turning, its heading left free [rad/s]."""
-    free = designed_gain().copy()
-    free[:, [4, 9]] = 0.0
-    loose = Controller(controller.robot, free, compensation=controller.compensation, parts=controller.parts)
-    state = np.zeros(10)
-    state[9] = spin
-    return float(abs(simulate(Model(ROBOT), loose, hold(), duration=6.0, initial_state=state)["psi_dot"][-1]))
-
-
 @pytest.mark.parametrize(("share", "overcompensates"), [(0.8, False), (1.0, False), (1.1, True), (1.3, True)])
 def test_refused_compensation_drives_a_turning_robot_and_accepted_lets_it_rest(share, overcompensates):
-    controller = compensating(share)
+    """A robot turns on the spot for 6 s, its heading left free."""
+    assumed = ROBOT.replace(friction=scaled_friction(FRICTION, share))
+    controller = Controller(assumed, designed_gain(), compensation="full")
     assert compensation_margin(controller, FRICTION).overcompensates is overcompensates
+    free = designed_gain().copy()
+    free[:, [4, 9]] = 0.0
+    loose = Controller(assumed, free, compensation="full")
     # 1 rad/s of the body is 1.2 rad/s of the wheels, far above the band in which the sign is a ramp
-    later = spin_after(controller, 1.0)
+    log = simulate(ROBOT, loose, "hold", duration=6.0, initial_state=np.eye(10)[9])
+    later = abs(log["psi_dot"][-1])
     if overcompensates:
         assert later > 1.2
         with pytest.raises(InputError, match=r"injects energy and can destabilise"):
@@ -74,9 +62,8 @@ def test_excess_of_rolling_friction_or_of_one_wheel_is_found():
     assert margin.overcompensates
     assert margin.rolling_fraction == pytest.approx(1.0)
     assert "wheel 2" in margin.sentence
-    assert not compensation_margin(
-        Controller(wheel, designed_gain()), FRICTION
-    ).overcompensates  # it compensates nothing
+    none = Controller(wheel, designed_gain())
+    assert not compensation_margin(none, FRICTION).overcompensates
 
 
 @pytest.mark.slow
@@ -114,12 +101,8 @@ def test_controller_file_is_checked_against_the_robot_it_is_read_with(tmp_path):
         read_controller(path, unsure)
 
 
-DIRECTED = replace(
-    FRICTION,
-    coulomb_asymmetry=(0.03, -0.02, 0.04),
-    stribeck_asymmetry=(-0.02, 0.01, 0.05),
-    load=(0.2, 0.1, 0.3),
-)
+ASYMMETRY = {"coulomb_asymmetry": (0.03, -0.02, 0.04), "stribeck_asymmetry": (-0.02, 0.01, 0.05)}
+DIRECTED = replace(FRICTION, load=(0.2, 0.1, 0.3), **ASYMMETRY)
 
 
 def test_compensation_is_the_friction_of_the_direction_and_the_load():
@@ -166,7 +149,6 @@ def test_controller_designed_from_a_written_robot_raises_no_alarm_with_it(tmp_pa
     assert "warning" not in capsys.readouterr().err
     assert "because more would spin the wheels on the ball" in Path(out, "report.html").read_text()
     controller = f"{out}/controller.toml"
-    assert (
-        main(["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]) == 0
-    )
+    words = ["simulate", robot, "--controller", controller, "--duration", "0.1", "--out", f"{out}/run"]
+    assert main(words) == 0
     assert "warning" not in capsys.readouterr().err

@@ -56,16 +56,6 @@ def test_the_eight_crosses_itself_in_the_origin_and_fills_its_box():
     np.testing.assert_allclose(path[[0, 400, 800]], 0.0, atol=1e-12)
 
 
-def test_bad_references_end_in_a_sentence():
-    with pytest.raises(InputError, match="the names are hold, square, change_pose, circle, figure_eight"):
-        references.named_reference("spiral")
-    with pytest.raises(InputError, match="period is 0; it must be above zero"):
-        references.square(period=0.0)
-    with pytest.raises(InputError, match="ramp is -1 s"):
-        references.change_pose(ramp=-1.0)
-    assert references.named_reference("change-pose")(100.0)[4] == np.pi
-
-
 def written(path):
     times = 0.005 * np.arange(41, dtype=np.float64)
     poses = np.random.default_rng(3).normal(size=(41, 3))
@@ -94,17 +84,25 @@ def test_reference_names_and_files_are_distinguished(tmp_path):
     written(tmp_path / "square.csv")
     assert (as_reference("square")(9.0) == square()(9.0)).all()
     assert as_reference(str(tmp_path / "square.csv"))(0.0)[0] != 0.0
-    with pytest.raises(InputError, match="There is no reference 'sqare'"):
-        as_reference("sqare")
-    with pytest.raises(InputError, match="cannot be read"):
-        as_reference(str(tmp_path / "none.csv"))
+    assert references.named_reference("change-pose")(100.0)[4] == np.pi
 
 
-def test_a_file_without_a_column_or_value_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda _: as_reference("spiral"), "the names are hold, square, change_pose, circle, figure_eight"),
+        (lambda _: references.square(period=0.0), "period is 0; it must be above zero"),
+        (lambda _: references.change_pose(ramp=-1.0), "ramp is -1 s"),
+        (lambda _: as_reference("sqare"), "There is no reference 'sqare'"),
+        (lambda folder: as_reference(f"{folder}/none.csv"), "cannot be read"),
+        (lambda folder: read_reference(folder / "a.csv"), "no column ref_psi"),
+        (lambda folder: read_reference(folder / "b.csv"), "has no value at t = 1 s"),
+    ],
+)
+def test_bad_references_end_in_a_sentence(make, sentence, tmp_path):
     t = np.arange(3.0)
-    Log({"t": t, "ref_x": t, "ref_y": t}).write(tmp_path / "a.csv")
-    Log({"t": t, "ref_x": t, "ref_y": t, "ref_psi": np.array([0.0, np.nan, 0.0])}).write(tmp_path / "b.csv")
-    with pytest.raises(InputError, match="no column ref_psi"):
-        read_reference(tmp_path / "a.csv")
-    with pytest.raises(InputError, match="has no value at t = 1 s"):
-        read_reference(tmp_path / "b.csv")
+    log = Log({"t": t, "ref_x": t, "ref_y": t})
+    log.write(tmp_path / "a.csv")
+    log.with_columns({"ref_psi": np.array([0.0, np.nan, 0.0])}).write(tmp_path / "b.csv")
+    with pytest.raises(InputError, match=sentence):
+        make(tmp_path)

@@ -10,30 +10,30 @@ from hypothesis import strategies as st
 
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import hold
-from ballbot.control.safety import SafeController, SafetyLimits, StopReason
+from ballbot.control.safety import SafeController, SafetyLimits
 from ballbot.errors import InputError
 from ballbot.mechanics.model import Model
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.run import simulate
 from tests.support.control_examples import FRICTION, alten, leaning
+from tests.support.firmware_safety import Safety
 
 ROBOT = alten(FRICTION)
 H = ROBOT.sensors.sample_time
 
 
 class Constant:
-    """A controller that answers what it is given and counts how often it is asked."""
+    """A controller that answers what it is given."""
 
     sample_time = H
 
     def __init__(self, torques=(1.0, -0.5, 0.25)) -> None:
-        self.torques, self.asked = torques, 0
+        self.torques = torques
 
     def reset(self) -> None:
-        self.asked = 0
+        pass
 
     def update(self, _t, _state, _reference):
-        self.asked += 1
         return np.array(self.torques)
 
 
@@ -53,26 +53,21 @@ samples = st.tuples(
 @settings(max_examples=200)
 @given(st.integers(0, 3), st.lists(samples, max_size=20))
 def test_safety_stop_follows_its_rule_and_stays(max_missing, run):
-    """The layer against its rules written out over the whole history."""
-    answer = Constant()
-    guard = guarded(answer, max_missing=max_missing, lean=0.3, max_interval=2.5 * H)
-    missing, stopped, t = 0, None, 0.0
+    """The layer against another one, which the firmware's is compared with, too."""
+    answer, limits = Constant(), {"max_missing": max_missing, "lean": 0.3, "max_interval": 2.5 * H}
+    guard, other = guarded(answer, **limits), Safety(SafetyLimits(max_unchanged=0, **limits))
+    t, stopped = 0.0, None
     for k, (interval, measured, theta, phi, torque) in enumerate(run):
         t += interval if k else 0.0
         state, answer.torques = np.zeros(10), (torque, 0.5, 0.0)
         state[2:4] = theta, phi
-        known = math.isfinite(theta) and math.isfinite(phi)
-        missing = 0 if measured and known else missing + 1
-        if stopped is None and k and interval > 2.5 * H:
-            stopped = StopReason.LATE, t
-        elif stopped is None and missing > max_missing:
-            stopped = StopReason.MISSING, t
-        elif stopped is None and known and max(abs(theta), abs(phi)) > 0.3:
-            stopped = StopReason.LEAN, t
-        elif stopped is None and known and not math.isfinite(torque):
-            stopped = StopReason.TORQUE, t
+        may = other.admit(t, measured=measured, theta=theta, phi=phi)
+        if may:
+            other.release(torque)
+        if other.stop and not stopped:
+            stopped = other.stop, t
         released = guard.update(t, state, np.zeros(10), measured=measured)
-        assert tuple(released) == (answer.torques if known and stopped is None else (0.0, 0.0, 0.0))
+        assert tuple(released) == (answer.torques if may and not stopped else (0.0, 0.0, 0.0))
         assert (guard.stop and (guard.stop.reason, guard.stop.t)) == stopped
     guard.reset()
     assert guard.stop is None

@@ -26,6 +26,11 @@ ROBOT = alten(FRICTION)
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 
+def wrapped(angles: np.ndarray) -> np.ndarray:
+    """Return headings as of a sensor that begins again at -pi."""
+    return (angles + np.pi) % TURN - np.pi
+
+
 def unwrapped(*angles: float) -> list[float]:
     heading = Heading()
     return [heading.unwrapped(angle) for angle in angles]
@@ -35,9 +40,9 @@ def unwrapped(*angles: float) -> list[float]:
 @pytest.mark.parametrize("step", [0.3, -0.3, 1.5, -1.5])
 def test_heading_within_one_turn_goes_on_over_many(start, step):
     angles = 0.2 + step * np.arange(60)
-    wrapped = (angles - start) % TURN + start
+    within = (angles - start) % TURN + start
     # a product and a sum of each value, of up to 90 rad
-    np.testing.assert_allclose(unwrapped(*wrapped), angles + wrapped[0] - angles[0], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(unwrapped(*within), angles + within[0] - angles[0], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -76,21 +81,15 @@ def test_c_unwraps_as_python_does(given_angles):
 
 
 def turning(psi: float) -> Reading:
-    return Reading(
-        wheel_angles=np.zeros(3),
-        wheel_speeds=np.zeros(3),
-        gyro=np.zeros(3),
-        attitude=np.array([0.0, 0.0, psi]),
-    )
+    zeros = np.zeros(3)
+    return Reading(wheel_angles=zeros, wheel_speeds=zeros, gyro=zeros, attitude=np.array([0.0, 0.0, psi]))
 
 
 @pytest.mark.parametrize("estimator", [OnboardState, KalmanFilter])
 def test_estimated_heading_goes_on_where_the_measured_one_begins_again(estimator):
-    states = []
-    for wrapped in (False, True):
+    psi, states = 3.1 + 0.001 * np.arange(120), []
+    for given_psi in (psi, wrapped(psi)):
         one = estimator(ROBOT, sample_time=0.005)
-        psi = 3.1 + 0.001 * np.arange(120)
-        given_psi = (psi + np.pi) % TURN - np.pi if wrapped else psi
         states.append(np.array([one.update(turning(float(angle))) for angle in given_psi]))
     # sine and cosine of an angle and of the same less a turn differ by its rounding
     np.testing.assert_allclose(states[1], states[0], rtol=0.0, atol=1e-12)
@@ -112,11 +111,12 @@ def test_torques_do_not_depend_on_where_headings_begin_again(make):
     psi = 3.0 + 0.01 * np.arange(60)
     reference = psi + 0.05
     whole = torques_of(law, psi, reference)
-    for measured, wanted in ((False, True), (True, False), (True, True)):
-        given_psi = (psi + np.pi) % TURN - np.pi if measured else psi
-        given_reference = (reference + np.pi) % TURN - np.pi if wanted else reference
-        found = torques_of(law, given_psi, given_reference)
-        np.testing.assert_allclose(found, whole, rtol=0.0, atol=1e-9)
+    for measured, wanted in (
+        (psi, wrapped(reference)),
+        (wrapped(psi), reference),
+        (wrapped(psi), wrapped(reference)),
+    ):
+        np.testing.assert_allclose(torques_of(law, measured, wanted), whole, rtol=0.0, atol=1e-9)
 
 
 def test_step_of_half_a_turn_keeps_its_sign():
@@ -129,9 +129,8 @@ def test_step_of_half_a_turn_keeps_its_sign():
 @needs_compiler
 def test_firmware_estimates_a_heading_that_goes_on():
     firmware = Firmware(export_controller(nominal_controller(ROBOT)).parameters)
-    found = []
-    for k, psi in enumerate(3.1 + 0.001 * np.arange(120)):
-        reading = reading_record(turning((float(psi) + np.pi) % TURN - np.pi), robot=ROBOT)
-        firmware.update(reading, 5000 * k, None)
+    psi, found = 3.1 + 0.001 * np.arange(120), []
+    for k, measured in enumerate(wrapped(psi).tolist()):
+        firmware.update(reading_record(turning(measured), robot=ROBOT), 5000 * k, None)
         found.append(firmware.estimate[4])
-    np.testing.assert_allclose(found, 3.1 + 0.001 * np.arange(120), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(found, psi, rtol=0.0, atol=1e-6)

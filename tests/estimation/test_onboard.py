@@ -24,11 +24,7 @@ def reading_of(state: NDArray[np.float64]) -> Reading:
     gyro = body_rates_matrix(*state[2:5]) @ state[7:10]
     omega = np.array([-state[6], state[5], 0.0]) / ALTEN.ball.radius
     speeds = transforms(ALTEN).T_owb @ (rotation(*state[2:5]).T @ omega - gyro)
-    return reading(speeds, gyro, state[2:5])
-
-
-def reading(speeds: NDArray, gyro: NDArray, attitude: NDArray) -> Reading:
-    return Reading(wheel_angles=np.zeros(3), wheel_speeds=speeds, gyro=gyro, attitude=attitude)
+    return Reading(wheel_angles=np.zeros(3), wheel_speeds=speeds, gyro=gyro, attitude=state[2:5])
 
 
 @given(states)
@@ -54,28 +50,24 @@ def test_position_of_a_circle_driven_while_turning() -> None:
     np.testing.assert_allclose(found, place, atol=1e-5)
 
 
-def test_reset_restores_the_initial_state() -> None:
-    onboard = OnboardState(ALTEN, sample_time=0.005)
-    fresh = OnboardState(ALTEN, sample_time=0.005)
-    fresh.reset()
-    for _ in range(5):
-        onboard.update(
-            reading(np.array([1.0, -2.0, 0.5]), np.array([0.1, 0.2, 0.3]), np.array([0.1, -0.1, 0.3]))
-        )
-    onboard.reset()
-    for _ in range(3):
-        sample = reading(np.array([0.3, 0.1, -0.4]), np.array([0.0, 0.1, 0.0]), np.zeros(3))
-        assert (onboard.update(sample) == fresh.update(sample)).all()
-
-
-def test_refuses_a_sample_time_of_zero() -> None:
+@pytest.mark.parametrize(("name", "kind"), [("onboard", OnboardState), ("kalman", KalmanFilter)])
+def test_estimator_is_found_by_name_and_reset_restores_its_initial_state(name, kind) -> None:
+    used, fresh = (named_estimator(name, ALTEN, sample_time=0.005) for _ in range(2))
+    assert type(used) is kind
+    readings = [reading_of(0.1 * np.random.default_rng(seed).normal(size=10)) for seed in range(5)]
+    for one in readings:
+        used.update(one)
+    for one in (used, fresh):
+        one.reset(position=(1.0, 2.0))
+    for one in readings:
+        found = used.update(one)
+        assert (found == fresh.update(one)).all()
+    np.testing.assert_allclose(found[:2], [1.0, 2.0], atol=0.1)
     with pytest.raises(InputError, match="above 0 s"):
-        OnboardState(ALTEN, sample_time=0.0)
+        kind(ALTEN, sample_time=0.0)
 
 
-def test_estimators_are_found_by_name() -> None:
-    assert isinstance(named_estimator("onboard", ALTEN, sample_time=0.005), OnboardState)
-    assert isinstance(named_estimator("kalman", ALTEN, sample_time=0.005), KalmanFilter)
+def test_unknown_estimator_is_refused_with_the_nearest() -> None:
     with pytest.raises(InputError, match="did you mean 'kalman'"):
         named_estimator("kalmann", ALTEN, sample_time=0.005)  # type: ignore[arg-type]
 

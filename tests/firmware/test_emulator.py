@@ -1,6 +1,5 @@
 """The firmware on the emulated processor: the bits of this computer, exact counts."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,28 +11,20 @@ pytest.importorskip("unicorn", reason="unicorn, of the extra `test`, is not inst
 import unicorn
 
 from ballbot import InputError
-from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, Image, compile_image, read_elf
+from ballbot.firmware.emulator import FLASH, FLASH_SIZE, Board, compile_image, read_elf
 from ballbot.firmware.header import SOURCES
 from tests.support import firmware_math
 
 
-@cache
-def math_image() -> Image:
-    return compile_image([SOURCES / "ballbot_math.c", Path(firmware_math.__file__).with_suffix(".c")])
-
-
-def random_floats(count: int, seed: int) -> np.ndarray:
-    bits = np.random.default_rng(seed).integers(0, 2**32, count, dtype=np.uint32)
-    return bits.view(np.float32)
-
-
 def test_instructions_are_counted_exactly():
     """As the emulator reports them one by one, and with those that a condition skips: they take a cycle too."""
-    board = Board(math_image())
+    sources = [SOURCES / "ballbot_math.c", Path(firmware_math.__file__).with_suffix(".c")]
+    board = Board(compile_image(sources))
     addresses: list[int] = []
     hooked = {"begin": FLASH, "end": FLASH + FLASH_SIZE}
     board._core.hook_add(unicorn.UC_HOOK_CODE, lambda _, address, *__: addresses.append(address), **hooked)
-    given, answer = board.place(random_floats(40, 1)), board.place(np.zeros(80, np.float32))
+    bits = np.random.default_rng(1).integers(0, 2**32, 40, dtype=np.uint32)
+    given, answer = board.place(bits.view(np.float32)), board.place(np.zeros(80, np.float32))
     run = board.call("sine_cosine", 40, given, answer, answer + 160)
     skipped = left = (
         0  # instructions that a condition skips; those of an IT block (IT, up to four) still to come

@@ -299,18 +299,8 @@ def test_library_calls_nobody_and_has_no_variables(tmp_path):
     assert {name for kind, name in symbols if kind == "T" and not name.startswith("ballbot_")} == set()
 
 
-#: conditions of the loops that do not count, and what ends them
-_OTHER_LOOPS = {
-    "at + 3u <= imu->length": "every content of a message is three bytes or more",
-    "from < *count": "a block has a byte or more; one of none is refused",
-}
-
-
-def test_every_loop_counts_to_a_bound_and_every_call_is_known():
-    """Calls of functions by name are all there are, so that `Image.stack_bound` finds each circle of calls."""
+def test_functions_are_called_by_name_and_no_jump_leads_backward():
+    """So that `Image.stack_bound` finds each circle of calls, and loops are all that takes time."""
     text = "".join(path.read_text() for path in (*source_files(), PROJECT / "robot.c"))
     text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
-    counting = r"for \(\w+ (\w+) = [^;]+; [^;]*\b\1 (?:<|<=|>) [^;]+; (?:\+\+\1|--\1|\1 (?:\+|/)= \d+)\)"
-    assert len(re.findall(counting, text)) == len(re.findall(r"\bfor\b", text)) > 100
-    assert re.findall(r"\bwhile \((.*)\)", text) == list(_OTHER_LOOPS)
-    assert not re.search(r"\bdo\b|\bgoto\b|\bsetjmp\b|\(\*\s*\w+\)\s*\(", text)
+    assert not re.search(r"\bgoto\b|\bsetjmp\b|\(\*\s*\w+\)\s*\(", text)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.support import firmware_math
 from tests.support.firmware_math import STATED, called, largest_errors
 
 #: a prime, so that every last bit of the mantissa takes part
@@ -73,24 +72,14 @@ def test_power_of_any_numbers_is_a_number(base, exponent):
         ("arctangent", (0.0, -1.0), float(np.float32(math.pi))),
         ("arctangent", (math.inf, 1.0), float(np.float32(math.pi / 2))),
         ("arctangent", (1.0, math.inf), 0.0),
-        ("exponential", (math.nan,), math.nan),
-        ("power", (math.nan, 1.0), math.nan),
-        ("power", (1.0, math.nan), math.nan),
-        ("square_root", (math.nan,), math.nan),
-        ("arctangent", (math.nan, 0.0), math.nan),
-        ("arctangent", (0.0, math.nan), math.nan),
+        *((name, (math.nan,), math.nan) for name in ("exponential", "square_root")),
+        *(
+            (name, two, math.nan)
+            for name in ("power", "arctangent")
+            for two in ((math.nan, 1.0), (1.0, math.nan))
+        ),
     ],
 )
 def test_values_at_special_points(name, arguments, wanted):
     np.testing.assert_array_equal(of(name, *arguments), [wanted])
     assert np.isnan([of("sine_cosine", one, results=2) for one in (math.nan, math.inf)]).all()
-
-
-def test_polynomials_are_those_of_the_command():
-    pytest.importorskip("mpmath", reason="mpmath, which SymPy brings, is not installed")
-    from campaigns.polynomials import single_fits
-
-    source = (firmware_math.SOURCES / "ballbot_math.c").read_text()
-    for name, (coefficients, _) in single_fits().items():
-        text = source.partition(f"static const float {name}[")[2].partition("{")[2].partition("}")[0]
-        assert [np.float32(one.strip(" f")) for one in text.split(",")] == coefficients, name

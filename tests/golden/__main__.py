@@ -14,7 +14,6 @@ def main() -> int:
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--check", action="store_true", help="compare with the goldens (the default)")
     what.add_argument("--update", action="store_true", help="write the goldens anew")
-    parser.add_argument("--reverse", action="store_true", help="run the cases in the opposite order")
     parser.add_argument("names", nargs="*", help="cases; all if none is named")
     options = parser.parse_args()
     try:
@@ -30,7 +29,7 @@ def main() -> int:
         print("This machine is not that of the goldens: only the structure of results is compared.")
     failed, spent = [], 0.0
     with tempfile.TemporaryDirectory() as folder:
-        for outcome in run(reversed(cases) if options.reverse else cases, Path(folder)):
+        for outcome in run(cases, Path(folder)):
             spent += outcome.seconds
             name = outcome.case.name
             found: list[str] = []

@@ -165,5 +165,4 @@ CASES: tuple[Case, ...] = (
         "simulate study/robot.toml --controller study/controller.toml --scenario nominal --duration 32",
     ),
     _command("validate_prediction", "validate --prediction study/results.json simulate_study/log.csv"),
-    Case(name="reproduce_items", make=inputs.reproduced_items),
 )

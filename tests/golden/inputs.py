@@ -1,10 +1,8 @@
 """Inputs that no command of Ballbot makes: records of other plants, foreign files and a video, from fixed seeds."""
 
 import csv
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -73,29 +71,6 @@ def video(folder: Path) -> None:
     motion = wandering(duration=1.0, peak=10.0, seed=3)
     frames = render(scene, motion, duration=1.0)
     write_video(folder / "ball.avi", frames, frame_rate=camera.frame_rate, codec="HFYU")
-
-
-def reproduced_items(folder: Path) -> None:
-    """Write results.json of those figures and mistakes of the thesis that need no recording.
-
-    `ballbot reproduce` has no option for it and takes ten minutes.
-    """
-    from ballbot import Robot
-    from ballbot.thesis.reproduce.bench import Bench
-    from ballbot.thesis.reproduce.figures import figure_iii_1
-    from ballbot.thesis.reproduce.mistakes import MISTAKES
-
-    bench = Bench(robot=Robot.load("alten"), seed=0)
-    made = [make(bench) for make in MISTAKES if make.__name__ != "residual_pairs"]  # that needs recordings
-    results = {
-        "items": _checks([("figure_iii_1", figure_iii_1(bench).checks)]),
-        "mistakes": _checks((str(one.number), one.shown_by) for one in made),
-    }
-    (folder / "results.json").write_text(json.dumps(results), encoding="utf-8")
-
-
-def _checks(made: Iterable[tuple[str, Sequence[object]]]) -> dict[str, list[float]]:
-    return {name: [float(asdict(one)["value"]) for one in checks] for name, checks in made}  # pyright: ignore
 
 
 def _write_csv(path: Path, columns: Mapping[str, NDArray[np.floating]]) -> None:

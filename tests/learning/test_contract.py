@@ -53,7 +53,7 @@ def test_tasks_are_known_by_name_and_their_numbers_are_checked():
         Weights(position=-1.0)
 
 
-def test_the_document_has_the_weights_of_the_tasks_and_the_sizes_of_the_observation():
+def test_the_document_has_the_weights_of_the_tasks():
     text = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
     for name in ("position", "velocity", "heading", "lean_rate", "turning", "torque_change"):
         row = re.search(rf"^\| `{name}`.*", text, re.MULTILINE)
@@ -61,10 +61,3 @@ def test_the_document_has_the_weights_of_the_tasks_and_the_sizes_of_the_observat
         written = [float(cell) for cell in row[0].strip("| ").split("|")[2:]]
         assert written == [getattr(TASKS[task].weights, name) for task in ("Balance", "Track", "Drive")], name
         assert getattr(TASKS["Push"].weights, name) == written[0]
-    assert all(task.weights.upright == 0.3 for task in TASKS.values())
-    sizes = {(channel.scale, channel.unit, channel.limit) for channel in CONTRACT.observation[:10]}
-    table = text[text.index("| | scale | limit |") : text.index("| torques of the last three")]
-    rows = [cells.strip("| ").split("|")[1:] for cells in table.splitlines()[2:]]
-    assert {(float(size.split()[0]), size.split()[1], float(most)) for size, most in rows} == sizes
-    for task, low, high in (("Balance", 0.9, 3), ("Track", 1.8, 6), ("Drive", 1.8, 6), ("Push", 0.9, 3)):
-        assert TASKS[task].interval == pytest.approx(low / 0.3) == high

@@ -15,17 +15,21 @@ from tests.support.paths import ROOT
 def test_example_with_pytorch_writes_a_controller(tmp_path):
     if importlib.util.find_spec("torch") is None:
         pytest.skip("PyTorch is not installed, and no extra of Ballbot's has it: pip install torch")
-    script = [
-        sys.executable,
-        ROOT / "examples" / "08_ppo.py",
+    short = [
         "--task",
         "Drive",
+        "--updates",
+        "2",
+        "--num-envs",
+        "20",
+        "--num-steps",
+        "80",
+        "--minibatches",
+        "2",
         "--out",
-        tmp_path / "learned",
     ]
-    short = ["--updates", "2", "--num-envs", "20", "--num-steps", "80", "--minibatches", "2"]
-    done = subprocess.run([*script, *short], check=True, capture_output=True, text=True)
-    lines = done.stdout.splitlines()
+    script = [sys.executable, ROOT / "examples" / "08_ppo.py", *short, "--out", tmp_path / "learned"]
+    lines = subprocess.check_output(script, text=True).splitlines()
     assert [line.startswith("update ") for line in lines] == [True, True, False]
     controller = read_controller(lines[-1], tmp_path / "learned" / "robot.toml")
     policy = controller.parts.policy

@@ -56,9 +56,8 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
 
     def same_numbers(_, width, **__):
         rows = slice(start := next(first), start + width)
-        return Draws(
-            noise[rows], faults[rows], draws.positions[rows], draws.turns[rows], np.zeros((width, 0))
-        )
+        given = (one[rows] for one in (noise, faults, draws.positions, draws.turns))
+        return Draws(*given, np.zeros((width, 0)))
 
     monkeypatch.setattr(batch, "draws_of", same_numbers)
     expected = simulate_batch(
@@ -157,9 +156,8 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
             + w.turning * truth[9] ** 2 / 0.2**2
             + w.torque_change * np.sum((past[0, lane] - past[1, lane]) ** 2) / (0.1 * drives) ** 2
         )
-        assert_allclose(
-            lanes.rewards[lane], 0.005 * (w.upright + (1.0 - w.upright) / (1.0 + cost)), rtol=1e-9
-        )
+        reward = 0.005 * (w.upright + (1.0 - w.upright) / (1.0 + cost))
+        assert_allclose(lanes.rewards[lane], reward, rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -186,21 +184,14 @@ def test_torques_that_are_not_finite_end_their_lane_and_the_others_go_on(ending)
 @pytest.mark.slow
 def test_a_push_moves_the_robot_along_its_force():
     """Halfway through each lane's first push, against the same lane with pushes of nothing."""
+    options = {"lanes": 200, "repeat": 1, "threads": 1, "estimator": None}
     pushed, calm = (
-        TaskLanes(
-            ROBOTS,
-            replace(TASKS["Push"], impulse=size, interval=0.2),
-            lanes=200,
-            repeat=1,
-            threads=1,
-            estimator=None,
-        )
+        TaskLanes(ROBOTS, replace(TASKS["Push"], impulse=size, interval=0.2), **options)
         for size in (8.0, 1e-9)
     )
-    pushes, moved = None, np.zeros((200, 2))
     for lanes in (pushed, calm):
         lanes.start()
-    pushes = pushed._world.inputs.pushes[:, 0].copy()
+    pushes, moved = pushed._world.inputs.pushes[:, 0].copy(), np.zeros((200, 2))
     assert np.all(pushes[:, 0] < 40)
     forces = np.hypot(*pushes[:, 2:4].T)
     assert forces.max() < 80.0  # 8 N s in 0.1 s

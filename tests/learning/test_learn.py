@@ -74,10 +74,11 @@ def test_learned_controller_is_read_from_its_file_as_it_was(tmp_path):
     write_controller(learned.controller, tmp_path / "controller.toml")
     read = read_controller(tmp_path / "controller.toml", KNOWN)
     np.testing.assert_array_equal(read.packed, learned.controller.packed)
-    tried = confirm(
-        read, task_named("balance"), KNOWN, Scenario.named("nominal", KNOWN), runs=2, duration=1.0
-    )
+    scenario = Scenario.named("nominal", KNOWN)
+    tried = confirm(read, task_named("balance"), KNOWN, scenario, runs=2, duration=1.0)
     assert (tried.plant, tried.runs) == ("loop", 2)
+    assert len(learned.plot().axes) == 2
+    assert "1280 samples" in repr(learned)
     assert [point.samples for point in learned.curve] == [640, 1280]
 
 
@@ -150,9 +151,3 @@ def test_impossible_policy_is_refused(change, named):
     base = base_controller(KNOWN)
     with pytest.raises(InputError, match=named):
         base.with_parts(replace(base.parts, policy=replace(policy, **change)))
-
-
-def test_learned_is_plotted_and_told():
-    learned = learn(ROBOTS, task_named("balance"), training=replace(SMALL, updates=1))
-    assert len(learned.plot().axes) == 2
-    assert "640 samples" in repr(learned)

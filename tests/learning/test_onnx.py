@@ -24,10 +24,7 @@ def test_written_policy_gives_the_torques_over_the_limit(tmp_path):
     seen = np.random.default_rng(1).normal(0.0, 1.0, (50, 19)).astype(np.float32)
     write_onnx(POLICY, tmp_path / "policy.onnx")
     (found,) = ReferenceEvaluator(str(tmp_path / "policy.onnx")).run(None, {"observation": seen})
-    x = seen.astype(np.float64)
-    for layer in (POLICY.first, POLICY.second):
-        x = np.tanh(x @ layer[:, :-1].T + layer[:, -1])
-    wanted = POLICY.torque_scale / POLICY.torque_limit * (x @ POLICY.last[:, :-1].T + POLICY.last[:, -1])
+    wanted = POLICY.torque_scale / POLICY.torque_limit * outputs(POLICY, seen)
     assert np.abs(wanted).max() > 1.0  # some are limited
     np.testing.assert_allclose(found, np.clip(wanted, -1.0, 1.0), atol=1e-5)  # in single precision
 
@@ -54,14 +51,21 @@ def foreign(path, operators, units=8):
             inputs.append(f"w{k}")
         nodes.append(helper.make_node(operator, inputs, [out]))
         before = out
-    ends = [
-        helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", wide])
+    given, found = (
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["N", wide])]
         for name, wide in (("seen", 19), (before, 3))
-    ]
-    graph = helper.make_graph(nodes, "net", ends[:1], ends[1:], initializer=tensors)
-    path.write_bytes(
-        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)]).SerializeToString()
     )
+    graph = helper.make_graph(nodes, "net", given, found, initializer=tensors)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    path.write_bytes(model.SerializeToString())
+
+
+def outputs(policy, seen):
+    """Return what the last layer of a policy's network gives (N, 3)."""
+    x = seen.astype(np.float64)
+    for layer in (policy.first, policy.second):
+        x = np.tanh(x @ layer[:, :-1].T + layer[:, -1])
+    return x @ policy.last[:, :-1].T + policy.last[:, -1]
 
 
 LAYER = ["MatMul", "Add"]
@@ -75,10 +79,7 @@ def test_policy_trained_elsewhere_is_read(tmp_path):
         np.random.default_rng(3).normal(size=(20, 19)).astype(np.float32),
     )
     (wanted,) = ReferenceEvaluator(str(path)).run(None, {"seen": seen})
-    x = seen.astype(np.float64)
-    for layer in (read.first, read.second):
-        x = np.tanh(x @ layer[:, :-1].T + layer[:, -1])
-    np.testing.assert_allclose(x @ read.last[:, :-1].T + read.last[:, -1], wanted, atol=1e-5)
+    np.testing.assert_allclose(outputs(read, seen), wanted, atol=1e-5)
     assert read.torque_scale == POLICY.torque_limit
 
 

@@ -64,14 +64,10 @@ def test_robots_are_drawn_from_covariance_and_spread_between_logs(folder):
 
 def test_the_same_seed_draws_the_same_robots_and_boxes_have_their_ranges(folder):
     robot = learned_robot(None, folder)
+    options = {"robot": robot, "scenario": Scenario.nominal(robot), "count": 20}
     for randomize in (folder, "boxes"):
-        one, same, other = (
-            [
-                drawn.model.robot
-                for drawn in drawn_robots(robot, Scenario.nominal(robot), randomize, seed=seed, count=20)
-            ]
-            for seed in (1, 1, 2)
-        )
+        draws = (drawn_robots(randomize=randomize, seed=seed, **options) for seed in (1, 1, 2))
+        one, same, other = ([drawn.model.robot for drawn in robots] for robots in draws)
         assert one == same
         assert one != other
     factors = np.array([drawn.friction.coulomb for drawn in one]) / robot.friction.coulomb

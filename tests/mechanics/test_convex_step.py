@@ -172,16 +172,13 @@ def test_the_engine_s_step_meets_the_optimality_conditions(wheel_count: int, piv
     st.floats(1e-9, 1.0),
     st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
 def test_each_wheel_breaks_away_at_exactly_its_c_plus_s(limits, shares, wheel, direction, excess, beyond):
     """Upright at rest, the others under torques they hold: nothing moves up to c + s, and beyond it the wheel does."""
-    friction = replace(
-        FRICTION,
-        coulomb=tuple(0.6 * limit for limit in limits),
-        stribeck=tuple(0.4 * limit for limit in limits),
+    coulomb, stribeck = (share * np.array(limits) for share in (0.6, 0.4))
+    model = Model(
+        alten(replace(FRICTION, coulomb=tuple(coulomb.tolist()), stribeck=tuple(stribeck.tolist())))
     )
-    model = Model(alten(friction))
-    held = 0.6 * np.array(limits) + 0.4 * np.array(limits)
+    held = coulomb + stribeck
     torques = held * np.array(shares)
     torques[wheel] = direction * held[wheel] * (1.0 + excess if beyond else 1.0 - min(excess, 0.5))
     end = model.advance(np.zeros(10), torques, 1e-3)

@@ -1,15 +1,14 @@
 """The transformation matrices against the thesis's printed numbers; rotations against what they must do."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
-from ballbot.robot import Friction, Robot
+from ballbot.robot import Robot
 from ballbot.robot.wheel_directions import axles, contact_directions, rolling_directions
+from tests.support.symbolic_oracle import random_robot
 
 # (V.2) and (V.3) as printed
 T_OWB = np.array([[-1.2346, 0.0000, 1.2346], [0.6173, -1.0692, 1.2346], [0.6173, 1.0692, 1.2346]])
@@ -19,29 +18,12 @@ HALF_A_DIGIT = 0.5e-4
 # products of a few numbers of size 1 to 10: some ulps
 ROUNDING = 1e-13
 
-angle = st.floats(-np.pi, np.pi)
-lean = st.floats(-1.4, 1.4)
-
-
-@st.composite
-def robots(draw: st.DrawFn) -> Robot:
-    """Draw a robot of three or four wheels, no two of them close together."""
-    count = draw(st.sampled_from([3, 4]))
-    first = draw(angle)
-    shifts = draw(st.lists(st.floats(-0.3, 0.3), min_size=count, max_size=count))
-    alten = Robot.load("alten")
-    wheels = replace(
-        alten.wheels,
-        radius=draw(st.floats(0.02, 0.2)),
-        tilt=draw(st.floats(0.2, 1.4)),
-        azimuths=tuple(
-            float(np.remainder(first + 2 * np.pi * i / count + shift, 2 * np.pi))
-            for i, shift in enumerate(shifts)
-        ),
-    )
-    radius = draw(st.floats(0.05, 0.3))
-    ball = replace(alten.ball, radius=radius, inertia=alten.ball.mass * radius**2 / 2)
-    return alten.replace(wheels=wheels, ball=ball, friction=Friction.none(count))
+angle, lean = st.floats(-np.pi, np.pi), st.floats(-1.4, 1.4)
+robots = st.builds(
+    lambda seed, count: random_robot(np.random.default_rng(seed), count),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([3, 4]),
+)
 
 
 def test_ball_to_wheel_matrix_prints_as_the_thesis_does():
@@ -50,7 +32,7 @@ def test_ball_to_wheel_matrix_prints_as_the_thesis_does():
     np.testing.assert_allclose(T.T_obw, T_OBW, rtol=0, atol=HALF_A_DIGIT)
 
 
-@given(robots())
+@given(robots)
 def test_torques_and_speeds_are_dual(robot: Robot):
     """Power does not care how it is counted: what maps torques one way maps speeds the other, transposed."""
     T = transforms(robot)
@@ -64,7 +46,7 @@ def test_torques_and_speeds_are_dual(robot: Robot):
     np.testing.assert_allclose(T.T_obw @ T.T_owb, np.eye(3), atol=1e-11)
 
 
-@given(robots(), st.tuples(*[st.floats(-10, 10)] * 3), st.tuples(*[st.floats(-10, 10)] * 3))
+@given(robots, st.tuples(*[st.floats(-10, 10)] * 3), st.tuples(*[st.floats(-10, 10)] * 3))
 def test_wheel_speeds_follow_from_rolling_without_slip(robot: Robot, ball_rate: tuple, body_rate: tuple):
     """At the contact, ball and rim move alike along the rolling direction; solved for the wheel's spin."""
     T = transforms(robot)

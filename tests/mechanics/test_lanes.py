@@ -75,13 +75,8 @@ def test_nan_in_one_lane_is_flagged_and_leaves_other_lanes_unchanged(bad: float)
     model = kind_of_model("exact")
     torques = np.zeros((2, 4, 3))
     torques[0, 0] = bad
-    batch = simulate_lanes(
-        model.selected,
-        Lanes(parameters=model.packed[None], initial=np.zeros((2, 10)), torques=torques),
-        sample_time=0.005,
-        steps=5,
-        lost_lanes=True,
-    )
+    lanes = Lanes(parameters=model.packed[None], initial=np.zeros((2, 10)), torques=torques)
+    batch = simulate_lanes(model.selected, lanes, sample_time=0.005, steps=5, lost_lanes=True)
     assert not np.isfinite(batch.states[0, -1]).all()
     assert (batch.states[1] == 0.0).all()
     assert list(batch.ended < 4) == [True, False]

@@ -14,15 +14,15 @@ from tests.support.control_examples import FRICTION, alten, four_wheeled, leanin
 
 @pytest.mark.parametrize("compensation", ["full", "partial"])
 @pytest.mark.parametrize(
-    ("robot", "formulation"),
+    "robot",
     [
-        pytest.param(alten(FRICTION), "exact", id="three-exact"),
+        pytest.param(alten(FRICTION), id="three"),
         # compiles the engine of four wheels
-        pytest.param(four_wheeled(friction=True), "exact", id="four-exact", marks=pytest.mark.sample),
+        pytest.param(four_wheeled(friction=True), id="four", marks=pytest.mark.sample),
     ],
 )
-def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
-    model = Model(robot, formulation)
+def test_a_lane_is_a_run_of_its_own(robot, compensation):
+    model = Model(robot)
     controller = nominal_controller(robot, compensation=compensation)
     starts = 0.02 * np.random.default_rng(1).normal(size=(3, 10))
     batch = simulate_batch(model, controller, square(period=8.0), duration=3.0, initial_states=starts)
@@ -37,19 +37,12 @@ def test_a_lane_is_a_run_of_its_own(robot, compensation, formulation):
 
 
 def test_every_lane_has_its_own_robot_start_and_controller():
-    robots = [
-        alten(FRICTION),
-        alten(),
-        alten(replace(FRICTION, rolling=0.0)),
-    ] * 15  # more than one block of lanes
+    # more than one block of lanes
+    robots = [alten(FRICTION), alten(), alten(replace(FRICTION, rolling=0.0))] * 15
     robots = [r.replace({"body.mass": r.body.mass * (1.0 + 0.003 * i)}) for i, r in enumerate(robots)]
+    gains = [design_gain(alten(), torque_weight=30.0 + i).gain for i in range(45)]
     controllers = [
-        Controller(
-            robot,
-            design_gain(alten(), torque_weight=30.0 + i).gain,
-            compensation="full",
-            torque_limit=2.0 + i,
-        )
+        Controller(robot, gains[i], compensation="full", torque_limit=2.0 + i)
         for i, robot in enumerate(robots)
     ]
     starts = np.array([leaning(0.002 * i, -0.001 * i) for i in range(45)])

@@ -15,14 +15,9 @@ from ballbot.twin.scenario_file import load_scenario
 STEP = 0.005
 
 
-def robot_with_friction():
-    robot = Robot.load("alten")
-    return true_model(robot, load_scenario("nominal", robot)).robot
-
-
 def held(hold):
-    robot = robot_with_friction()
-    return HeldRobot(robot, hold=hold)
+    robot = Robot.load("alten")
+    return HeldRobot(true_model(robot, load_scenario("nominal", robot)).robot, hold=hold)
 
 
 def resolution(robot):
@@ -33,10 +28,9 @@ def test_wheels_in_the_air_are_free_drivelines():
     plant = held("in_air")
     torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
     found = np.array([plant.step(one, STEP).wheel_angles for one in torques])
-    lines = [Driveline.of_wheel(plant.robot, i) for i in range(3)]
     wanted = [
-        simulate_driveline(line, row, sample_time=STEP).angles
-        for line, row in zip(lines, torques.T, strict=True)
+        simulate_driveline(Driveline.of_wheel(plant.robot, i), torques[:, i], sample_time=STEP).angles
+        for i in range(3)
     ]
     # a count of the encoder, and what a sample by itself rounds differently
     np.testing.assert_allclose(found.T, wanted, atol=1.01 * resolution(plant.robot))

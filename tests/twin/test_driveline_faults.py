@@ -47,9 +47,8 @@ def test_resonance_is_at_the_given_frequency(frequency: float) -> None:
 
 def test_a_twisting_driveline_is_slack_within_its_play() -> None:
     half = np.radians(0.5)
-    engine, _ = wheels_in_the_air(
-        ideal(backlash=2 * half, compliance=Compliance(frequency=12, damping_ratio=0.0))
-    )
+    compliance = Compliance(frequency=12, damping_ratio=0.0)
+    engine, _ = wheels_in_the_air(ideal(backlash=2 * half, compliance=compliance))
     play = engine.positions("play", 3)
     accelerations = []
     for angle in (0.9 * half, 2.0 * half):

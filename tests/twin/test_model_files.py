@@ -28,12 +28,8 @@ def test_a_robot_is_recognized_in_its_exported_twin(tmp_path, name):
     robot, path = Robot.load(name), tmp_path / "twin.xml"
     assert main(["twin", "export", name, "--out", str(path)]) == 0
     read = read_model(path, like=robot).robot
-    assert read.wheel_count == robot.wheel_count
-    assert read.body.mass == pytest.approx(robot.body.mass)
-    assert read.body.center_of_mass == pytest.approx(robot.body.center_of_mass)
-    assert read.wheels.tilt == pytest.approx(robot.wheels.tilt)
-    assert read.wheels.azimuths == pytest.approx(robot.wheels.azimuths)
-    assert read.ball.radius == pytest.approx(robot.ball.radius)
+    for one in ("body.mass", "body.center_of_mass", "wheels.tilt", "wheels.azimuths", "ball.radius"):
+        assert value_of(read, BY_NAME[one]) == pytest.approx(value_of(robot, BY_NAME[one])), one
 
 
 def test_mujoco_finds_the_masses_and_wheels_in_urdf():
@@ -57,13 +53,9 @@ def test_mujoco_finds_the_masses_and_wheels_in_urdf():
     rollers = ALTEN.wheel_count * ALTEN.wheels.rollers.rows * ALTEN.wheels.rollers.per_row
     touching = [k for k in range(model.ngeom) if model.geom_conaffinity[k] and model.geom_bodyid[k]]
     assert len(touching) == rollers + 1  # and the ball's own
-    reach = ALTEN.ball.radius + ALTEN.wheels.radius
-    lowest = [
-        np.linalg.norm(data.geom_xpos[k] - data.body("ball").xpos)
-        for k in touching
-        if model.geom_bodyid[k] != model.body("ball").id
-    ]
-    assert abs(min(lowest) - (ALTEN.ball.radius + ALTEN.wheels.rollers.radius)) < 1e-4 * reach
+    off = [data.geom_xpos[k] - data.body("ball").xpos for k in touching if model.geom_bodyid[k] != ball]
+    nearest = ALTEN.ball.radius + ALTEN.wheels.rollers.radius
+    assert np.linalg.norm(off, axis=1).min() == pytest.approx(nearest, abs=2e-5)
 
 
 @st.composite
@@ -92,18 +84,15 @@ def test_every_number_that_urdf_states_is_recognized(tmp_path):
     def check(robot):
         path.write_text(robot_urdf(robot))
         read = read_model(path, like=ALTEN)
-        assert {"ball.radius", "body.inertia.xx", "wheels.rollers.radius", "friction.viscous"} <= {
-            *read.stated
+        few = {"ball.radius", "body.inertia.xx", "wheels.rollers.radius", "friction.viscous"}
+        assert few <= set(read.stated)
+        together = {
+            "friction.coulomb": np.add(robot.friction.coulomb, robot.friction.stribeck),
+            "drive.motor_inertia": robot.drive.motor_inertia + robot.drive.gear_inertia,
+            "drive.gear_inertia": 0.0,
         }
         for name in read.stated:
-            if name == "friction.coulomb":
-                wanted = np.add(robot.friction.coulomb, robot.friction.stribeck)
-            elif name == "drive.motor_inertia":
-                wanted = robot.drive.motor_inertia + robot.drive.gear_inertia
-            elif name == "drive.gear_inertia":
-                wanted = 0.0
-            else:
-                wanted = value_of(robot, BY_NAME[name])
+            wanted = together[name] if name in together else value_of(robot, BY_NAME[name])
             found = value_of(read.robot, BY_NAME[name])
             # MuJoCo's sums over a hundred parts
             np.testing.assert_allclose(found, wanted, rtol=1e-7, atol=1e-9, err_msg=name)

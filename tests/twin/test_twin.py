@@ -12,6 +12,7 @@ from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
+from tests.support.control_examples import leaning
 
 ALTEN = Robot.load("alten")
 
@@ -43,17 +44,10 @@ def test_equal_seeds_give_equal_runs_and_others_do_not() -> None:
 
 
 def test_fall_is_reported() -> None:
-    twin = Twin(ALTEN)
-    start = np.zeros(10)
-    start[2] = 0.5
-    twin.reset(start, seed=1)
-    for _ in range(100):
-        measurement = twin.step(np.zeros(3), 0.005)
-        if measurement.ended:
-            break
-    assert measurement.ended is not None
-    assert measurement.ended.startswith("fallen: lean past 0.6 rad at t = ")
-    assert abs(measurement.truth[2]) > 0.6
+    log = simulate(
+        Twin(ALTEN), lambda *_: np.zeros(3), "hold", duration=0.5, initial_state=leaning(0.5), seed=1
+    )
+    assert str(log.ended).startswith("fallen: lean past 0.6 rad at t = ")
 
 
 def test_diverging_numbers_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

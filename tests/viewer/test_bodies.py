@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ballbot.control.presets import nominal_controller
@@ -17,7 +17,6 @@ SMOOTH = ALTEN.replace(friction=scaled_friction(ALTEN.friction, 0.0))
 ANGLE = st.floats(-1.2, 1.2)
 
 
-@settings(max_examples=40)
 @given(st.tuples(ANGLE, ANGLE, ANGLE), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0), st.floats(-0.2, 1.0))
 def test_push_does_the_work_of_its_force(angles, f_x, f_y, height):
     def point(q):  # where the force acts, by the definition of the angles

@@ -45,14 +45,17 @@ def test_request_of_the_page_is_read_as_it_was_meant(change, force, height):
 
 
 @pytest.mark.parametrize(
-    ("change", "sentence"),
+    ("text", "sentence"),
     [
-        ({"fricton": 1.0}, "did you mean 'friction'"),
-        ({"friction": -1.0}, "friction"),
-        ({"motion": "jump"}, "motion"),
-        ({"paused": "yes"}, "true or false"),
+        ('{"change": {"fricton": 1.0}}', "did you mean 'friction'"),
+        *((f'{{"change": {{"friction": {value}}}}}', "friction") for value in ("-1.0", "1e9", "NaN")),
+        ('{"change": {"motion": "jump"}}', "motion"),
+        ('{"change": {"paused": "yes"}}', "true or false"),
+        ('{"push": {"force": [1, 2, 3], "height": 0.1}}', "force"),
+        ('{"arm": true}', "arm"),
+        ('{"reset": 1}', "reset"),
     ],
 )
-def test_refusal_names_the_setting(change, sentence):
+def test_refusal_names_the_setting(text, sentence):
     with pytest.raises(InputError, match=sentence):
-        read_request(json.dumps({"change": change}))
+        read_request(text)

@@ -8,14 +8,10 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.robot import Robot
 from ballbot.viewer.motion import INTERVAL, LONGEST, integrated_rotation, motion_of
+from tests.support.control_examples import FRICTION, alten
 from tests.support.log_examples import smooth_log, with_wheels
 
 ALTEN = Robot.load("alten")
-
-
-def rotations(motion):
-    w, x, y, z = (motion.columns[f"ball_{name}"] for name in "wxyz")
-    return Rotation.from_quat(np.column_stack((x, y, z, w)))
 
 
 def upright(t, **columns):
@@ -27,7 +23,7 @@ def test_ball_that_rolls_forward_turns_about_left():
     radius = ALTEN.ball.radius
     t = np.linspace(0.0, 2.0, 401)
     motion = motion_of(upright(t, x=np.pi * radius * t), ALTEN)  # one turn
-    turns = rotations(motion)
+    turns = Rotation.from_quat(np.column_stack([motion.columns[f"ball_{name}"] for name in "xyzw"]))
     assert motion.rows == 101
     # what was on top is in front after a quarter turn; a speed that stays the same is integrated exactly
     np.testing.assert_allclose(turns[25].apply([0.0, 0.0, 1.0]), [1.0, 0.0, 0.0], atol=1e-9)
@@ -73,19 +69,11 @@ def test_heading_that_wraps_turns_on():
 
 def test_friction_pushes_against_the_motion():
     log = with_wheels(smooth_log(), ALTEN)
-    friction = ALTEN.friction.__class__(
-        viscous=(0.01,) * 3,
-        coulomb=(0.1,) * 3,
-        stribeck=(0.05,) * 3,
-        stribeck_speed=0.6,
-        stribeck_exponent=1.1,
-        rolling=0.007,
-    )
-    columns = motion_of(log, ALTEN.replace(friction=friction)).columns
+    columns = motion_of(log, alten(FRICTION)).columns
     moving = np.abs(columns["wheel1_dot"]) > 0.1
     assert (columns["friction1"] * columns["wheel1_dot"])[moving].min() > 0.0
-    x_dot = np.interp(log.t[0] + INTERVAL * np.arange(len(moving)), log.t, log["x_dot"])
-    y_dot = np.interp(log.t[0] + INTERVAL * np.arange(len(moving)), log.t, log["y_dot"])
+    t = log.t[0] + INTERVAL * np.arange(len(moving))
+    x_dot, y_dot = (np.interp(t, log.t, log[name]) for name in ("x_dot", "y_dot"))
     assert (columns["floor_x"] * x_dot + columns["floor_y"] * y_dot).max() < 0.0
     size = np.hypot(columns["floor_x"], columns["floor_y"])
     # (m_b + m_r) g C_rr; interpolated where the direction turns
@@ -99,10 +87,7 @@ def test_friction_pushes_against_the_motion():
         ({"t": [0.0, 1.0]}, "no theta and no phi and no psi"),
         ({"t": [0.0, LONGEST + 1.0]}, "--start and --end"),
         ({"t": [0.0, 1.0], "wheel4": [0.0, 1.0]}, "3 wheels"),
-        (
-            {"t": [0.0], "x": [0.0], "y": [0.0], "theta": [0.0], "phi": [0.0], "psi": [np.nan]},
-            "no values of psi",
-        ),
+        ({"psi": [np.nan]} | {name: [0.0] for name in ("t", "x", "y", "theta", "phi")}, "no values of psi"),
     ],
 )
 def test_log_that_shows_no_robot_is_refused(columns, sentence):

@@ -40,7 +40,7 @@ def test_packed_column_is_within_its_resolution(values, resolution):
 
 def test_page_asks_for_nothing_and_runs_its_own_script_only():
     page = replay_page({"a": smooth_log()}, ALTEN, title="a")
-    for word in (
+    for word in [
         "http:",
         "https:",
         "@import",
@@ -51,7 +51,7 @@ def test_page_asks_for_nothing_and_runs_its_own_script_only():
         "XMLHttp",
         "src=",
         "innerHTML",
-    ):
+    ]:
         assert word not in page, word
     (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
     assert "default-src 'none'" in policy
