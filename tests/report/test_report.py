@@ -137,7 +137,7 @@ def _plot() -> Figure:
 
 
 def test_a_figure_is_one_svg_element_whose_names_are_its_own():
-    first, again, other = (drawn(_plot, name=name)[0] for name in "aab")
+    first, again, other = (drawn(_plot, name=name) for name in "aab")
     assert first == again
     for svg in (first, other):
         assert ElementTree.fromstring(svg).tag == "{http://www.w3.org/2000/svg}svg"

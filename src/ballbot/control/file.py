@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, get_type_hints
 
 import numpy as np
 from pydantic import ConfigDict, Field, PositiveFloat
@@ -200,12 +200,12 @@ rolling = {friction.rolling!r}
 
 def _part_text(name: str, part: Part) -> str:
     """Return the table of a part, each key with its meaning and unit."""
-    lines = [f"\n# {part.comment}", f"[{name}]"]
+    lines, kinds = [f"\n# {part.comment}", f"[{name}]"], get_type_hints(type(part))
     for setting in fields(part):
         stated, value = *setting.metadata.values(), getattr(part, setting.name)
         unit = "" if stated.unit == DIMENSIONLESS else f" [{stated.unit}]"
         rows = "".join(f"\n  {_row(row)}," for row in np.atleast_2d(value))
-        text = f"[{rows}\n]" if np.ndim(value) else repr(value if setting.type == "int" else float(value))
+        text = f"[{rows}\n]" if np.ndim(value) else repr(kinds[setting.name](value))
         lines += [f"# {stated.meaning}{unit}", f"{setting.name} = {text}"]
     return "\n".join(lines) + "\n"
 

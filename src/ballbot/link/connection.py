@@ -225,9 +225,13 @@ def connect(
         robot = LiveRobot(session)
         with LiveStream(stream, log_columns(robot.wheel_count), described) as live:
             yield Connection(
-                robot=robot, described=described, address=address,
-                operator=operator, stream=live, camera=camera,
-            )  # fmt: skip
+                robot=robot,
+                described=described,
+                address=address,
+                operator=operator,
+                stream=live,
+                camera=camera,
+            )
 
 
 def sample_line(sample: RobotSample, *, torque_limit: float) -> str:

@@ -96,12 +96,15 @@ class FoxgloveServer:
         return FrameTransforms(
             transforms=[
                 FrameTransform(
-                    timestamp=_stamp(time), parent_frame_id=parent, child_frame_id=child,
-                    translation=translation, rotation=rotation,
+                    timestamp=_stamp(time),
+                    parent_frame_id=parent,
+                    child_frame_id=child,
+                    translation=translation,
+                    rotation=rotation,
                 )
                 for parent, child, translation, rotation in frames
             ]
-        )  # fmt: skip
+        )
 
 
 def _picture(robot: Robot, time: int) -> SceneUpdate:
@@ -115,8 +118,10 @@ def _picture(robot: Robot, time: int) -> SceneUpdate:
     body = CylinderPrimitive(
         pose=Pose(position=Vector3(z=0.5 * (shape.bottom + shape.top)), orientation=_UPRIGHT),
         size=Vector3(x=2.0 * shape.radius, y=2.0 * shape.radius, z=shape.top - shape.bottom),
-        bottom_scale=1.0, top_scale=1.0, color=Color(r=0.3, g=0.4, b=0.6, a=0.6),
-    )  # fmt: skip
+        bottom_scale=1.0,
+        top_scale=1.0,
+        color=Color(r=0.3, g=0.4, b=0.6, a=0.6),
+    )
     stamp = _stamp(time)
     return SceneUpdate(
         entities=[

@@ -196,13 +196,16 @@ class Samples:
             angles = self._encoder_step * self._turned[: self._n].astype(np.float64)
         estimate = in_start_frame(state.estimate.astype(np.float64), self._start)
         return RobotSample(
-            t=round(1e-6 * self._micros, 6), time=state.time % 2**32, start=self._start,
+            t=round(1e-6 * self._micros, 6),
+            time=state.time % 2**32,
+            start=self._start,
             state=estimate if state.estimate_valid else np.full(10, np.nan),
             reference=in_start_frame(state.reference.astype(np.float64), self._start),
             torques=state.torques[: self._n].astype(np.float64),
-            wheel_angles=angles, wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
+            wheel_angles=angles,
+            wheel_speeds=state.wheel_speeds[: self._n].astype(np.float64),
             gyro=state.gyro.astype(np.float64) if state.imu_valid else np.full(3, np.nan),
-        )  # fmt: skip
+        )
 
 
 class LiveRobot:

@@ -143,10 +143,13 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         return Proposal(base=base, lean=lean, motion=None, frame=frame, what=what, findings=tuple(notes))
     tested, signals = motion.tested, motion.signals
     proposal = Proposal(
-        base=base, what=what, motion=motion, lean=motion.units[0] if base.roles.attitude else None,
+        base=base,
+        what=what,
+        motion=motion,
+        lean=motion.units[0] if base.roles.attitude else None,
         frame=frame_of(robot, tested, motion.gyro.handedness if motion.gyro else 0.0),
         keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
-    )  # fmt: skip
+    )
     if roles.commands:
         try:
             needs = needs_of(mapped(proposal), robot) if base.roles.attitude and tested else None

@@ -149,21 +149,33 @@ class Sensors:
     """Encoders and IMU, and the rate at which the controller reads them."""
 
     sample_time: float = parameter(
-        "of the controller", "s", written_in="ms",
-        least=SHORTEST_SAMPLE, most=LONGEST_SAMPLE, usual=(2e-4, 1.0),
-    )  # fmt: skip
+        "of the controller",
+        "s",
+        written_in="ms",
+        least=SHORTEST_SAMPLE,
+        most=LONGEST_SAMPLE,
+        usual=(2e-4, 1.0),
+    )
     encoder_counts: int = parameter("a motor turn, quadrature")
     gyro_noise: float = parameter(
         "standard deviation of a sample", "rad/s", written_in="deg/s", least=0.0, most=1.0, usual=(0.0, 0.1)
     )
     attitude_noise: float = parameter(
-        "standard deviation of the lean angles", "rad", written_in="deg",
-        least=0.0, most=0.2, usual=(0.0, 0.03),
-    )  # fmt: skip
+        "standard deviation of the lean angles",
+        "rad",
+        written_in="deg",
+        least=0.0,
+        most=0.2,
+        usual=(0.0, 0.03),
+    )
     heading_drift: float = parameter(
-        "rate at which the heading runs away", "rad/s", written_in="deg/min",
-        least=-math.inf, most=1.0, usual=(-0.1, 0.1),
-    )  # fmt: skip
+        "rate at which the heading runs away",
+        "rad/s",
+        written_in="deg/min",
+        least=-math.inf,
+        most=1.0,
+        usual=(-0.1, 0.1),
+    )
 
 
 @parameter_class
@@ -190,17 +202,28 @@ class Friction:
     stribeck_exponent: float = parameter("delta, how sharply it falls", usual=(0.3, 10.0))
     rolling: float = parameter("C_rr, ball on floor", least=0.0, most=1.0, usual=(0.0, 0.05))
     coulomb_asymmetry: tuple[float, ...] = parameter(
-        "d_i, c_i forward less its mean of both directions", "N m",
-        default=(), least=-math.inf, most=200.0, usual=(-0.2, 0.2),
-    )  # fmt: skip
+        "d_i, c_i forward less its mean of both directions",
+        "N m",
+        default=(),
+        least=-math.inf,
+        most=200.0,
+        usual=(-0.2, 0.2),
+    )
     stribeck_asymmetry: tuple[float, ...] = parameter(
-        "e_i, s_i forward less its mean of both directions", "N m",
-        default=(), least=-math.inf, most=200.0, usual=(-0.2, 0.2),
-    )  # fmt: skip
+        "e_i, s_i forward less its mean of both directions",
+        "N m",
+        default=(),
+        least=-math.inf,
+        most=200.0,
+        usual=(-0.2, 0.2),
+    )
     load: tuple[float, ...] = parameter(
         "mu_i, dry friction for each N m of the motor's torque",
-        default=(), least=0.0, most=1.0, usual=(0.0, 0.5),
-    )  # fmt: skip
+        default=(),
+        least=0.0,
+        most=1.0,
+        usual=(0.0, 0.5),
+    )
     law: str = CLASSICAL  #: the friction law, as a robot file names it; see `ballbot.robot.friction_law`
     own: tuple[tuple[str, Value], ...] = ()  #: its parameters that are not among the above, as (name, value)
 

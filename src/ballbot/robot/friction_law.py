@@ -69,11 +69,16 @@ class LawParameter:
         """The line of a robot file."""
         low, _ = self.usual
         return Parameter(
-            f"{self.symbol}, {self.meaning}", self.unit,
-            least=-math.inf if low < 0.0 else 0.0, least_is_allowed=low <= 0.0, usual=self.usual,
-            name=f"friction.own.{self.name}", field="friction.own", place=self.name,
+            f"{self.symbol}, {self.meaning}",
+            self.unit,
+            least=-math.inf if low < 0.0 else 0.0,
+            least_is_allowed=low <= 0.0,
+            usual=self.usual,
+            name=f"friction.own.{self.name}",
+            field="friction.own",
+            place=self.name,
             shape="list" if self.each_wheel else "number",
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

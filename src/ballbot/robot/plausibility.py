@@ -126,7 +126,8 @@ def _single(robot: Robot) -> Iterator[_Usual]:
         possible = _ANY if table == "friction" else (low / _FAR if low > 0.0 else -math.inf, _FAR * high)
         in_file_units = value > high and parameter.written_in != parameter.unit
         slip = f"was it meant in {parameter.written_in}?" if in_file_units else ""
-        yield f"robot-{table or 'gravity'}", parameter.name, value, parameter.usual, possible, slip
+        code = f"robot-{table}" if table else "robot-gravity"
+        yield code, parameter.name, value, parameter.usual, possible, slip
 
 
 def _of_table(robot: Robot) -> Iterator[Finding]:

@@ -96,18 +96,24 @@ class Robot(RobotValues):
             before = dataclasses.replace(self, friction=self.friction.with_law(law, dict(self.friction.own)))
         changed = with_values(before, {name: _shaped(before, name, value) for name, value in numbers.items()})
         copy = Robot(
-            name=self.name if name is None else name, gravity=changed.gravity if gravity is None else gravity,
-            ball=ball or changed.ball, body=body or changed.body, wheels=wheels or changed.wheels,
-            drive=drive or changed.drive, sensors=sensors or changed.sensors,
+            name=self.name if name is None else name,
+            gravity=changed.gravity if gravity is None else gravity,
+            ball=ball or changed.ball,
+            body=body or changed.body,
+            wheels=wheels or changed.wheels,
+            drive=drive or changed.drive,
+            sensors=sensors or changed.sensors,
             friction=friction or changed.friction,
-        )  # fmt: skip
+        )
         stays = {key for key, item in BY_NAME.items() if value_of(copy, item) == value_of(self, item)}
         deviations = self.standard_deviations.items()
         return copy.annotated(
             sources={key: source for key, source in self.sources.items() if key in stays},
             standard_deviations={key: deviation for key, deviation in deviations if key in stays},
-            correlation=self.correlation, intervals=self.intervals, identified_from=self.identified_from,
-        )  # fmt: skip
+            correlation=self.correlation,
+            intervals=self.intervals,
+            identified_from=self.identified_from,
+        )
 
     def annotated(
         self,

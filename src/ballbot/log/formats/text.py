@@ -234,9 +234,13 @@ def read_head(path: str | Path) -> Head:
     below = [] if named is None or named + 1 >= first else head[named + 1]
     units = dict(zip(names, below, strict=False)) if _are_units(below) else {}
     return Head(
-        layout=replace(layout, names=tuple(names), header_lines=first), rows=len(rows), named=any(head),
-        above=None if named is None else named + 1 + bool(units), problems=tuple(problems), units=units,
-    )  # fmt: skip
+        layout=replace(layout, names=tuple(names), header_lines=first),
+        rows=len(rows),
+        named=any(head),
+        above=None if named is None else named + 1 + bool(units),
+        problems=tuple(problems),
+        units=units,
+    )
 
 
 def _likely_layout(lines: list[str]) -> TextLayout:
@@ -366,10 +370,15 @@ def _frame(path: str | Path, rows: list[str], layout: TextLayout, width: int) ->
     try:
         frame = pandas.read_csv(
             io.StringIO("\n".join(rows) or "\n"),
-            sep=SEPARATORS[layout.separator] or r"\s+", decimal="," if layout.decimal == "comma" else ".",
-            na_values=[*MISSING, *map(str.upper, MISSING), *layout.missing], names=range(width),
-            header=None, index_col=False, skipinitialspace=True, low_memory=False,
-        )  # fmt: skip
+            sep=SEPARATORS[layout.separator] or r"\s+",
+            decimal="," if layout.decimal == "comma" else ".",
+            na_values=[*MISSING, *map(str.upper, MISSING), *layout.missing],
+            names=range(width),
+            header=None,
+            index_col=False,
+            skipinitialspace=True,
+            low_memory=False,
+        )
     except pandas.errors.ParserError:
         frame = pandas.DataFrame()
     if len(frame) != len(rows):

@@ -163,10 +163,13 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
     if size[rows, best].min() < FOLLOWED:
         return None
     return CommandOrder(
-        wheels=best, signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
-        explained=(sums[best] / len(R)) ** 2, advantage=sums[best] - sums[other],
-        next_best=f"for wheels {[i + 1 for i in other]}", confidence=1.0,
-    )  # fmt: skip
+        wheels=best,
+        signs=tuple(1 if R[j, wheel] > 0.0 else -1 for j, wheel in enumerate(best)),
+        explained=(sums[best] / len(R)) ** 2,
+        advantage=sums[best] - sums[other],
+        next_best=f"for wheels {[i + 1 for i in other]}",
+        confidence=1.0,
+    )
 
 
 _Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `CommandOrder`
@@ -199,10 +202,13 @@ def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
     enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
     (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
     return CommandOrder(
-        wheels=wheels, signs=signs, explained=explained, advantage=float(z[other] - z[best]),
+        wheels=wheels,
+        signs=signs,
+        explained=explained,
+        advantage=float(z[other] - z[best]),
         next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
         confidence=min(sum(probability[h] for h in alike), MOST) * enough,
-    )  # fmt: skip
+    )
 
 
 def _usual(wheels: _Order, counted: Sequence[int]) -> float:

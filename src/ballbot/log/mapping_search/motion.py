@@ -210,10 +210,17 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
     # the smallest error of the phase, which counts more if the placement is in doubt
     _, signals, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
     return SensedMotion(
-        units=units, likely={}, angles=carried, sampled=sampled, noise=noise,
-        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit, wrap=wrap,
-        signals=signals, gyro=gyro, tested=tested,
-    )  # fmt: skip
+        units=units,
+        likely={},
+        angles=carried,
+        sampled=sampled,
+        noise=noise,
+        largest_speed=None if np.allclose(carried, angles, atol=1e-6) else limit,
+        wrap=wrap,
+        signals=signals,
+        gyro=gyro,
+        tested=tested,
+    )
 
 
 def _sampled(t: Floats, angles: Floats) -> tuple[Floats, tuple[float, float] | None]:

@@ -332,9 +332,11 @@ def roles_by_name(names: Sequence[str], *, wheel_count: int, units: Mapping[str,
         time=max(times, key=lambda reading: reading.weight).name if times else "",
         attitude=tuple(attitude[axis] for axis in sorted(attitude)) if {"x", "y"} <= set(attitude) else (),
         gyro=tuple(gyro[axis] for axis in "xyz") if len(gyro) == 3 else (),
-        angles=angles or speeds, of_speeds=not angles and bool(speeds), commands=commands,
+        angles=angles or speeds,
+        of_speeds=not angles and bool(speeds),
+        commands=commands,
         units={reading.name: reading.unit for reading in readings if reading.unit},
-    )  # fmt: skip
+    )
 
 
 def _series(readings: Iterable[NameReading], kind: Kind, count: int) -> tuple[str, ...]:

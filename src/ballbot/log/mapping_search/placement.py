@@ -262,13 +262,18 @@ def lean_test(
     same, opposite = (replace(law, sigma=sigma).left(weights) for sigma in (1.0, -1.0))
     turned = heading and _heading_test(robot, best, wheels.rate[usable], heading.rate[usable])
     return LeanTest(
-        placements=tuple(placements), confidence=confidence,
-        phase_error=None if math.isnan(phase_error) else phase_error, lag=lag, lag_error=lag_error,
+        placements=tuple(placements),
+        confidence=confidence,
+        phase_error=None if math.isnan(phase_error) else phase_error,
+        lag=lag,
+        lag_error=lag_error,
         handedness=_advantage(same, opposite, weights),
         headings=float(np.std(law.heading.value[usable])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
-        balancing=usable, pushed=pushed, heading=turned,
-    )  # fmt: skip
+        balancing=usable,
+        pushed=pushed,
+        heading=turned,
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -457,12 +462,16 @@ def _ranked_placements(
     explained = (LARGEST_REST - float(unexplained.min())) / (LARGEST_REST - USUAL_REST)
     placements = [
         Placement(
-            positions=tuple(wheel + 1 for wheel in every[h][0]), signs=every[h][1],
-            phase=float(np.angle(gain[h])), gain=float(abs(gain[h])) / gamma,
-            unexplained=float(unexplained[h]), together=float(together[h]), misfit=float(np.exp(score[h])),
+            positions=tuple(wheel + 1 for wheel in every[h][0]),
+            signs=every[h][1],
+            phase=float(np.angle(gain[h])),
+            gain=float(abs(gain[h])) / gamma,
+            unexplained=float(unexplained[h]),
+            together=float(together[h]),
+            misfit=float(np.exp(score[h])),
         )
         for h in ranked
-    ]  # fmt: skip
+    ]
     return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
 
 
