@@ -4,6 +4,7 @@ import io
 import json
 import tempfile
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -83,11 +84,7 @@ def bag_bytes(columns: dict[str, np.ndarray], *, ros: int) -> bytes:
 
 
 #: contents of files in the formats that are only read
-READ_ONLY = {
-    ".json": json_bytes,
-    ".bag": lambda columns: bag_bytes(columns, ros=1),
-    ".db3": lambda columns: bag_bytes(columns, ros=2),
-}
+READ_ONLY = {".json": json_bytes, ".bag": partial(bag_bytes, ros=1), ".db3": partial(bag_bytes, ros=2)}
 every_format = pytest.mark.parametrize("suffix", [*WRITTEN_SUFFIXES, *READ_ONLY])
 
 

@@ -1,8 +1,6 @@
 """Robots whose numbers do not go together are found out, and the slip of units that explains it is named."""
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -61,10 +59,7 @@ UNUSUAL: list[tuple[dict[str, float], str]] = [
     ({"sensors.gyro_noise": 0.11}, "was it meant in deg/s?"),
     ({"drive.torque_limit": 0.6}, "holds a lean of 1.12 deg"),
     # about the centre of mass, 2.637 less: 0.193, 4.37, 4.37
-    (
-        {"body.inertia.xx": 2.83, "body.inertia.yy": 7.007, "body.inertia.zz": 4.37},
-        "check that xx, yy and zz are in their order",
-    ),
+    ({"body.inertia.xx": 2.83, "body.inertia.yy": 7.007, "body.inertia.zz": 4.37}, "zz are in their order"),
     ({"friction.rolling": 0.7}, "friction.rolling 0.7 (usual: 0 to 0.05)"),
     ({"drive.backlash": 10 * DEGREE}, "10 deg at the wheel"),
 ]
@@ -85,28 +80,13 @@ def test_standard_deviation_as_large_as_its_value_gets_a_warning() -> None:
 def test_scaled_robot_passes_the_plausibility_checks(size: float, density: float) -> None:
     """Lengths by a factor, masses by its cube and the density's: such a robot can be built."""
     mass, inertia = density * size**3, density * size**5
-    scaled: dict[str, Callable[[Robot], object]] = {
-        "ball": lambda r: replace(
-            r.ball, radius=size * r.ball.radius, mass=mass * r.ball.mass, inertia=inertia * r.ball.inertia
-        ),
-        "body": lambda r: replace(
-            r.body,
-            mass=mass * r.body.mass,
-            center_of_mass=size * r.body.center_of_mass,
-            inertia=tuple(inertia * one for one in r.body.inertia),
-        ),
-        "wheels": lambda r: replace(
-            r.wheels,
-            radius=size * r.wheels.radius,
-            inertia=inertia * r.wheels.inertia,
-            rollers=replace(
-                r.wheels.rollers,
-                radius=size * r.wheels.rollers.radius,
-                row_spacing=size * r.wheels.rollers.row_spacing,
-            ),
-        ),
-        # torques to hold the same lean
-        "drive": lambda r: replace(r.drive, torque_limit=mass * size * r.drive.torque_limit),
+    factors = {
+        **dict.fromkeys(("ball.radius", "body.center_of_mass", "wheels.radius"), size),
+        **dict.fromkeys(("wheels.rollers.radius", "wheels.rollers.row_spacing"), size),
+        **dict.fromkeys(("ball.mass", "body.mass"), mass),
+        **dict.fromkeys(("ball.inertia", "wheels.inertia"), inertia),
+        **dict.fromkeys((f"body.inertia.{axis}" for axis in ("xx", "yy", "zz")), inertia),
+        "drive.torque_limit": mass * size,  # to hold the same lean
     }
-    robot = ALTEN.replace(**{part: make(ALTEN) for part, make in scaled.items()})  # type: ignore[arg-type]
+    robot = ALTEN.replace({name: factor * value_of(ALTEN, BY_NAME[name]) for name, factor in factors.items()})
     assert not [one for one in robot_findings(robot) if one.severity == "error"]

@@ -52,13 +52,9 @@ class FoxgloveServer:
             raise InputError(
                 f"A server at ws://{host}:{port} cannot be opened: {reason}. Give another address to --stream."
             ) from None
-        schema = json.dumps(log_schema(columns)).encode()
-        self._log = foxglove.Channel(
-            LOG_TOPIC,
-            message_encoding="json",
-            schema=foxglove.Schema(name="ballbot.log", encoding="jsonschema", data=schema),
-            context=context,
-        )
+        described_row = json.dumps(log_schema(columns)).encode()
+        schema = foxglove.Schema(name="ballbot.log", encoding="jsonschema", data=described_row)
+        self._log = foxglove.Channel(LOG_TOPIC, message_encoding="json", schema=schema, context=context)
         self._events = LogChannel("/events", context=context)
         self._frames = FrameTransformsChannel("/tf", context=context)
         self._scene = SceneUpdateChannel("/scene", context=context)

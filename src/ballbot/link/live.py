@@ -90,14 +90,10 @@ class RobotSample:
 
     def row(self) -> list[float]:
         """Return the sample as a row of a log."""
+        sensed = self.wheel_angles, self.wheel_speeds, self.gyro
         return [
             self.t,
-            *self.torques.tolist(),
-            *self.state.tolist(),
-            *self.wheel_angles.tolist(),
-            *self.wheel_speeds.tolist(),
-            *self.gyro.tolist(),
-            *self.reference[[0, 1, 4]].tolist(),
+            *np.concatenate([self.torques, self.state, *sensed, self.reference[[0, 1, 4]]]).tolist(),
         ]
 
 

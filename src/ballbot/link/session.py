@@ -58,19 +58,13 @@ from ballbot.link.messages import (
     Welcome,
     Write,
 )
+from ballbot.link.operators import MOVEMENTS
 from ballbot.link.transport import LinkError, Transport
 
 #: after which the host sends something, if only `Keep` [s]
 KEEP_INTERVAL = WATCHDOG / 5.0
 #: for which a person may take to bring the robot into a position [s]
 MOVING_TIME = 60.0
-#: positions that the check of the IMU's axes waits for
-IMU_POSITIONS = (
-    SelfTestOutcome.HOLD_UPRIGHT,
-    SelfTestOutcome.TILT_FORWARD,
-    SelfTestOutcome.TILT_LEFT,
-    SelfTestOutcome.TURN_LEFT,
-)
 #: for an answer, after which a command is sent again; for a session; and, by the robot's clock, for motors' tests [s]
 _ANSWER_TIME, _OPENING_TIME, _TEST_TIME = 0.1, 2.0, 3.0
 #: how often a command is sent before it counts as lost
@@ -299,7 +293,7 @@ class Session:
                 self._queued.clear()  # the states of a minute
                 self._demand(SelfTest())
                 seen, passed, waited_for = self.state, 0.0, None
-            elif outcome in IMU_POSITIONS and move is not None:
+            elif outcome in MOVEMENTS and move is not None:
                 if outcome is not waited_for:
                     waited_for, passed = outcome, 0.0
                     move(outcome)

@@ -162,8 +162,6 @@ class Tuner:
         outside = min(weights) < 0.0 and abs(sum(weights) - 1.0) <= ROUNDING
         if not outside or self._gains is None or len(weights) != self._gains.loops.shape[1]:
             return ""
-        radius, stable = (
-            self._gains.radius(weights),
-            "stable while fixed, but not shown to be safe while it changes",
-        )
+        radius = self._gains.radius(weights)
+        stable = "stable while fixed, but not shown to be safe while it changes"
         return f" Its spectral radius would be {radius:.5f}: {stable if radius < 1.0 else 'unstable'}."

@@ -584,10 +584,8 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     """Return the file's columns in Ballbot's units, with angles continued and duties as they reach the motors."""
     attitude, angle = mapping.attitude, mapping.wheels.angle
     if attitude is not None and attitude.quaternion:
-        parts = [
-            _scaled(f"the quaternion's {part}", Source(column=column), table)
-            for part, column in zip("wxyz", attitude.quaternion, strict=True)
-        ]
+        named = zip("wxyz", attitude.quaternion, strict=True)
+        parts = [_scaled(f"the quaternion's {part}", Source(column=column), table) for part, column in named]
         table = {**table, **quaternion_angles(np.column_stack(parts))}
     raw = {name: _scaled(name, source, table) for name, source in mapping.sources.items() if name != "t"}
     wheels = numbered_names(raw, prefix="wheel")

@@ -274,12 +274,8 @@ class Poses:
 
     def seen_only(self) -> Poses:
         """Return the poses whose orientation was measured; their times have a gap where the body was not seen."""
-        return Poses(
-            t=self.t[self.seen],
-            rotations=Rotation.from_quat(self.rotations.as_quat()[self.seen]),
-            seen=self.seen[self.seen],
-            places=self.places[self.seen],
-        )
+        seen, rotations = self.seen, Rotation.from_quat(self.rotations.as_quat()[self.seen])
+        return Poses(t=self.t[seen], rotations=rotations, seen=seen[seen], places=self.places[seen])
 
 
 def read_poses(mocap: Log) -> Poses:
@@ -294,9 +290,6 @@ def read_poses(mocap: Log) -> Poses:
     last = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
     placed = all(name in mocap for name in PLACE_NAMES)
     places = np.column_stack([mocap[n] for n in PLACE_NAMES]) if placed else np.full((len(seen), 3), np.nan)
-    return Poses(
-        t=mocap.t,
-        rotations=Rotation.from_quat(wxyz[last][:, [1, 2, 3, 0]]),
-        seen=seen,
-        places=np.where(np.isfinite(places).all(axis=1, keepdims=True), places, np.nan),
-    )
+    places[~np.isfinite(places).all(axis=1)] = np.nan
+    rotations = Rotation.from_quat(wxyz[last][:, [1, 2, 3, 0]])
+    return Poses(t=mocap.t, rotations=rotations, seen=seen, places=places)

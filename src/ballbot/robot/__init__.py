@@ -4,14 +4,5 @@ from ballbot.robot.components import Ball, Body, Drive, Friction, Rollers, Senso
 from ballbot.robot.robot import Robot, RobotLike, as_robot
 
 __all__ = [
-    "Ball",
-    "Body",
-    "Drive",
-    "Friction",
-    "Robot",
-    "RobotLike",
-    "Rollers",
-    "Sensors",
-    "Wheels",
-    "as_robot",
-]
+    "Ball", "Body", "Drive", "Friction", "Robot", "RobotLike", "Rollers", "Sensors", "Wheels", "as_robot",
+]  # fmt: skip

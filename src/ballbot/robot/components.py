@@ -242,12 +242,10 @@ class Friction:
         law, given, count = friction_law(text), own or {}, len(self.coulomb)
         if law is None:
             return replace(self, law=CLASSICAL, own=())
-        values = {
-            parameter.name: given.get(
-                parameter.name, (parameter.default,) * count if parameter.each_wheel else parameter.default
-            )
-            for parameter in law.own
-        }
+        values = {}
+        for stated in law.own:
+            usual = (stated.default,) * count if stated.each_wheel else stated.default
+            values[stated.name] = given.get(stated.name, usual)
         return replace(self, law=law.text, own=tuple(values.items()))
 
     @property

@@ -324,10 +324,7 @@ def _body_rates(attitude: Smooth) -> Floats:
     """Return the angular velocity (N, 3) about the IMU's axes from roll, pitch, yaw and their rates."""
     roll, pitch, _ = attitude.value.T
     roll_dot, pitch_dot, yaw_dot = attitude.rate.T
-    return np.column_stack(
-        [
-            roll_dot - yaw_dot * np.sin(pitch),
-            pitch_dot * np.cos(roll) + yaw_dot * np.sin(roll) * np.cos(pitch),
-            -pitch_dot * np.sin(roll) + yaw_dot * np.cos(roll) * np.cos(pitch),
-        ]
-    )
+    about_x = roll_dot - yaw_dot * np.sin(pitch)
+    about_y = pitch_dot * np.cos(roll) + yaw_dot * np.sin(roll) * np.cos(pitch)
+    about_z = -pitch_dot * np.sin(roll) + yaw_dot * np.cos(roll) * np.cos(pitch)
+    return np.column_stack([about_x, about_y, about_z])
