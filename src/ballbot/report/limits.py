@@ -21,7 +21,9 @@ from ballbot.workflows.limits import RobotLimits, TwinLimit
 #: width of the first, second, ... controller's lines: those beneath still show
 _WIDTHS = (3.6, 2.8, 2.1, 1.5, 1.0, 0.6)
 #: look of each: colour, marker of the twin's limits, and width
-_LOOKS = [(LOOKS[look]["color"], *each) for look, *each in zip(TRACK_LOOKS, MARKS, _WIDTHS, strict=True)]
+_LOOKS = [
+    (LOOKS[look]["color"], mark, width) for look, mark, width in zip(TRACK_LOOKS, MARKS, _WIDTHS, strict=True)
+]
 #: that have looks of their own
 MOST_CONTROLLERS = len(_LOOKS)
 _DEGREES = 180.0 / np.pi

@@ -166,10 +166,8 @@ def plan(
                 "The pose to move to is three numbers, x and y in m and psi in rad, not all zero."
             )
         time = 1.0 + 2.0 * np.sqrt(np.hypot(*pose[:2]) / _USUAL) + abs(pose[2]) / _USUAL_TURN
-        legs, what = (
-            [_leg_to(planner, pose, float(time))],
-            f"the move to [{pose[0]:g} {pose[1]:g} {pose[2]:g}]",
-        )
+        legs = [_leg_to(planner, pose, float(time))]
+        what = f"the move to [{pose[0]:g} {pose[1]:g} {pose[2]:g}]"
         ahead = pose[:2] / max(float(np.hypot(*pose[:2])), 1e-9) if pose[:2].any() else ahead
     motions = [planner.fastest(leg) for leg in legs]
     if within is not None and motions[-1].t[-1] > within:
