@@ -241,59 +241,7 @@ def _identified(
     )
     if options.sweep is None:  # a sweep measured each wheel
         prepared, estimate = _alike(prepared, estimate, options=options)
-    experiment = prepared.experiment
-    predictor, coordinates, layout = experiment.predictor, experiment.coordinates, coordinates.layout
-    # from windows, between logs, of the torque scale, between wheels, and with the sweep
-    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
-    uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
-    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # it does not vary between logs
-        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
-    asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
-    found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
-    values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
-    covariance = uncertainty.correlation * np.outer(errors, errors)
-    balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
-    held_out = window_errors(predictor, prepared.held_out, values)
-    return Identification(
-        robot=found.annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
-        predictor=predictor,
-        uncertainty=uncertainty,
-        unknown=estimate.unknown[coordinates.first],
-        variation=varied,
-        coulomb=coulomb_equivalent(
-            layout,
-            values,
-            covariance=covariance,
-            wheel_speeds=wheel_speeds(predictor, experiment.windows),
-            law=found.friction.own_law,
-        ),
-        fit=window_errors(predictor, experiment.windows, values),
-        held_out=held_out,
-        window=window,
-        excluded_states=tuple(options.excluded_states),
-        evolution_cost=estimate.searched,
-        gauss_newton_cost=estimate.finished.history,
-        findings=(
-            *_log_findings(predictor, logs, options.excluded_states),
-            *prepared.findings,
-            *alike_finding(coordinates),
-            *parameter_findings(
-                coordinates,
-                uncertainty,
-                no_influence=estimate.no_influence[coordinates.first],
-                at_bound=estimate.at_bound[coordinates.first],
-                other=estimate.other,
-            ),
-            *prediction_findings(held_out.with_over_without),
-            *of_sweep,
-            *discrepancy_finding(estimate.discrepancy),
-            *variation_findings(varied),
-            *file_findings(robot, balancing),
-        ),
-        other=estimate.other,
-        log_findings=checked.findings,
-    )
+    return _result(prepared, estimate, checked, law, window, options=options)
 
 
 def estimated_parameters(robot: Robot, *, free: Sequence[str] | str, law: str, bounds: Bounds) -> Coordinates:
@@ -418,6 +366,71 @@ def _alike(
         run=estimate.run,
     )
     return prepared, replace(again, other=estimate.other, searched=estimate.searched)
+
+
+def _result(
+    prepared: Prepared,
+    estimate: Fit[WindowsIterate],
+    checked: CheckedLogs,
+    law: str,
+    window: float,
+    *,
+    options: IdentificationOptions,
+) -> Identification:
+    experiment, logs = prepared.experiment, list(checked.logs.values())
+    predictor, coordinates = experiment.predictor, experiment.coordinates
+    robot, layout = predictor.robot, coordinates.layout
+    # from windows, between logs, of the torque scale, between wheels, and with the sweep
+    uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
+    uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
+    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
+    if options.sweep is not None:  # it does not vary between logs
+        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
+    asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
+    found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
+    values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
+    covariance = uncertainty.correlation * np.outer(errors, errors)
+    balancing = StageEstimate("the balancing logs", layout.labels, values, covariance)
+    held_out = window_errors(predictor, prepared.held_out, values)
+    return Identification(
+        robot=found.annotated(identified_from=[row for log in logs for row in fingerprint(log)]),
+        predictor=predictor,
+        uncertainty=uncertainty,
+        unknown=estimate.unknown[coordinates.first],
+        variation=varied,
+        coulomb=coulomb_equivalent(
+            layout,
+            values,
+            covariance=covariance,
+            wheel_speeds=wheel_speeds(predictor, experiment.windows),
+            law=found.friction.own_law,
+        ),
+        fit=window_errors(predictor, experiment.windows, values),
+        held_out=held_out,
+        window=window,
+        excluded_states=tuple(options.excluded_states),
+        evolution_cost=estimate.searched,
+        gauss_newton_cost=estimate.finished.history,
+        findings=(
+            *_log_findings(predictor, logs, options.excluded_states),
+            *prepared.findings,
+            *alike_finding(coordinates),
+            *parameter_findings(
+                coordinates,
+                uncertainty,
+                no_influence=estimate.no_influence[coordinates.first],
+                at_bound=estimate.at_bound[coordinates.first],
+                other=estimate.other,
+            ),
+            *prediction_findings(held_out.with_over_without),
+            *of_sweep,
+            *discrepancy_finding(estimate.discrepancy),
+            *variation_findings(varied),
+            *file_findings(robot, balancing),
+        ),
+        other=estimate.other,
+        log_findings=checked.findings,
+    )
 
 
 def _log_findings(predictor: Predictor, logs: Sequence[Log], excluded_states: Sequence[str]) -> list[Finding]:

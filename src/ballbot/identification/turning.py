@@ -26,8 +26,8 @@ from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
-from ballbot.fitting.experiment import BlockErrors, residuals_without_states
-from ballbot.fitting.fit import Fit, at_bound, fit
+from ballbot.fitting.experiment import Residuals, residuals_without_states
+from ballbot.fitting.fit import at_bound, fit
 from ballbot.fitting.least_squares import fit_linear
 from ballbot.fitting.parameter import FitParameter
 from ballbot.log import Log
@@ -317,82 +317,103 @@ _PARAMETERS = (
 )
 
 
-def _shared(log: Turning, cameras: Turning, clock: Clock) -> tuple[Floats, Floats, Floats] | None:
-    """Return start and end (n,) [s] on the cameras' clock, and rotation (n, 3), of the increments that both have."""
-    starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
-    ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
-    starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
-    start, end = cameras.t[starts], cameras.t[ends]
-    # a margin, as the fit changes the clock
-    usable = log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
-    usable &= cameras.missing[ends] == cameras.missing[starts]
-    turned = (cameras.total[ends] - cameras.total[starts])[usable]
-    return (start[usable], end[usable], turned) if usable.sum() >= _LEAST else None
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Pairs:
+    """Increments (n,) from log and cameras, and the start of the fit of x (8,), the values of `_PARAMETERS`."""
 
+    log: Turning
+    start: Floats  #: (n,), on the cameras' clock [s]
+    end: Floats
+    turned: Floats  #: (n, 3), from the cameras [rad]
+    clock: Clock
+    middle: float  #: of the log's times [s]
+    body_marker: Rotation
 
-def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
-    """Return the fit that starts from a clock; None if log and cameras have too little in common."""
-    shared = _shared(log, cameras, clock)
-    if shared is None:
-        return None
-    start, end, turned = shared
-    middle = float(np.mean(clock.to_log(start)))
-    # without the constant rate of the gyro's bias
-    logged = _centred(log.over(clock.to_log(start), clock.to_log(end)))
-    first_frame = Rotation.align_vectors(logged, _centred(turned))[0]
-    blocks, quantile = _blocks(start)
+    @staticmethod
+    def shared(log: Turning, cameras: Turning, clock: Clock) -> _Pairs | None:
+        """Return the increments over `SPAN` that both have with a clock; None if there are too few."""
+        starts = np.arange(0, len(cameras.t), max(1, len(cameras.t) // _MOST))
+        ends = np.searchsorted(cameras.t, cameras.t[starts] + SPAN)
+        starts, ends = starts[ends < len(cameras.t)], ends[ends < len(cameras.t)]
+        start, end = cameras.t[starts], cameras.t[ends]
+        # a margin, as the fit changes the clock
+        usable = log.covers(clock.to_log(start) - 0.05, clock.to_log(end) + 0.05)
+        usable &= cameras.missing[ends] == cameras.missing[starts]
+        if usable.sum() < _LEAST:
+            return None
+        start, end, turned = start[usable], end[usable], (cameras.total[ends] - cameras.total[starts])[usable]
+        # without the constant rate of the gyro's bias
+        logged = _centred(log.over(clock.to_log(start), clock.to_log(end)))
+        return _Pairs(
+            log=log,
+            start=start,
+            end=end,
+            turned=turned,
+            clock=clock,
+            middle=float(np.mean(clock.to_log(start))),
+            body_marker=Rotation.align_vectors(logged, _centred(turned))[0],
+        )
 
-    def clock_of(x: Floats) -> Clock:
-        rate = clock.rate + x[1]
-        offset = clock.to_cameras(np.array(middle)) + x[0] - (1.0 + rate) * middle
+    def clock_of(self, x: Floats) -> Clock:
+        rate = self.clock.rate + x[1]
+        offset = self.clock.to_cameras(np.array(self.middle)) + x[0] - (1.0 + rate) * self.middle
         return Clock(offset=float(offset), rate=float(rate))
 
-    def frame_of(x: Floats) -> Rotation:
-        return Rotation.from_rotvec(x[2:5]) * first_frame
+    def _at(self, x: Floats) -> tuple[Floats, ...]:
+        """Return start and end (n,) on the log's clock, and the cameras' increments (n, 3) in its frame."""
+        clock = self.clock_of(x)
+        rotated = (Rotation.from_rotvec(x[2:5]) * self.body_marker).apply(self.turned)
+        return clock.to_log(self.start), clock.to_log(self.end), rotated
 
-    def errors(x: Floats) -> Floats:
+    def errors(self, x: Floats) -> Floats:
         """Return the errors e (n, 3)."""
-        s0, s1 = (clock_of(x).to_log(t) for t in (start, end))
-        return frame_of(x).apply(turned) - log.over(s0, s1) + np.outer(s1 - s0, x[5:])
+        s0, s1, rotated = self._at(x)
+        return rotated - self.log.over(s0, s1) + np.outer(s1 - s0, x[5:])
 
-    def slopes(x: Floats) -> Floats:
+    def slopes(self, x: Floats) -> Floats:
         """Return the derivatives of the errors (n, 3, 8)."""
-        s0, s1 = (clock_of(x).to_log(t) for t in (start, end))
-        w0, w1 = (log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
-        v, J = frame_of(x).apply(turned), np.zeros((len(s0), 3, 8))
+        s0, s1, v = self._at(x)
+        w0, w1 = (self.log.over(s - _SLOPE, s + _SLOPE) / (2.0 * _SLOPE) - x[5:] for s in (s0, s1))
+        J = np.zeros((len(s0), 3, 8))
         J[:, :, 0] = w1 - w0
-        J[:, :, 1] = w1 * (s1 - middle)[:, None] - w0 * (s0 - middle)[:, None]
+        J[:, :, 1] = w1 * (s1 - self.middle)[:, None] - w0 * (s0 - self.middle)[:, None]
         # d (exp(d) v) = d x v
         J[:, [0, 1, 2], [3, 4, 2]], J[:, [0, 1, 2], [4, 2, 3]] = v[:, [2, 0, 1]], -v[:, [1, 2, 0]]
         J[:, [0, 1, 2], [5, 6, 7]] = (s1 - s0)[:, None]
         return J
 
-    def fitted(x: Floats, weights: Floats) -> Fit[BlockErrors]:
-        """Return the fit from x (8,), the squared errors having weights (n,)."""
+    def experiment(self, weights: Floats) -> Residuals:
+        """Return the experiment with weights (n,) of the squared errors."""
+        blocks, _ = _blocks(self.start)
         root = np.sqrt(weights)[:, None]
-        experiment = residuals_without_states(
-            lambda x: errors(x) * root,
+        return residuals_without_states(
+            lambda x: self.errors(x) * root,
             parameters=_PARAMETERS,
-            derivatives_of=lambda x: (slopes(x) * root[:, None]).reshape(-1, 8),
+            derivatives_of=lambda x: (self.slopes(x) * root[:, None]).reshape(-1, 8),
             block=np.repeat(blocks, 3),
         )
-        return fit(experiment, experiment.coordinates.scaled(x))
 
-    x, weights = np.zeros(8), np.ones(len(start))
+
+def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
+    """Return the fit that starts from a clock; None if log and cameras have too little in common."""
+    pairs = _Pairs.shared(log, cameras, clock)
+    if pairs is None:
+        return None
+    x, weights = np.zeros(8), np.ones(len(pairs.start))
+    space = pairs.experiment(weights).coordinates
     for _ in range(_REWEIGHTED):
-        x = fitted(x, weights).values
-        size = np.linalg.norm(errors(x), axis=1)
-        scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
-        weights = np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
-    result = fitted(x, weights)
+        x = fit(pairs.experiment(weights), space.scaled(x)).values
+        weights = _huber_weights(pairs.errors(x))
+    result = fit(pairs.experiment(weights), space.scaled(x))
     if at_bound(result.finished.point)[1]:  # clock rates that differ so much are not of one run
         return None
-    x = result.values
-    residuals, body_marker = errors(x), frame_of(x)
+    x, residuals, (_, quantile) = result.values, pairs.errors(result.values), _blocks(pairs.start)
     # the offset at the log's zero, from that in the middle and the rate
-    to_zero = np.array([1.0, -middle])
+    to_zero = np.array([1.0, -pairs.middle])
+    body_marker = Rotation.from_rotvec(x[2:5]) * pairs.body_marker
+    every = float(np.median(np.diff(pairs.start)))
     return MotionFit(
-        clock=clock_of(x),
+        clock=pairs.clock_of(x),
         body_marker=body_marker,
         bias=x[5:],
         offset_half_width=float(quantile * np.sqrt(to_zero @ result.covariance[:2, :2] @ to_zero)),
@@ -400,10 +421,17 @@ def _fitted(log: Turning, cameras: Turning, clock: Clock) -> MotionFit | None:
         rotation_errors=result.errors[2:5],
         quantile=quantile,
         error=float(np.sqrt(np.mean(residuals**2))),
-        motion=float(np.sqrt(np.mean(_centred(turned) ** 2))),
-        increments=len(start),
-        axis_error=_axis_error(body_marker.apply(turned), residuals, float(np.median(np.diff(start)))),
+        motion=float(np.sqrt(np.mean(_centred(pairs.turned) ** 2))),
+        increments=len(pairs.start),
+        axis_error=_axis_error(body_marker.apply(pairs.turned), residuals, every),
     )
+
+
+def _huber_weights(residuals: Floats) -> Floats:
+    """Return the weights (n,) of residuals (n, 3)."""
+    size = np.linalg.norm(residuals, axis=1)
+    scale = 1.4826 * float(np.median(size)) / 1.5382  # the median length of three unit normals
+    return np.minimum(1.0, _TUNING * np.sqrt(3.0) * scale / np.maximum(size, 1e-300))
 
 
 def _axis_error(turned: Floats, residuals: Floats, every: float) -> float:
