@@ -78,7 +78,7 @@ def test_learned_controller_is_read_from_its_file_as_it_was(tmp_path):
     tried = confirm(read, task_named("balance"), KNOWN, scenario, runs=2, duration=1.0)
     assert (tried.plant, tried.runs) == ("loop", 2)
     assert len(learned.plot().axes) == 2
-    assert "1280 samples" in repr(learned)
+    assert "1,280 samples" in repr(learned)
     assert [point.samples for point in learned.curve] == [640, 1280]
 
 
