@@ -144,7 +144,7 @@ def open_loop(case: Case) -> OpenLoop:
     states = forecast(models.both, log, starts, samples)
     measured = log.states[rows_after(starts, samples)]
     # the samples, at least one, until either model leans past recovery
-    fallen = ~(_largest_lean(states) < limit).all(axis=0)
+    fallen = np.logical_not(np.all(_largest_lean(states) < limit, axis=0))
     lengths = np.where(fallen.any(axis=1), np.maximum(fallen.argmax(axis=1), 1), samples).tolist()
 
     def cut(runs: Floats) -> list[Floats]:
