@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from ballbot.cli.check_log import check_log
+from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
 from ballbot.log.proposal import answer_lines, evaluate, propose
 from ballbot.robot import Robot
@@ -51,3 +53,14 @@ def test_a_free_wheel_sweep_is_recognised(shared_data):
     assert found.drive.scale == 1.0
     assert found.drive.assigned is not None
     assert set(found.drive.assigned.signs) == {1}
+
+
+@pytest.mark.sample
+def test_the_command_writes_a_log_that_identification_can_use(shared_data, tmp_path):
+    file = shared_data / "rob311" / "main_control_1.txt"
+    check_log(file, robot="rob311", command="duty", out=tmp_path)
+    log = Log.read(tmp_path / "log.csv")
+    log.require("t", "u1", "u2", "u3", "x", "y", "theta", "phi", "psi", "wheel1_dot")
+    # rows by the mapping alone are those of the log written
+    again = Log.read(file, mapping=tmp_path / "mapping.toml")
+    np.testing.assert_allclose(again["theta"], log["theta"])

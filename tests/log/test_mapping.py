@@ -74,8 +74,9 @@ def test_a_log_like_rob311s(tmp_path):
     duty = np.column_stack([0.1 + 0 * t, 0.2 + 0 * t, 0.3 * np.cos(t)])
     lean = np.column_stack([3.0 * np.sin(t), 2.0 * np.cos(t)])  # degrees
     rows = np.column_stack([np.arange(200), t, duty, lean, wheels])
-    # the robot's own leaves a blank at the end
-    header = "i t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3 \n"
+    header = (
+        "i t_now u1 u2 u3 theta_x theta_y psi_1 psi_2 psi_3 \n"  # the robot's own leaves a blank at the end
+    )
     table = header + "\n".join(" ".join(map(repr, row)) + " " for row in rows.tolist())
     log = read(tmp_path, table, ROB311)
 
@@ -192,6 +193,18 @@ def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
     assert sentence in refused(tmp_path, f"[columns]\n{mapping}\n")
 
 
+def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
+    (tmp_path / "mapping.toml").write_text(ROB311)
+    log = Log.read(shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml")
+    assert len(log) == 5124
+    assert log.sample_time == pytest.approx(0.0115, abs=2e-4)  # "11.5 ms" of the data's README
+    # the largest lean of the file is -35.6 degrees
+    assert np.degrees(np.abs(log["theta"]).max()) == pytest.approx(35.607, abs=1e-3)
+    assert np.isfinite(log.torques).all()
+    # differenced angles have no glitches, unlike the logged speeds: the motors cannot do 30 rad/s
+    assert np.abs(log.wheel_speeds).max() < 30.0
+
+
 def test_commands_have_a_zero_and_directions(tmp_path):
     table = "t,a,b,c,d\n0,138,1,90,1\n1,118,0,91,-1\n2,128,,93,0\n"
     mapping = """
@@ -268,8 +281,9 @@ def test_an_imus_angles_become_the_same_rotation(roll, pitch, yaw, turn):
     imu = Rotation.from_euler("ZYX", [yaw, pitch, roll])
     # the IMU's x axis stands at `turn` in the body's frame
     body = imu * Rotation.from_euler("z", turn).inv()
-    found = Rotation.from_euler("XYZ", [theta, phi, psi])
-    np.testing.assert_allclose(found.as_matrix(), body.as_matrix(), atol=1e-12)
+    np.testing.assert_allclose(
+        Rotation.from_euler("XYZ", [theta, phi, psi]).as_matrix(), body.as_matrix(), atol=1e-12
+    )
 
 
 @given(
@@ -322,7 +336,7 @@ def test_even_rows_read_sensors_between_and_keep_the_commands_impulse(tmp_path):
     t = np.cumsum(np.random.default_rng(2).uniform(0.008, 0.016, 300))
     u = np.sign(np.sin(9.0 * t))
     mapping = (
-        '[time]\nsample_time = 0.01\n[columns]\nt = "time"\nx = "a"\n[input]\nkind = "torque"\nfrom = ["u"]'
+        '[time]\nsample_time = 0.01\n[columns]\nt = "time"\nx = "a"\n[input]\nkind = "torque"\nfrom = ["u"]\n'
     )
     log = read(tmp_path, csv_of("time,a,u", t, 2.0 * t, u), mapping)
     np.testing.assert_allclose(np.diff(log.t), 0.01, atol=1e-12)
@@ -363,9 +377,12 @@ def test_spans_and_damaged_rows(tmp_path):
     log = read(tmp_path, "time a\n" + "\n".join(rows) + "\nend\n", mapping)
     expected = [*range(11, 21), *(k for k in range(31, 51) if k not in (40, 41))]
     assert log["x"].tolist() == expected
-    none = '[file]\nseparator="blanks"\n[time]\nkeep=[[5.0, 6.0]]\n[columns]\nt="time"\n'
     with pytest.raises(InputError, match="selects no row"):
-        read(tmp_path, "time a\n0 1\n1 2\n", none)
+        read(
+            tmp_path,
+            "time a\n0 1\n1 2\n",
+            '[file]\nseparator="blanks"\n[time]\nkeep=[[5.0, 6.0]]\n[columns]\nt="time"\n',
+        )
 
 
 @pytest.mark.parametrize("turn", [0.0, 160.0])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ballbot.log.formats import read_foreign_table
 from ballbot.log.signals import repaired_noise, sampling_times, speed_noise
 
 COUNT = 2.0 * np.pi / 4480.0  #: [rad], one encoder count of the course robots' wheels
@@ -40,3 +41,21 @@ def test_correct_times_are_left_unchanged():
     angles = COUNT * np.round(wheels(t) / COUNT)
     # a count at 3 rad/s lasts 0.5 ms; the repair must not add more than that
     assert (sampling_times(t, angles) - t).std() < 3e-4
+
+
+@pytest.mark.sample
+@pytest.mark.parametrize(
+    ("name", "columns", "scale"),
+    [
+        ("main_control_1", ("psi_1", "psi_2", "psi_3"), 1.0),
+        ("main_control_autotune_1", ("psi_1", "psi_2", "psi_3"), 1.0),
+        ("lab10_data_trial_408", ("psi_1", "psi_2", "psi_3"), COUNT),
+        ("Test-Results_test_motors_1", ("enc_1", "enc_2", "enc_3"), COUNT),
+    ],
+)
+def test_the_course_robots_noise_is_repaired(shared_data, name, columns, scale):
+    table = read_foreign_table(shared_data / "rob311" / f"{name}.txt").columns
+    t, angles = table["t_now"], scale * np.column_stack([table[column] for column in columns])
+    assert speed_noise(t, angles) > 0.8
+    # 0.25 rad/s is required; checked on each wheel with the times that the other two give
+    assert repaired_noise(t, angles) <= 0.25
