@@ -88,6 +88,13 @@ def test_authors_gain_follows_from_their_matrices(shared_data: Path) -> None:
     assert np.abs(designed.gain - gain).max() < 1e-12 * np.abs(gain).max()
 
 
+def test_kugles_printed_matrices_come_out_and_rezeros_within_a_percent() -> None:
+    assert all(one.comes_out for one in published.kugle_entries(KUGLE))
+    rezero = published.rezero_entries(Robot.load("rezero"))
+    assert max(abs(one.difference) for one in rezero) < 0.012
+    assert all(one.comes_out for one in rezero if one.name.startswith("theta_z"))
+
+
 @pytest.mark.slow  # derives Rezero's equations
 def test_rezeros_printed_gain_comes_out() -> None:
     robot = Robot.load("rezero")
