@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 from ballbot.errors import InputError
 from ballbot.processes import uninterrupted, worker_pool
@@ -48,44 +48,54 @@ class Executor(ABC):
         return [made[index] for index in range(len(pieces))]
 
 
+def _each_in(
+    pool_of: Callable[[int], Pool],
+    count: int | None,
+    make: Callable[[Piece], Result],
+    pieces: Sequence[Piece],
+) -> Generator[tuple[int, Result], None, None]:
+    """Yield the index and the result of each piece, made in a pool, or in this thread by a single worker."""
+    workers = min(count or os.cpu_count() or 1, len(pieces))
+    if workers < 2:
+        yield from enumerate(map(make, pieces))
+        return
+    pool, finished = pool_of(workers), False
+    try:
+        with uninterrupted():
+            indices = {pool.submit(make, piece): index for index, piece in enumerate(pieces)}
+        for future in as_completed(indices):
+            yield indices[future], future.result()
+        finished = True
+    except BrokenProcessPool:
+        raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
+    finally:
+        pool.shutdown(wait=finished, cancel_futures=True)
+
+
 @dataclass(frozen=True, kw_only=True)
-class _Pooled(Executor):
-    """Makes pieces in a pool, or in this thread if there is a single worker."""
+class Threads(Executor):
+    """Threads of this process; compiled code and MuJoCo run in parallel in them."""
 
     count: int | None = None  #: of workers; None for one a core
-    pool_of: ClassVar[Callable[[int], Pool]]
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
         """Yield the index and the result of each piece as they finish."""
-        workers = min(self.count or os.cpu_count() or 1, len(pieces))
-        if workers < 2:
-            yield from enumerate(map(make, pieces))
-            return
-        pool, finished = self.pool_of(workers), False
-        try:
-            with uninterrupted():
-                indices = {pool.submit(make, piece): index for index, piece in enumerate(pieces)}
-            for future in as_completed(indices):
-                yield indices[future], future.result()
-            finished = True
-        except BrokenProcessPool:
-            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
-        finally:
-            pool.shutdown(wait=finished, cancel_futures=True)
+        return _each_in(ThreadPoolExecutor, self.count, make, pieces)
 
 
-class Threads(_Pooled):
-    """Threads of this process; compiled code and MuJoCo run in parallel in them."""
-
-    pool_of = ThreadPoolExecutor
-
-
-class Processes(_Pooled):
+@dataclass(frozen=True, kw_only=True)
+class Processes(Executor):
     """Processes on this machine, which take seconds to start."""
 
-    pool_of = staticmethod(worker_pool)
+    count: int | None = None  #: of workers; None for one a core
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the index and the result of each piece as they finish."""
+        return _each_in(worker_pool, self.count, make, pieces)
 
 
 ALL_CORES = Processes()
