@@ -357,9 +357,11 @@ def survey_geometry(
             "No log is given; geometry needs a log of the robot upside "
             "down, or of the robot balancing with motion capture."
         )
-    stages = ["fitting the logs upside down"] * bool(upside_down)
-    stages += ["aligning the motion capture"] * len(balancing)
-    stages += ["fitting the balancing logs"] * bool(balancing)
+    stages = [
+        *(["fitting the logs upside down"] if upside_down else []),
+        *(["aligning the motion capture"] * len(balancing)),
+        *(["fitting the balancing logs"] if balancing else []),
+    ]
     steps = (Progress(stage=stage, done=k, total=len(stages)) for k, stage in enumerate(stages))
     leaning = robot.ball.radius / robot.wheels.radius * math.cos(robot.wheels.tilt)
     measured, ratios, runs = list[GeometryQuantity](), list[GeometryQuantity](), list[MocapRun]()

@@ -25,7 +25,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -61,7 +61,9 @@ class Priors:
 @cache
 def shipped_priors() -> Priors:
     """Return the priors that ship with Ballbot."""
-    return Priors(**cast("dict[str, Any]", read_toml(PRIOR_FILE)))
+    table = read_toml(PRIOR_FILE)
+    sizes = cast("Mapping[str, float]", table["sizes"])
+    return Priors(sizes=sizes, degrees=cast("float", table["degrees"]), robots=cast("int", table["robots"]))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

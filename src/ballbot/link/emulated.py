@@ -167,10 +167,14 @@ def emulated_robot(
             "as for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
         )
     model = true_model(robot, scenario)
-    controller, of_twin = nominal_controller(robot), plant == "twin"
-    sensed = None if of_twin else SensedPlant(model, imperfections_of(scenario, known=robot))
+    controller = nominal_controller(robot)
+    body = (
+        Twin(robot, scenario)
+        if plant == "twin"
+        else SensedPlant(model, imperfections_of(scenario, known=robot))
+    )
     return EmulatedRobot(
-        sensed or Twin(robot, scenario),
+        body,
         CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked, weights=weights),
         sample_time=controller.sample_time,
         seed=seed,

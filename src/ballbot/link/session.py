@@ -196,7 +196,8 @@ class Session:
             if isinstance(message, Welcome):
                 self._open(message)
             else:
-                self.state = message if isinstance(message, State) else self.state
+                if isinstance(message, State):
+                    self.state = message
                 messages.append(message)
         return messages
 
@@ -366,8 +367,12 @@ class Session:
         if setting is not None:
             weights = np.zeros(MAX_GAINS, np.float32)
             weights[: len(setting.weights)] = setting.weights
-            shares = {name: getattr(setting, name) for name in ("compensation", "torque_limit", "lean_limit")}
-            message = Tune(weights=weights, **shares)
+            message = Tune(
+                weights=weights,
+                compensation=setting.compensation,
+                torque_limit=setting.torque_limit,
+                lean_limit=setting.lean_limit,
+            )
         answer, _ = self._request(message)
         return AnswerResult(answer.result), answer.value % 2**32
 

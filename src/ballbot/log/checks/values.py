@@ -139,10 +139,11 @@ def check_rows(log: Log, robot: Robot | None) -> Iterator[Finding]:
             over = np.flatnonzero(size > min(CHECKS[key][0].values()))
             if over.size:
                 k, times = int(over[0]), counted(over.size, "row" if key != "gap" else "place")
-                numbers = {"name": name, "rows": times, "place": _place(log, k), "first": size[k]}
-                numbers |= {"value": float(log[name][k]), "unit": unit_of(name), "period": log.sample_time}
-                numbers |= {"largest": size.max(), **limits}
-                yield from judged(key, [name], size.max(), float(log.t[k]), **numbers)
+                yield from judged(
+                    key, [name], size.max(), float(log.t[k]), name=name, rows=times, place=_place(log, k),
+                    first=size[k], value=float(log[name][k]), unit=unit_of(name), period=log.sample_time,
+                    largest=size.max(), **limits,
+                )  # fmt: skip
 
 
 def _place(log: Log, row: int) -> str:
