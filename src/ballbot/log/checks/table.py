@@ -15,6 +15,12 @@ _ORDER = (
     "The torques do not fit the motion as logged: {fault}. With this correction they explain {after:.0f} % of the "
     "torque that the motion needs, as logged {before:.0f} %. Correct the columns or the mapping."
 )
+_WITHIN = (
+    "{fault}: that explains {percent:.0f} % of the torque that the motion then lacks by the log. Check the motor, its "
+    "driver and its cables, and use only the other rows."
+)
+#: evidence of a fault within a log: at most 1.9 of 105 sound logs that the limit was chosen on (campaigns/motor_faults.py)
+_FAULT: Mapping[Severity, float] = {"error": 4.0}
 CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     # single rows: {rows} over the limit, the first with its {place} and {value}, and the {largest} statistic
     "gap": ({"warning": 0},
@@ -149,6 +155,10 @@ CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
         "mapping)."),
     "torque-order": ({"error": 0.9}, _ORDER),  # confidence in another order or other signs
     "torque-sign": ({"error": 0.9}, _ORDER),
+    "dead-motor: within": (_FAULT, _WITHIN),
+    "torque-scale: within": (_FAULT, _WITHIN),
+    "torque-sign: within": (_FAULT, _WITHIN),
+    "torque-order: within": (_FAULT, _WITHIN),
     "torque-unrelated": ({"error": 0},
         "{names}: the motion explains at most {percent:.0f} %, and no other order or signs fit. The torque is of "
         "another log, shifted in time, random, or not that of the motor."),

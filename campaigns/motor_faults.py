@@ -1,0 +1,260 @@
+"""Faults of a motor within a log: how often they are named, by length and size, and how often a sound log gets one.
+
+.venv/bin/python -m campaigns.evidence motor_faults
+
+A motor that gives less torque than its command, or none, fails in the plant, so that the robot feels it. A torque of
+the opposite sign and two motors exchanged are faults of a log's columns, made in sound ones. The limits of
+`ballbot.log.checks.motor_faults` were chosen on 105 sound logs and 60 of failing motors of other seeds, with the robots
+alten, kugle, rezero, rob311, cmu, lantern and scout_four_wheels. The seeds below were drawn, and this file committed,
+before the first of these runs. Finished runs are kept in build/motor_faults and are not repeated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+
+from ballbot.arrays import Floats
+from ballbot.control.controller import Controller
+from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.references import Reference, circle, figure_eight, hold, square
+from ballbot.log import Log
+from ballbot.log.checks.motor_faults import fault_findings
+from ballbot.log.checks.physics import examine
+from ballbot.log.columns import torque_names
+from ballbot.report.style import MARKS, one_panel
+from ballbot.robot import Robot
+from ballbot.robot.components import scaled_friction
+from ballbot.simulation.imperfections import Push
+from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.run import simulate
+from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.twin import Scenario, Twin
+from ballbot.twin.faults import Carpet, Payload
+from ballbot.twin.imperfections import changes_of, imperfections_of, true_model
+from campaigns.mapping_recordings import NOMINAL_MASS, robot_named
+from campaigns.section import Section, finished, share_words, write_picture
+
+#: 400 sound logs, of the compiled loop and of the twin, and logs with a motor that fails, likewise
+SOUND, SOUND_TWIN = range(14000, 14350), range(175000, 175050)
+FAILING, FAILING_TWIN = range(777000, 777288), range(749000, 749024)
+#: robots, of which the last three took no part in any choice, and those that the precise controller is for
+ROBOTS = ("alten", "kugle", "rezero", "rob311", "cmu", "barrel", "kettle", "cart_four_wheels")
+PRECISE = ("alten", "kugle", "rezero", "barrel", "kettle")
+#: in turn by seed: 28 of 40 have play, slip or a payload
+WORLDS = (
+    "nominal",
+    "play",
+    "slip",
+    "payload",
+    "carpet",
+    "play",
+    "slip",
+    "payload",
+    "pushes",
+    "play and payload",
+)
+COURSES = ("hold", "square", "circle", "figure_eight")
+#: of faults [s]; the last is until the end of the log
+LENGTHS = (0.5, 1.0, 2.0, 5.0, 10.0, np.inf)
+#: parts of its torque that a failing motor gives
+FACTORS = (0.0, 0.25, 0.5, 0.75)
+COLUMNS = ("opposite sign", "exchanged", "exchanged with the wheels")
+#: a fault's begin and end are right within this [s]
+TOLERANCE = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """What is wrong in a log."""
+
+    kind: str
+    motors: tuple[int, ...]  #: one, or the two that are exchanged (from 0)
+    start: float  #: [s]
+    length: float  #: [s]
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """The codes that name it."""
+        if self.kind in COLUMNS:
+            return ("torque-sign",) if len(self.motors) == 1 else ("torque-order",)
+        weak = ("torque-scale",) if float(self.kind) > 0.0 else ()
+        return (*weak, "dead-motor") if float(self.kind) < 0.5 else weak
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """What the checks say of a log."""
+
+    world: str
+    twin: bool
+    fault: Fault | None
+    named: bool  #: any motor, any kind
+    right: bool  #: motor and kind
+    in_time: bool  #: begin and end, too
+    fallen: bool
+
+
+class FailingMotor:
+    """A plant one of whose motors gives a part of its torque for a while."""
+
+    def __init__(self, plant: Plant, fault: Fault) -> None:
+        self.plant, self.fault, self.t = plant, fault, 0.0
+
+    @property
+    def robot(self) -> Robot:
+        """The plant's."""
+        return self.plant.robot
+
+    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
+        """Start again."""
+        self.t = 0.0
+        return self.plant.reset(initial_state, seed=seed)
+
+    def step(self, torques: Floats, duration: float) -> Measurement:
+        """Hold what the motors give of these torques."""
+        if self.fault.start <= self.t < self.fault.start + self.fault.length:
+            torques = torques.copy()
+            torques[self.fault.motors[0]] *= float(self.fault.kind)
+        measured = self.plant.step(torques, duration)
+        self.t = measured.t
+        return measured
+
+
+def _scenario(robot: Robot, world: str, random: np.random.Generator) -> Scenario:
+    base, heavier = Scenario.nominal(robot), robot.body.mass / NOMINAL_MASS
+    scenario = replace(
+        base, friction=scaled_friction(base.friction, heavier), torque_noise=heavier * base.torque_noise
+    )
+    if "play" in world:
+        scenario = replace(scenario, backlash=float(np.radians(random.uniform(1.5, 3.0))))
+    if "payload" in world:
+        x, y, share = random.uniform([-0.02, -0.02, 0.03], [0.02, 0.02, 0.1])
+        z, put_on = random.uniform(0.8, 1.6) * robot.body.center_of_mass, float(random.choice([0.0, 8.0]))
+        payload = Payload(mass=share * robot.body.mass, position=(x, y, z), put_on=put_on)
+        scenario = replace(scenario, payload=payload)
+    if world == "slip":
+        scenario = replace(scenario, roller_grip=random.uniform(0.25, 0.6))
+    if world == "carpet":
+        scenario = replace(scenario, carpet=Carpet(rolling=0.02, pivoting=0.04, begins=8.0))
+    if world == "pushes":
+        pushes = []
+        for t in np.sort(random.uniform(4.0, 18.0, 3)):
+            force = random.uniform(30.0, 80.0) * heavier * np.exp(1j * random.uniform(0.0, 2.0 * np.pi))
+            duration = random.uniform(0.1, 0.3)
+            pushes.append(Push(time=t, duration=duration, force=(force.real, force.imag, 0.0), height=0.3))
+        scenario = replace(scenario, pushes=tuple(pushes))
+    return scenario
+
+
+def _course(name: str, random: np.random.Generator) -> Reference:
+    size, period = random.uniform(0.3, 0.9), random.uniform(16.0, 32.0)
+    match name:
+        case "square":
+            return square(side=0.7 * size, period=period)
+        case "circle":
+            return circle(radius=0.5 * size, period=period)
+        case "figure_eight":
+            return figure_eight(length=size, width=0.5 * size, period=period)
+    return hold()
+
+
+def _controller(name: str, random: np.random.Generator) -> Controller:
+    robot = robot_named(name)
+    return (precise_controller if name in PRECISE and random.random() < 0.5 else nominal_controller)(robot)
+
+
+def recorded(seed: int, *, twin: bool, failing: bool) -> tuple[Log, Robot, str, Fault | None]:
+    """Return the log of a drawn run by the robot's own sensors, its robot, its world and the fault of its motor."""
+    random = np.random.default_rng(seed)
+    cells = [(factor, length) for factor in FACTORS for length in LENGTHS]
+    name, turn = str(random.choice(ROBOTS)), seed // len(cells) if failing else seed
+    world = WORLDS[turn % len(WORLDS)]
+    robot = robot_named(name)
+    scenario, course = _scenario(robot, world, random), _course(str(random.choice(COURSES)), random)
+    controller, duration, fault = _controller(name, random), random.uniform(20.0, 48.0), None
+    plant: Plant
+    if twin:
+        plant = Twin(robot, scenario)
+    else:
+        imperfections = replace(imperfections_of(scenario, known=robot), later=changes_of(robot, scenario))
+        plant = SensedPlant(true_model(robot, scenario), imperfections)
+    if failing:
+        factor, length = cells[seed % len(cells)]
+        motor = int(random.integers(robot.wheel_count))
+        fault = Fault(kind=f"{factor:g}", motors=(motor,), start=random.uniform(6.0, 12.0), length=length)
+        plant, duration = FailingMotor(plant, fault), fault.start + min(length, 10.0) + 6.0
+    log = simulate(plant, controller, course, duration=duration, seed=seed)
+    return log.without_truth(), robot, world, fault
+
+
+def column_fault(log: Log, robot: Robot, kind: str, random: np.random.Generator) -> tuple[Log, Fault]:
+    """Return a log with a fault of its columns."""
+    i, j = random.choice(robot.wheel_count, 2, replace=False).tolist()
+    length, start = float(random.choice(LENGTHS)), random.uniform(3.0, max(log.t[-1] - 11.0, 4.0))
+    rows = (log.t >= start) & (log.t < start + length)
+    motors = (i,) if kind == COLUMNS[0] else (min(i, j), max(i, j))
+    fault = Fault(kind=kind, motors=motors, start=start, length=length)
+    a, b = f"{i + 1}", f"{j + 1}"
+    if kind == COLUMNS[0]:
+        return log.with_columns({f"u{a}": np.where(rows, -log[f"u{a}"], log[f"u{a}"])}), fault
+    names = ["u{}", "wheel{}", "wheel{}_dot"][: 3 if kind == COLUMNS[2] else 1]
+    pairs = [(one.format(a), one.format(b)) for one in names] + [
+        (one.format(b), one.format(a)) for one in names
+    ]
+    return log.with_columns({to: np.where(rows, log[of], log[to]) for to, of in pairs}), fault
+
+
+def verdict(log: Log, robot: Robot, *, world: str, twin: bool, fault: Fault | None) -> Verdict:
+    """Return what the checks say of a log."""
+    examined = examine(log, robot)
+    names = torque_names(robot.wheel_count)
+    findings = [item for item in fault_findings(examined.fault, names=names) if item in examined.findings]
+    right = in_time = False
+    if findings and fault is not None and examined.fault is not None:
+        columns = tuple(names[i] for i in fault.motors)
+        right = findings[0].code in fault.codes and findings[0].where.columns == columns
+        last = float(log.t[-1])
+        start, end = examined.fault.start or 0.0, examined.fault.end or last
+        off = max(abs(start - fault.start), abs(end - min(fault.start + fault.length, last)))
+        in_time = right and off <= TOLERANCE
+    return Verdict(
+        world=world, twin=twin, fault=fault, named=bool(findings), right=right, in_time=in_time,
+        fallen=log.ended is not None,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A run to record and check."""
+
+    seed: int
+    twin: bool
+    failing: bool
+
+
+def checked(run: Run) -> list[Verdict]:
+    """Return the verdicts on a run: on the failing motor, or on the sound log and on faults of its columns."""
+    log, robot, world, fault = recorded(run.seed, twin=run.twin, failing=run.failing)
+    verdicts = [verdict(log, robot, world=world, twin=run.twin, fault=fault)]
+    if not run.failing:
+        random = np.random.default_rng([run.seed, 1])
+        for kind in COLUMNS:
+            changed, fault = column_fault(log, robot, kind, random)
+            verdicts.append(verdict(changed, robot, world=world, twin=run.twin, fault=fault))
+    return verdicts
+
+
+def runs() -> dict[str, Run]:
+    """Return every run of the campaign by name."""
+    groups = {
+        "sound": (SOUND, False, False), "sound_twin": (SOUND_TWIN, True, False),
+        "failing": (FAILING, False, True), "failing_twin": (FAILING_TWIN, True, True),
+    }  # fmt: skip
+    return {
+        f"{name}_{seed}": Run(seed=seed, twin=twin, failing=failing)
+        for name, (seeds, twin, failing) in groups.items()
+        for seed in seeds
+    }
