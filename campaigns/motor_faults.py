@@ -27,9 +27,10 @@ from ballbot.log.columns import torque_names
 from ballbot.report.style import MARKS, one_panel
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Push
 from ballbot.simulation.plant import Measurement, Plant
-from ballbot.simulation.run import simulate
+from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Carpet, Payload
@@ -175,12 +176,17 @@ def recorded(seed: int, *, twin: bool, failing: bool) -> tuple[Log, Robot, str, 
     robot = robot_named(name)
     scenario, course = _scenario(robot, world, random), _course(str(random.choice(COURSES)), random)
     controller, duration, fault = _controller(name, random), random.uniform(20.0, 48.0), None
-    plant: Plant
-    if twin:
-        plant = Twin(robot, scenario)
-    else:
-        imperfections = replace(imperfections_of(scenario, known=robot), later=changes_of(robot, scenario))
-        plant = SensedPlant(true_model(robot, scenario), imperfections)
+    model = true_model(robot, scenario)
+    imperfections = replace(
+        imperfections_of(scenario, known=robot), later=changes_of(robot, scenario), seed=seed
+    )
+    if not failing and not twin:  # a hundred times as fast as one sample at a time
+        batch = simulate_batch(
+            model, controller, course, duration=duration, initial_states=initial_state_of(seed),
+            imperfections=imperfections, threads=1,
+        )  # fmt: skip
+        return batch.log(0).without_truth(), robot, world, None
+    plant: Plant = Twin(robot, scenario) if twin else SensedPlant(model, imperfections)
     if failing:
         factor, length = cells[seed % len(cells)]
         motor = int(random.integers(robot.wheel_count))
