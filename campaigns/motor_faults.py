@@ -9,6 +9,7 @@ alten, kugle, rezero, rob311, cmu, lantern and scout_four_wheels. The seeds belo
 before the first of these runs. Finished runs are kept in build/motor_faults and are not repeated.
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,9 +22,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.log import Log
-from ballbot.log.checks.motor_faults import fault_findings
 from ballbot.log.checks.physics import examine
-from ballbot.log.columns import torque_names
 from ballbot.report.style import MARKS, one_panel
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
@@ -215,19 +214,19 @@ def column_fault(log: Log, robot: Robot, kind: str, random: np.random.Generator)
 
 def verdict(log: Log, robot: Robot, *, world: str, twin: bool, fault: Fault | None) -> Verdict:
     """Return what the checks say of a log."""
-    examined = examine(log, robot)
-    names = torque_names(robot.wheel_count)
-    findings = [item for item in fault_findings(examined.fault, names=names) if item in examined.findings]
+    # those of a whole log have no time
+    named = [item for item in examine(log, robot).findings if item.where.time is not None]
     right = in_time = False
-    if findings and fault is not None and examined.fault is not None:
-        columns = tuple(names[i] for i in fault.motors)
-        right = findings[0].code in fault.codes and findings[0].where.columns == columns
-        last = float(log.t[-1])
-        start, end = examined.fault.start or 0.0, examined.fault.end or last
-        off = max(abs(start - fault.start), abs(end - min(fault.start + fault.length, last)))
+    if named and fault is not None:
+        found, last = named[0], float(log.t[-1])
+        columns = tuple(f"u{i + 1}" for i in fault.motors)
+        right = found.code in fault.codes and found.where.columns == columns
+        until = re.search(r" (?:to|until) ([\d.]+) s", found.text)
+        begin, end = found.where.time or 0.0, float(until[1]) if until else last
+        off = max(abs(begin - fault.start), abs(end - min(fault.start + fault.length, last)))
         in_time = right and off <= TOLERANCE
     return Verdict(
-        world=world, twin=twin, fault=fault, named=bool(findings), right=right, in_time=in_time,
+        world=world, twin=twin, fault=fault, named=bool(named), right=right, in_time=in_time,
         fallen=log.ended is not None,
     )  # fmt: skip
 

@@ -12,8 +12,6 @@ explains, gives little. A fault lasts over the blocks with the largest sum. The 
 encoders may be exchanged together with motors.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -24,7 +22,7 @@ from ballbot.errors import every
 from ballbot.findings import Finding
 from ballbot.log.balancing_motion import EVERY, Motion
 from ballbot.log.checks.table import judged
-from ballbot.log.columns import wheel_speed_names
+from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL
 from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of
@@ -38,50 +36,17 @@ FRICTION_ERROR, SCALE_ERROR, BREAKAWAY = 0.3, 0.15, 1.2
 #: part of r that a fault explains, at least (a push in the plane is up to 67 % one wheel's); and that of the torques
 #: which motion and friction explain in the other rows
 EXPLAINED, SOUND = 0.7, 0.5
-#: factors up to this are no torque; and evidence against a fault in the other rows that confines it to its own
+#: factors up to this are no torque; and evidence that the other rows have against another sign or order: without it,
+#: that is the whole log's
 NO_TORQUE, ELSEWHERE = 0.25, 1.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class MotorFault:
-    """The likeliest fault of a part of a log."""
-
-    motors: tuple[int, ...]  #: one, or the two that are exchanged (from 0)
-    factor: float  #: of the one motor's torque
-    start: float | None  #: [s]; None if it is there from the first usable row
-    end: float | None  #: [s]; None if it lasts to the last usable row
-    evidence: float  #: sum over its blocks
-    explained: float  #: part of r
-    elsewhere: (
-        float  #: part of the torques that is explained in the other rows, without it; 0 if there are none
-    )
-    within: bool  #: whether the other rows contradict it
-
-
-def fault_findings(fault: MotorFault | None, *, names: Sequence[str]) -> list[Finding]:
-    """Return the error of a fault that is clear: the motor, or the two, and the time."""
-    if fault is None or fault.explained < EXPLAINED or fault.elsewhere < SOUND:
-        return []
-    columns, gives = [names[i] for i in fault.motors], f"Motor {fault.motors[0] + 1} gives"
-    key, text = "torque-scale", f"{gives} {fault.factor:.2g} times the torque {columns[0]}"
-    if len(columns) > 1:
-        key, text = "torque-order", f"{every(columns)} drive each other's wheels"
-    elif fault.factor < -NO_TORQUE:
-        key, text = "torque-sign", f"{columns[0]} has the opposite sign"
-    elif fault.factor <= NO_TORQUE:
-        key, text = "dead-motor", f"{gives} no torque"
-    since = "" if fault.start is None else f" from {fault.start:.1f} s"
-    until = " on" if fault.end is None else f" to {fault.end:.1f} s"
-    numbers = {"fault": text + since + until, "percent": 100.0 * fault.explained}
-    return judged(f"{key}: within", columns, fault.evidence, fault.start or 0.0, **numbers)
-
-
-def motor_fault(log: Log, motion: Motion, robot: Robot) -> MotorFault | None:
-    """Return the fault of a part of a log with the most evidence; None without any, or without every torque."""
+def check_motors(log: Log, motion: Motion, robot: Robot) -> list[Finding]:
+    """Return the error of the fault of a part of a log that has the most evidence, if it is clear."""
     speeds, n = wheel_speed_names(robot.wheel_count), robot.wheel_count
     driving = driving_of(Log({name: log[name] for name in log if name not in speeds}), motion, robot)
     if driving is None:
-        return None
+        return []
     t, law, T = motion.even[motion.usable], _friction(driving), transforms(robot).T_owb
     friction, breakaway, P = driving.friction @ law, float(law[0] + law[2]), T @ np.linalg.pinv(T)
     stuck = BREAKAWAY * breakaway * (1.0 - driving.turning)
@@ -110,19 +75,27 @@ def motor_fault(log: Log, motion: Motion, robot: Robot) -> MotorFault | None:
         part = slice(int(np.argmin(sums[: last + 1])), last)
         found.append((float(evidence[part].sum()), motors, factor, part, evidence, remaining))
     total, motors, factor, part, evidence, remaining = max(found, key=lambda one: one[0])
-    if total <= 0.0:
-        return None
+    weight, others = 1.0 / (logged + noise)[part], np.delete(logged / np.maximum(power, 1e-30), np.r_[part])
+    explained = 1.0 - float(weight @ remaining[part] / max(weight @ logged[part], 1e-30))
+    whole = (len(motors) > 1 or factor < 0.0) and total - evidence.sum() < ELSEWHERE
+    if total <= 0.0 or explained < EXPLAINED or whole or not len(others) or np.median(others) > 1.0 - SOUND:
+        return []
     if len(motors) == 1:
         tried = sorted(np.linspace(-1.0, 0.75, 36).tolist(), key=abs)
         factor = min(tried, key=lambda one: float((left(motors, one) * rows)[part].sum()))
-    inside, weight = t[(block >= part.start) & (block < part.stop)], 1.0 / (logged + noise)[part]
-    others = np.delete(logged / np.maximum(power, 1e-30), np.r_[part])
-    return MotorFault(
-        motors=motors, factor=factor, evidence=total, within=total - float(evidence.sum()) > ELSEWHERE,
-        start=float(inside[0]) if part.start else None, end=float(inside[-1]) if part.stop < len(rows) else None,
-        explained=1.0 - float(weight @ remaining[part] / max(weight @ logged[part], 1e-30)),
-        elsewhere=1.0 - float(np.median(others)) if len(others) else 0.0,
-    )  # fmt: skip
+    columns, gives = [torque_names(n)[i] for i in motors], f"Motor {motors[0] + 1} gives"
+    key, fault = "torque-scale", f"{gives} {factor:.2g} times the torque {columns[0]}"
+    if len(motors) > 1:
+        key, fault = "torque-order", f"{every(columns)} drive each other's wheels"
+    elif factor < -NO_TORQUE:
+        key, fault = "torque-sign", f"{columns[0]} has the opposite sign"
+    elif factor <= NO_TORQUE:
+        key, fault = "dead-motor", f"{gives} no torque"
+    inside = t[(block >= part.start) & (block < part.stop)]
+    when = f"until {inside[-1]:.1f} s" if part.start == 0 else f"from {inside[0]:.1f} to {inside[-1]:.1f} s"
+    when = f"from {inside[0]:.1f} s on" if part.stop == len(rows) else when
+    numbers = {"fault": f"{fault} {when}", "percent": 100.0 * explained}
+    return judged(f"{key}: within", columns, total, float(inside[0]), **numbers)
 
 
 def _friction(driving: Driving) -> Floats:

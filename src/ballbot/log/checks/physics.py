@@ -19,7 +19,7 @@ from ballbot.errors import every
 from ballbot.findings import Finding
 from ballbot.log.balancing_motion import EVERY, motion_of
 from ballbot.log.checks.lean import check_lean_axes
-from ballbot.log.checks.motor_faults import MotorFault, fault_findings, motor_fault
+from ballbot.log.checks.motor_faults import check_motors
 from ballbot.log.checks.table import judged
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.log.log import Log
@@ -47,7 +47,6 @@ class PhysicsOfLog:
     #: the ball's acceleration over the one that the lean implies, with its relative uncertainty
     lean: tuple[float, float] | None = None
     gains: Gains | None = None  #: of torques that have no other fault
-    fault: MotorFault | None = None  #: the likeliest of one motor, or two, in a part of the log
 
 
 def examine(log: Log, robot: Robot) -> PhysicsOfLog:
@@ -64,20 +63,14 @@ def examine(log: Log, robot: Robot) -> PhysicsOfLog:
         return PhysicsOfLog(findings=late)
     wrong, lean = check_lean_axes(motion, robot)
     # the balance of torques holds with a motor that fails, and whether or not the lean is conclusive
-    readable = not late and all(item.severity != "error" for item in wrong)
-    fault = motor_fault(log, motion, robot) if readable else None
-    of_fault = fault_findings(fault, names=names)
-    driving = (
-        None if late or wrong or (fault and fault.within and of_fault) else driving_of(log, motion, robot)
-    )
+    if not late and all(item.severity != "error" for item in wrong):
+        wrong += check_motors(log, motion, robot)
+    driving = None if late or wrong else driving_of(log, motion, robot)
     wrong = [*late, *wrong] or (torque_findings(driving, names=names) if driving else [])
-    # of a fault that nothing in the log contradicts, an order or signs of the whole log are the likelier reading
-    if all(item.severity != "error" for item in wrong):
-        wrong += of_fault
     if wrong or driving is None:
-        return PhysicsOfLog(findings=wrong, lean=lean, fault=fault)
+        return PhysicsOfLog(findings=wrong, lean=lean)
     gains = gains_of(driving)
-    return PhysicsOfLog(findings=gain_findings(gains, names=names), lean=lean, gains=gains, fault=fault)
+    return PhysicsOfLog(findings=gain_findings(gains, names=names), lean=lean, gains=gains)
 
 
 LONGEST_DELAY = 0.5  #: [s], in either direction
