@@ -10,7 +10,7 @@ before the first of these runs. Finished runs are kept in build/motor_faults and
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
 from ballbot.log import Log
 from ballbot.log.checks.physics import examine
-from ballbot.report.style import MARKS, one_panel
+from ballbot.report.style import LOOKS, MARKS, one_panel
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
@@ -263,3 +263,61 @@ def runs() -> dict[str, Run]:
         for name, (seeds, twin, failing) in groups.items()
         for seed in seeds
     }
+
+
+def _names() -> list[str]:
+    """Return the kinds of fault as rows of the table are called, in order."""
+    return [*(f"{100 * (1.0 - factor):.0f} % of the torque lost" for factor in FACTORS), *COLUMNS]
+
+
+def campaign() -> Section:
+    """Make the missing runs and return the section of docs/generated/evidence.md."""
+    verdicts = [one for of_run in finished("motor_faults", checked, runs()).values() for one in of_run]
+    sound = [one for one in verdicts if one.fault is None]
+    faulty = [(one, one.fault) for one in verdicts if one.fault is not None]
+    kinds = dict(zip(_names(), [*(f"{factor:g}" for factor in FACTORS), *COLUMNS], strict=True))
+    cells = {
+        name: [
+            [one for one, fault in faulty if (fault.kind, fault.length) == (kind, length)]
+            for length in LENGTHS
+        ]
+        for name, kind in kinds.items()
+    }
+    named = [one for one, _ in faulty if one.named]
+    right = [one for one in named if one.right]
+    special = [one for one in sound if any(word in one.world for word in ("play", "slip", "payload"))]
+    alarms = sum(one.named for one in sound)
+    figure = write_picture("motor_faults", lambda: power_figure(cells))
+    rows = [
+        [name, *(f"{sum(one.in_time for one in cell)} of {len(cell)}" for cell in of)]
+        for name, of in cells.items()
+    ]
+    return Section(
+        title="Faults of a motor within a log",
+        before="How many faults `check-log` names, with the right motor, the right kind, and begin and end right to "
+        f"{TOLERANCE:g} s, by their length. Motors that fail do so in the plant, so that the robot feels it, and many "
+        f"logs end in a fall: {len(FAILING)} logs of the compiled loop, {len(FAILING_TWIN)} of the twin. The opposite "
+        f"sign and the exchange are made in the columns of the {len(SOUND)} sound logs of the loop and "
+        f"{len(SOUND_TWIN)} of the twin, with lengths drawn. Robots, controllers (nominal and precise), courses (also "
+        "a hold, in which friction holds the wheels and little shows), play, slip, payload, carpet and pushes are "
+        "drawn; the limits were chosen on other seeds, and partly on other robots.",
+        columns=["fault", *(f"{length:g} s" for length in LENGTHS[:-1]), "until the end"],
+        rows=rows,
+        after=f"Of {len(named)} faults that are named, {len(right)} have the right motor and kind, and "
+        f"{sum(one.in_time for one in right)} the right times, too. Of {len(sound)} sound logs "
+        f"({len(special)} with play, slip or a payload, {sum(one.fallen for one in sound)} that end in a fall) "
+        f"{alarms} get such an error: {share_words(alarms, len(sound))}."
+        f"\n\n![Share of faults named by their length]({figure})",
+    )
+
+
+def power_figure(cells: Mapping[str, Sequence[Sequence[Verdict]]]) -> Figure:
+    """Return the shares of faults that are named right by their length."""
+    figure, axes = one_panel("length of the fault", "named right [%]")
+    for (name, of), mark, look in zip(cells.items(), (*MARKS, "*"), LOOKS.values(), strict=False):
+        shares = [100.0 * sum(one.in_time for one in cell) / max(len(cell), 1) for cell in of]
+        axes.plot(range(len(LENGTHS)), shares, label=name, marker=mark, markersize=4, **look)
+    axes.set_xticks(range(len(LENGTHS)), [*(f"{length:g} s" for length in LENGTHS[:-1]), "to the end"])
+    axes.set_ylim(0.0, 100.0)
+    axes.legend(loc="upper left", fontsize=7.5)
+    return figure
