@@ -2,8 +2,8 @@
 
 A `Habits` value is drawn from a seed. It says how a team writes its logs, and makes the file's columns from a log. The
 IMU is turned about the vertical, may have a reversed axis, and its roll and pitch may be tilts that do not turn with
-the heading; the wheels are permuted, with signs of their own;
-sensors and commands are late; the commands are torques, currents or duties.
+the heading; the wheels are permuted, with signs of their own; sensors and commands are late; the commands are torques,
+currents or duties.
 """
 
 import json
@@ -91,7 +91,7 @@ class Habits:
     wheel_unit: str = "rad"
     gyro_unit: str | None = None  #: None without a gyro
     yaw: bool = True
-    #: whether roll and pitch are tilts about axes that do not turn with the heading (XYZ), not about those that do (ZYX)
+    #: whether roll and pitch are tilts that do not turn with the heading (XYZ), not those that do (ZYX)
     tilts: bool = False
     command: Command = "torque"
     command_unit: str = ""
