@@ -28,6 +28,7 @@ An example with everything in it::
     from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z
     unit = "deg"                  # one for all, or a list
     sign = [1, 1, 1]              # one for all, or a list
+    sequence = "ZYX"              # roll and pitch turn with the heading (default); "XYZ": they are tilts that do not
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
     delay = 0.016
@@ -53,12 +54,12 @@ An example with everything in it::
     supply_voltage = 11.1         # [V]
     torque_constant = 0.01        # [N m/A], motor side
     back_emf_constant = 0.01      # [V s/rad], motor side
-    resistance = 2.0              # [ohm]
     gear_ratio = 70.0
     dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less dry friction
     duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
-A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
+The resistance of the motors, which a duty or a voltage needs, is the robot file's. A current needs torque_constant,
+gear_ratio and, if it is not 1, efficiency.
 
 A column of the log is a column of the file times a factor (unit, scale, sign) plus an offset, the derivative of another
 column of the log, the integral of a wheel's speed, or a part of an IMU's attitude. The motors' columns become wheel
@@ -107,6 +108,7 @@ from ballbot.log.columns import (
 from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
     QUATERNION_ANGLES,
+    AngleSequence,
     body_motion,
     integral_of,
     less_half_a_turn,
@@ -115,6 +117,7 @@ from ballbot.log.imu_angles import (
 from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_headings
+from ballbot.robot import RobotLike, as_robot
 from ballbot.schema import validate_table
 
 Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
@@ -174,6 +177,7 @@ class AttitudeTable(SeriesTable):
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
     unit: str | tuple[str, ...] | None = None
     sign: Sign | tuple[Sign, ...] = 1
+    sequence: AngleSequence = "ZYX"
     turn: FiniteFloat = 0.0
     upside_down: bool = False
     rates: RatesTable | None = None
@@ -223,7 +227,7 @@ class TorqueTable(MotorsTable):
     kind: Literal["torque"]
     unit: str | None = None
 
-    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, _wheel_speed: Floats, _resistance: float) -> Floats:
         """Return u [N m] = the value itself."""
         return value
 
@@ -237,7 +241,7 @@ class CurrentTable(MotorsTable):
     gear_ratio: PositiveFloat
     efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, _wheel_speed: Floats, _resistance: float) -> Floats:
         """Return u [N m] = n k_t efficiency i."""
         return self.gear_ratio * self.torque_constant * self.efficiency * value
 
@@ -254,25 +258,23 @@ class DutyTable(MotorsTable):
     supply_voltage: PositiveFloat
     torque_constant: PositiveFloat
     back_emf_constant: PositiveFloat
-    resistance: PositiveFloat
     gear_ratio: PositiveFloat
     dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    @property
-    def back_emf(self) -> float:
-        """Damping n^2 k_t k_e / R by the back-EMF [N m s/rad], at the wheel."""
-        return self.gear_ratio**2 * self.torque_constant * self.back_emf_constant / self.resistance
+    def back_emf(self, resistance: float) -> float:
+        """Return the damping n^2 k_t k_e / R by the back-EMF [N m s/rad], at the wheel."""
+        return self.gear_ratio**2 * self.torque_constant * self.back_emf_constant / resistance
 
     def acting(self, value: Floats) -> Floats:
         """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
         added = (self.dead_band or 0.0) * np.sign(value)
         return np.clip(value + added, -self.duty_limit, self.duty_limit)
 
-    def torque(self, value: Floats, wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, wheel_speed: Floats, resistance: float) -> Floats:
         """Return u [N m] = n k_t (d V - k_e n w) / R of the duty d at the motor."""
         back_emf = self.back_emf_constant * self.gear_ratio * wheel_speed
-        current = (value * self.supply_voltage - back_emf) / self.resistance
+        current = (value * self.supply_voltage - back_emf) / resistance
         return self.gear_ratio * self.torque_constant * current
 
 
@@ -445,6 +447,8 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
             yield "[columns] t cannot have a delay; give the delay to the columns that are delayed"
     if imu is not None and imu.quaternion and (imu.unit is not None or imu.scale != 1.0):
         yield "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit and no scale; remove it"
+    if imu is not None and imu.sequence == "XYZ" and (len(imu.sources) != 3 or imu.upside_down):
+        yield '[attitude] sequence = "XYZ" needs roll, pitch and yaw of an IMU that hangs upright'
     if "t" not in mapping.sources:
         yield '[columns] lacks t, the time: t = { from = "..", unit = "s" }'
     made = {*mapping.sources, *mapping.integrals}
@@ -515,14 +519,21 @@ _ROUNDING = 1e-9
 
 @np.errstate(over="ignore", invalid="ignore")  # a scale may turn a cell into an infinity
 def apply_mapping(
-    mapping: LogMapping, table: Table, *, even_from: float | None = None, changes: list[Finding] | None = None
+    mapping: LogMapping,
+    table: Table,
+    *,
+    robot: RobotLike | None = None,
+    even_from: float | None = None,
+    changes: list[Finding] | None = None,
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
     Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a finding
     for each row or column that is omitted or continued. InputError if the file lacks a column that the mapping names,
-    its time does not increase, or no row is left.
+    its time does not increase, no row is left, or torques come from duties without the `robot` that has the motors'
+    resistance.
     """
+    resistance = motor_resistance(mapping, robot)
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
@@ -531,7 +542,7 @@ def apply_mapping(
     if imu is not None:
         motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
         angles, gyro = (motion[:-3], np.column_stack(motion[-3:])) if imu.rates else (motion, None)
-        columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn))
+        columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn), imu.sequence)
         if len(imu.sources) < 3 and imu.rates is None:  # the wheels give the heading (`ballbot.log.pose`)
             del columns["psi"]
     # rows for which every delayed column has a value in the file
@@ -551,13 +562,24 @@ def apply_mapping(
         if speed is None and isinstance(drive, DutyTable):
             raise InputError("Torque from a duty needs the speed of the wheel: map [wheels] angle or speed.")
         if drive is not None:
-            columns[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
+            columns[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed, resistance)
     t, spans = columns["t"], mapping.time.keep or ((-np.inf, np.inf),)
     kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     times = columns.pop("t")[kept]
     return {"t": times, **{name: mark_missing(values[kept]) for name, values in columns.items()}}
+
+
+def motor_resistance(mapping: LogMapping, robot: RobotLike | None) -> float:
+    """Return R [ohm] of a robot's motors if a mapping's duties need it, else inf; InputError if it is not known."""
+    if not isinstance(mapping.input, DutyTable):
+        return math.inf
+    if robot is None:
+        raise InputError(
+            f"Torques from a {mapping.input.kind} need the robot with its motors: give --robot or robot=."
+        )
+    return as_robot(robot).drive.known_resistance(f"A mapping of a {mapping.input.kind}")
 
 
 def timed_rows(mapping: LogMapping, table: Table, notes: list[str]) -> tuple[Columns, Floats]:

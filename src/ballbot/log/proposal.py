@@ -26,13 +26,14 @@ from ballbot.log.mapping_search.commands import (
     KINDS,
     CommandDrive,
     CommandOrder,
+    assumed_resistance,
     drive_of,
     likely_dead_band,
     needs_of,
     turned_by,
 )
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
+from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
 from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
 from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
@@ -41,11 +42,12 @@ from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
-from ballbot.robot import Robot
+from ballbot.robot import Drive, Robot
 from ballbot.schema import toml_line
 
 #: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
-#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9
+#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9. Also the directions by which a
+#: doubtful sequence of angles matters
 CLEAR_TURN = math.radians(4.0)
 #: the turn is the angle of the lean's response to the wheels; if its size is this many times the robot's, or the
 #: inverse, the turn is asked for, because what changes the size changes the angle. 1.0 to 1.4 on real logs of one robot
@@ -147,7 +149,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         what=what,
         motion=motion,
         lean=motion.units[0] if base.roles.attitude else None,
-        frame=frame_of(robot, tested, motion.gyro.handedness if motion.gyro else 0.0),
+        frame=frame_of(robot, tested, motion.handedness),
         keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
     )
     if roles.commands:
@@ -218,10 +220,26 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+    yield from _tilt_questions(proposal, motion.tilts)
     yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
         yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
+
+
+def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
+    with_yaw = len(proposal.roles.attitude) > 2
+    # an IMU that knows no heading seldom gives tilts that do not turn with it
+    enough = math.log(CONFIDENT / (1.0 - CONFIDENT)) if with_yaw else 0.0
+    if tilts.odds >= enough or tilts.apart < CLEAR_TURN:
+        return
+    frame, way = proposal.frame, 1 if tilts.sequence == "ZYX" else -1
+    words = ("ZYX: they turn with the heading", "XYZ: they are tilts that do not")[::way]
+    turn = frame.turn + way * frame.axis_signs[2] * tilts.heading
+    other = f"write turn = {math.degrees(turn):.1f}" if with_yaw else "name a column with the yaw"
+    differs = f"the lean differs by {math.degrees(tilts.apart):.0f} deg, as the heading turns"
+    evidence = f"{differs}; for the second {other}"
+    yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
 def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
@@ -304,10 +322,22 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
         if tested.lag > 0.01 + tested.lag_error:
             seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
             yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
-    ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
-    if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
-        sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need."
-        yield warning("scale", sentence, *roles.commands)
+    if proposal.drive is not None:
+        yield from _torque_finding(proposal.drive, proposal.robot.drive, roles.commands)
+
+
+def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -> Iterator[Finding]:
+    """Yield a warning on torques that are not those that the motion needs, with the motor that would give them."""
+    volts, ratio = drive.kind in ("voltage", "duty"), drive.ratio
+    stated = bool(motor.resistance) or not volts
+    if not math.isfinite(ratio) or (stated and 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO):
+        return
+    sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need"
+    if drive.kind != "torque":
+        resistance = f"a resistance of {ratio * assumed_resistance(motor):.3g} ohm or " if volts else ""
+        constant = f"a torque constant of {1e3 * motor.torque_constant / ratio:.3g} mN m/A"
+        sentence += f": {resistance}{constant} in the robot file would make them agree"
+    yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
 def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
@@ -381,7 +411,8 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
 def mapped(proposal: Proposal) -> Log:
     """Return the log that a proposal makes; one without a drive takes the commands for torques."""
     text = mapping_text(replace(proposal, questions=()))
-    log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+    mapping = parse_mapping(text, source="the mapping")
+    log = Log(apply_mapping(mapping, proposal.base.cut, robot=proposal.robot))
     return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
 
 
@@ -509,10 +540,12 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     lines.append(_line("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
     if -1 in frame.axis_signs or any(question.key == "[attitude] sign" for question in proposal.questions):
         lines.append(_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
+    sequence = proposal.motion.tilts.sequence if proposal.motion else "ZYX"
+    if sequence == "XYZ" or any(question.key == "[attitude] sequence" for question in proposal.questions):
+        lines.append(_line("sequence", sequence, "roll and pitch turn with the heading, ZYX, or do not, XYZ"))
     if tested is not None:
         error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
-        measured = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
-        reason = f"{measured}; wheel 1 is where the robot file has it"
+        reason = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
         lines.append(_line("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
         signs = [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)]
@@ -569,7 +602,7 @@ def _input_lines(proposal: Proposal) -> list[str]:
     if any(question.key == "[input] zero" for question in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
-    if drive:
+    if drive and math.isfinite(drive.delay_error):
         delay = round(drive.delay, 4) if drive.delay > CLEAR_DELAY * drive.delay_error else 0.0
         reason = f"by the wheels' accelerations {1e3 * drive.delay:.0f} +- {1e3 * drive.delay_error:.0f} ms"
     return [*lines, _line("from", columns), _line("sign", signs, evidence), _line("delay", delay, reason)]
@@ -589,14 +622,12 @@ def _kind_lines(
         dead_band = _line("dead_band", 0.0, "a voltage has none")
     elif band is not None:
         dead_band = _line("dead_band", float(band), "an estimate; 0 if the firmware adds none")
-    stall = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
     return [
         *lines,
         dead_band,
         _line("supply_voltage", drive.supply_voltage, source),
         *motor,
         _line("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
-        _line("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
     ]
 
 
