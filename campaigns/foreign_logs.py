@@ -1,8 +1,9 @@
 """Logs as other teams write them, made from recorded ones whose truth is known: names, units, signs, order, delays.
 
 A `Habits` value is drawn from a seed. It says how a team writes its logs, and makes the file's columns from a log. The
-IMU is turned about the vertical, and may have a reversed axis; the wheels are permuted, with signs of their own;
-sensors and commands are late; the commands are torques, currents or duties.
+IMU is turned about the vertical, may have a reversed axis, and its roll and pitch may be tilts that do not turn with
+the heading; the wheels are permuted, with signs of their own; sensors and commands are late; the commands are torques,
+currents or duties.
 """
 
 import json
@@ -90,6 +91,8 @@ class Habits:
     wheel_unit: str = "rad"
     gyro_unit: str | None = None  #: None without a gyro
     yaw: bool = True
+    #: whether roll and pitch are tilts that do not turn with the heading (XYZ), not those that do (ZYX)
+    tilts: bool = False
     command: Command = "torque"
     command_unit: str = ""
     command_scale: float = 1.0  #: the file's number for 1 N m, A, V or full duty
@@ -147,7 +150,13 @@ def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: flo
         extras=random.random() < 0.5,
         seed=seed,
     )
-    return replace(drawn, messages=0.005) if drawn.interval == POLLED else drawn
+    if drawn.interval == POLLED:
+        drawn = replace(drawn, messages=0.005)
+    if random.random() < 0.15:  # tilts need the heading that they do not turn with
+        drawn = replace(drawn, tilts=True, yaw=True)
+    if random.random() < 0.1:  # the first two wheels' cables are exchanged
+        drawn = replace(drawn, order=(1, 0, *range(2, n)), turn=0.0)
+    return drawn
 
 
 def _command(random: np.random.Generator, *, duty: bool) -> tuple[Command, str, float]:
@@ -236,7 +245,7 @@ def _at(times: Floats, log: Log, values: Floats) -> Floats:
 def _inertial(part: Log, t: Floats, habits: Habits, random: np.random.Generator) -> Columns:
     states = np.column_stack([part[name] for name in STATE_NAMES])
     imu = Rotation.from_euler("XYZ", states[:, 2:5]) * Rotation.from_euler("z", habits.turn)
-    yaw, pitch, roll = imu.as_euler("ZYX").T
+    roll, pitch, yaw = imu.as_euler("XYZ").T if habits.tilts else imu.as_euler("ZYX").T[::-1]
     signs, order = (
         np.array([1, habits.pitch_sign, habits.yaw_sign]),
         [1, 0, 2] if habits.swapped else [0, 1, 2],

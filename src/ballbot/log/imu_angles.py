@@ -1,15 +1,17 @@
 """An IMU's angles, quaternion and rates, as the robot's angles and rates.
 
-An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace order; Ballbot's angles are those of
-R_world_body = Rx(theta) Ry(phi) Rz(psi). If the angle from the robot's x axis to the IMU's is `turn`, towards the left,
-R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about axes of the world, roll and pitch about axes that
-turn with the heading: they are the same only while the heading is zero. Its gyro gives the rates of these angles, with
-less noise than their differences. An IMU that hangs upside down gives R_world_imu Rx(pi): half a turn is taken off its
-roll.
+An IMU gives R_world_imu = Rz(yaw) Ry(pitch) Rx(roll), the aerospace sequence ZYX; Ballbot's angles are those of
+R_world_body = Rx(theta) Ry(phi) Rz(psi), XYZ, and so are those of an IMU whose tilts do not turn with the heading. To
+first order of the lean, in which roll and pitch have no sequence, there are these two. If the angle from the robot's x
+axis to the IMU's is `turn`, towards the left, R_world_body = R_world_imu Rz(-turn). Ballbot's lean angles are about
+axes of the world, roll and pitch of ZYX about axes that turn with the heading: they are the same only while the heading
+is zero. Its gyro gives the rates of these angles, with less noise than their differences. An IMU that hangs upside down
+gives R_world_imu Rx(pi): half a turn is taken off its roll.
 """
 
 import math
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -21,6 +23,9 @@ from ballbot.log.signals import unwrapped
 
 #: names beside a file's own for the angles that are made of its quaternion
 QUATERNION_ANGLES = tuple(f"{name} [rad] of the quaternion" for name in ("roll", "pitch", "yaw"))
+
+#: about which axes an IMU turns in turn, each as the turns before left it: yaw, pitch, roll; or roll, pitch, yaw
+AngleSequence = Literal["ZYX", "XYZ"]
 
 #: a shorter quaternion is missing, such as zeros before the first message
 _LEAST_NORM = 0.1
@@ -46,7 +51,15 @@ def less_half_a_turn(roll: Floats, half: float) -> Floats:
     return np.mod(roll, 2.0 * half) - half
 
 
-def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0) -> Floats:
+def turning_tilts(angles: Floats, handedness: float) -> Floats:
+    """Return roll and pitch (N, 2) [rad] of the sequence ZYX of roll, pitch and yaw (N, 3) [rad] of the sequence XYZ.
+
+    `handedness` is -1 if the yaw counts against the tilts.
+    """
+    return Rotation.from_euler("XYZ", angles * [1.0, 1.0, handedness]).as_euler("ZYX")[:, :0:-1]
+
+
+def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0, sequence: AngleSequence = "ZYX") -> Floats:
     """Return theta, phi, psi (N, 3) [rad], psi without jumps, of roll, pitch and yaw (N, 3) [rad]; NaN goes through.
 
     `turn` is the angle of the IMU's x axis from the robot's, towards the left [rad].
@@ -54,7 +67,7 @@ def from_roll_pitch_yaw(angles: Floats, *, turn: float = 0.0) -> Floats:
     turned = np.full_like(angles, np.nan)
     known = np.isfinite(angles).all(axis=1)
     if known.any():
-        imu = Rotation.from_euler("ZYX", angles[known, ::-1])
+        imu = Rotation.from_euler(sequence, angles[known, :: 1 if sequence == "XYZ" else -1])
         turned[known] = (imu * Rotation.from_euler("Z", -turn)).as_euler("XYZ")
     turned[:, 2] = unwrapped(turned[:, 2])
     return turned
@@ -65,7 +78,9 @@ def integral_of(rows: Floats, rate: Floats) -> Floats:
     return np.asarray(cumulative_trapezoid(np.nan_to_num(rate), rows, initial=0.0), np.float64)
 
 
-def body_motion(t: Floats, imu: Sequence[Floats], gyro: Floats | None, turn: float) -> Columns:
+def body_motion(
+    t: Floats, imu: Sequence[Floats], gyro: Floats | None, turn: float, sequence: AngleSequence = "ZYX"
+) -> Columns:
     """Return theta, phi and psi (N,) [rad], and with a gyro (N, 3) their rates and those about the robot's axes.
 
     Of the `imu` are roll, pitch and yaw (N,) at times t (N,) [s], and angular velocities. Without a yaw, psi is the
@@ -79,7 +94,7 @@ def body_motion(t: Floats, imu: Sequence[Floats], gyro: Floats | None, turn: flo
         yaw = integral_of(t, gyro[:, 2])
     else:
         yaw = np.arctan2(s * np.cos(roll), c * np.cos(pitch) - s * np.sin(pitch) * np.sin(roll))
-    angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, yaw]), turn=turn)
+    angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, yaw]), turn=turn, sequence=sequence)
     columns: Columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
     if gyro is None:
         return columns

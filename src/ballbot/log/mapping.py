@@ -28,6 +28,7 @@ An example with everything in it::
     from = ["theta_x", "theta_y", "theta_z"]   # yaw may be left out; four columns are a quaternion w, x, y, z
     unit = "deg"                  # one for all, or a list
     sign = [1, 1, 1]              # one for all, or a list
+    sequence = "ZYX"              # roll and pitch turn with the heading (default); "XYZ": they are tilts that do not
     turn = 30.0                   # [deg], of the IMU's x axis from the robot's, towards the left
     upside_down = false           # true if the IMU hangs upside down: its roll is then near half a turn
     delay = 0.016
@@ -107,6 +108,7 @@ from ballbot.log.columns import (
 from ballbot.log.formats.text import OWN_LAYOUT, TextLayout
 from ballbot.log.imu_angles import (
     QUATERNION_ANGLES,
+    AngleSequence,
     body_motion,
     integral_of,
     less_half_a_turn,
@@ -174,6 +176,7 @@ class AttitudeTable(SeriesTable):
     sources: Annotated[tuple[str, ...], Field(alias="from", min_length=2, max_length=4)]
     unit: str | tuple[str, ...] | None = None
     sign: Sign | tuple[Sign, ...] = 1
+    sequence: AngleSequence = "ZYX"
     turn: FiniteFloat = 0.0
     upside_down: bool = False
     rates: RatesTable | None = None
@@ -445,6 +448,8 @@ def _contradictions(mapping: LogMapping) -> Iterator[str]:
             yield "[columns] t cannot have a delay; give the delay to the columns that are delayed"
     if imu is not None and imu.quaternion and (imu.unit is not None or imu.scale != 1.0):
         yield "[attitude] takes four columns, a quaternion w, x, y, z, which has no unit and no scale; remove it"
+    if imu is not None and imu.sequence == "XYZ" and (len(imu.sources) != 3 or imu.upside_down):
+        yield '[attitude] sequence = "XYZ" needs roll, pitch and yaw of an IMU that hangs upright'
     if "t" not in mapping.sources:
         yield '[columns] lacks t, the time: t = { from = "..", unit = "s" }'
     made = {*mapping.sources, *mapping.integrals}
@@ -531,7 +536,7 @@ def apply_mapping(
     if imu is not None:
         motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
         angles, gyro = (motion[:-3], np.column_stack(motion[-3:])) if imu.rates else (motion, None)
-        columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn))
+        columns |= body_motion(columns["t"], angles, gyro, math.radians(imu.turn), imu.sequence)
         if len(imu.sources) < 3 and imu.rates is None:  # the wheels give the heading (`ballbot.log.pose`)
             del columns["psi"]
     # rows for which every delayed column has a value in the file

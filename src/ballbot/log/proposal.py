@@ -32,7 +32,7 @@ from ballbot.log.mapping_search.commands import (
     turned_by,
 )
 from ballbot.log.mapping_search.evidence import CONFIDENT
-from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, motion_of_file
+from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
 from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
 from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
@@ -47,6 +47,9 @@ from ballbot.schema import toml_line
 #: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
 #: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9
 CLEAR_TURN = math.radians(4.0)
+#: whether roll and pitch turn with the heading is asked for, where the log leaves it open, if it turns the lean by more
+#: than this (standard deviation) [rad], a quarter of what a lean may be turned in the campaign
+CLEAR_TILTS = math.radians(3.0)
 #: the turn is the angle of the lean's response to the wheels; if its size is this many times the robot's, or the
 #: inverse, the turn is asked for, because what changes the size changes the angle. 1.0 to 1.4 on real logs of one robot
 CLEAR_GAIN = 1.5
@@ -147,7 +150,7 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         what=what,
         motion=motion,
         lean=motion.units[0] if base.roles.attitude else None,
-        frame=frame_of(robot, tested, motion.gyro.handedness if motion.gyro else 0.0),
+        frame=frame_of(robot, tested, motion.handedness),
         keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
     )
     if roles.commands:
@@ -218,10 +221,24 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
         if shares[ranked[0]] < CONFIDENT:
             shown = ", ".join(f"{100.0 * shares[unit]:.0f} %" for unit in ranked)
             yield Question(key, f"unit of the {name}", ranked, f"probabilities {shown}")
+    yield from _tilt_questions(proposal, motion.tilts)
     yield from _frame_questions(proposal.tested, proposal.frame) if proposal.roles.attitude else ()
     if proposal.drive is not None:
         yield from _scale_questions(proposal.drive)
         yield from _sign_questions(proposal, proposal.drive.assigned) if proposal.tested else ()
+
+
+def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
+    if tilts.odds > math.log(CONFIDENT / (1.0 - CONFIDENT)) or tilts.apart < CLEAR_TILTS:
+        return
+    frame, words = proposal.frame, ("ZYX: they turn with the heading", "XYZ: they are tilts that do not")
+    by = frame.axis_signs[2] * (tilts.heading if tilts.sequence == "ZYX" else -tilts.heading)
+    other = f"for the second write turn = {math.degrees(frame.turn + by):.1f}"
+    if len(proposal.roles.attitude) == 2:
+        other = "the second needs a column with the yaw"
+    evidence = f"the lean differs by {math.degrees(tilts.apart):.0f} deg, as the heading turns; {other}"
+    words = words if tilts.sequence == "ZYX" else words[::-1]
+    yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
 def _frame_questions(tested: LeanTest | None, frame: SensorFrame) -> Iterator[Question]:
@@ -509,10 +526,14 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
     lines.append(_line("upside_down", roles.half_turn and True, "the roll stays near half a turn"))
     if -1 in frame.axis_signs or any(question.key == "[attitude] sign" for question in proposal.questions):
         lines.append(_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
+    sequence = proposal.motion.tilts.sequence if proposal.motion else "ZYX"
+    if sequence == "XYZ" or any(question.key == "[attitude] sequence" for question in proposal.questions):
+        lines.append(
+            _line("sequence", sequence, "whether roll and pitch turn with the heading, ZYX, or not, XYZ")
+        )
     if tested is not None:
         error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
-        measured = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
-        reason = f"{measured}; wheel 1 is where the robot file has it"
+        reason = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
         lines.append(_line("turn", round(math.degrees(frame.turn), 1), reason))
     if gyro is not None:
         signs = [sign * axis for sign, axis in zip(gyro.signs, frame.axis_signs, strict=True)]

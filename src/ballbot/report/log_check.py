@@ -214,6 +214,7 @@ def _proposal_data(proposal: Proposal) -> dict[str, object]:
         "wheel_unit": motion and motion.units[1],
         "lean_unit": proposal.lean,
         "gyro": motion and motion.gyro,
+        "sequence": motion and motion.tilts.sequence,
         "placements": tested.placements if tested else [],
         "margin": tested and tested.margin,
         "confidence": tested and tested.confidence,

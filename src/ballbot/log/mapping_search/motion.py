@@ -13,10 +13,17 @@ from ballbot.arrays import Bools, Floats
 from ballbot.log.balancing_motion import block_sums
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.formats.text import TextLayout
-from ballbot.log.imu_angles import integral_of, less_half_a_turn
+from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
 from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.placement import LeanTest, lean_test
+from ballbot.log.mapping_search.placement import (
+    STILL_HEADING,
+    LeanTest,
+    advantage,
+    heading_of,
+    lean_test,
+    left_by_readings,
+)
 from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
@@ -46,6 +53,8 @@ EVEN_TIMES = 0.01
 GYRO_CORRELATION, GYRO_GAIN = 0.75, 0.3
 #: time [s] at each end, with a one-sided fit, that is not used for the handedness; its least standard error
 GYRO_EDGE, LEAST_PRODUCT_ERROR = 0.3, 0.2
+#: logarithm of the odds that roll and pitch turn with the heading, as those of most IMUs do, before a log is seen
+TURNING_ODDS = 1.0
 #: after so many counts an encoder or counter begins again; and an angle in turns, radians or degrees
 PERIODS = (*(2.0**bits for bits in (8, 10, 12, 13, 14, 16, 24, 32)), 360.0)
 TURNS = (1.0, 2.0 * math.pi, 360.0)
@@ -124,6 +133,26 @@ class Gyro:
         return values[:, list(self.order)] * (FACTORS["rad/s"][self.unit] * np.asarray(self.signs))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Tilts:
+    """Whether roll and pitch turn with the heading, ZYX, or are tilts that do not, XYZ."""
+
+    sequence: AngleSequence = "ZYX"
+    odds: float = (
+        math.inf
+    )  #: logarithm of those of the sequence over the other one; below zero without a yaw only
+    handedness: float = 0.0  #: of XYZ, logarithm of the odds that tilts and yaw are of one handedness
+    heading: float = 0.0  #: mean yaw [rad], by which the turns of the IMU differ by the two
+    apart: float = (
+        0.0  #: standard deviation of the yaw [rad], by which directions of the lean then still differ
+    )
+
+    @property
+    def sigma(self) -> float:
+        """-1 if the yaw counts against tilts that do not turn."""
+        return math.copysign(1.0, self.handedness)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
     """A file's signals on even rows."""
@@ -150,6 +179,12 @@ class SensedMotion:
     signals: Signals
     gyro: Gyro | None
     tested: LeanTest | None
+    tilts: Tilts
+
+    @property
+    def handedness(self) -> float:
+        """Logarithm of the odds that lean and yaw have one handedness, by the gyro and the tilts."""
+        return self.tilts.handedness + (self.gyro.handedness if self.gyro else 0.0)
 
 
 def motion_of_file(base: Columned) -> SensedMotion:
@@ -194,9 +229,13 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
     angles, limit = raw * wheel.factor, IMPOSSIBLE_SPEED * robot.drive.top_speed
     carried = angles if roles.of_speeds else without_resets(t, angles, limit)
     sampled, noise = (t, None) if roles.of_speeds else _sampled(t, carried)
-    attitude, gyro = None, None
+    attitude, gyro, tilts = None, None, Tilts()
     if roles.attitude:
         attitude = base.raw_attitude * [FACTORS["rad"][unit] for unit in base.angle_units(lean.name)]
+        if len(roles.attitude) == 3 and not roles.quaternion and roles.half_turn is None:
+            tilts = _tilts(base, carried, sampled, attitude)
+        if tilts.sequence == "XYZ":
+            attitude[:, :2] = turning_tilts(attitude, math.copysign(1.0, tilts.handedness))
         gyro = _gyro(base, sampled, attitude) if roles.gyro else None
     tried = [_signals(base, carried, sampled, attitude, gyro, width) for width in WIDTHS]
     known: list[tuple[float, Signals, LeanTest]] = []
@@ -209,6 +248,12 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
             known.append((error / max(test.confidence, 0.05), signals, test))
     # the smallest error of the phase, which counts more if the placement is in doubt
     _, signals, tested = min(known, key=itemgetter(0), default=(0.0, tried[0], None))
+    if tested and attitude is not None and len(roles.attitude) == 2 and roles.half_turn is None:
+        heading = signals.heading or heading_of(robot, signals.wheels, tested.placements[0])
+        yaw = np.interp(sampled, signals.rows, heading.value[:, 0])
+        tilts = _tilts(base, carried, sampled, np.column_stack([attitude, yaw]))
+        # without a yaw there is nothing to turn tilts by
+        tilts = tilts if tilts.sequence == "ZYX" else replace(tilts, sequence="ZYX", odds=-tilts.odds)
     return SensedMotion(
         units=units,
         likely={},
@@ -220,6 +265,7 @@ def _with_units(base: Columned, raw: Floats, wrap: float | None, units: Units) -
         signals=signals,
         gyro=gyro,
         tested=tested,
+        tilts=tilts,
     )
 
 
@@ -259,6 +305,52 @@ def _signals(
             heading = Smooth(value=value, rate=rates.value[:, 2:], acceleration=rates.rate[:, 2:])
     usable = balancing_rows(tilt.value if tilt else None, wheels.rate, commands)
     return Signals(rows=rows, wheels=wheels, lean=tilt, heading=heading, usable=usable)
+
+
+def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) -> Tilts:
+    """Return whether roll and pitch turn with the yaw (M, 3) [rad], by the law of the lean and by a gyro.
+
+    Each sequence is tried with a yaw of either handedness.
+    """
+    kept, sigmas = new_messages(sampled), (1.0, -1.0)
+    attitude = np.column_stack([attitude[:, :2], np.unwrap(attitude[:, 2])])
+    still = [np.column_stack([turning_tilts(attitude, sigma), attitude[:, 2]]) for sigma in sigmas]
+    smoothed = (
+        smooth(even_rows(base.t), sampled[kept], values[kept], width=WIDTHS[1])
+        for values in (angles, attitude, *still)
+    )
+    wheels, turning, *tilts = smoothed
+    heading, usable = turning.value[:, 2], balancing_rows(turning.value[:, :2], wheels.rate, None)
+    if not usable.any() or float(np.std(heading[usable])) < STILL_HEADING:
+        return Tilts()
+    readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
+    evidence = [left_by_readings(base.robot, readings, wheels, usable)]
+    if base.roles.gyro:
+        rates = smooth(even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[1])
+        named = base.roles.unit(base.roles.gyro)
+        left = [_left_of_gyro(reading, rates.value, named, usable) for _, reading in readings]
+        evidence.append((left, usable.astype(np.float64)))
+
+    def odds(one: int, other: int) -> float:
+        z = [ERRORS_WEIGHT * advantage(left[one], left[other], weights) for left, weights in evidence]
+        return sum(math.copysign(0.5 * each**2, each) for each in z)
+
+    handedness = odds(2, 3)
+    turns = odds(0 if odds(0, 1) >= 0.0 else 1, 2 if handedness >= 0.0 else 3) + TURNING_ODDS
+    return Tilts(
+        sequence="ZYX" if turns >= 0.0 else "XYZ",
+        odds=abs(turns),
+        handedness=handedness,
+        heading=float(np.angle(np.exp(1j * heading[usable]).mean())),
+        apart=float(np.std(heading[usable])),
+    )
+
+
+def _left_of_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
+    """Return the squares (B,) that a gyro (N, 3) leaves of the rates about x and y by angles (N, 3) [rad]."""
+    gyro, body = _gyro_fit(angles, rates, named, with_yaw=True), _body_rates(angles)
+    left = ((body if gyro is None else gyro.rates(rates) - body)[:, :2]) * usable[:, None]
+    return block_sums((left**2).sum(axis=1), np.arange(len(left)) // round(1.0 / INTERVAL))
 
 
 def _gyro(base: Columned, sampled: Floats, attitude: Floats) -> Gyro | None:

@@ -49,6 +49,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,9 +191,8 @@ class LeanTest:
 
     @property
     def evidence(self) -> str:
-        """The best placement and the next one in words."""
-        best, other = self.placements[:2]
-        return f"{best.description}; the next best, {other.description}, fits {self.margin:.1f} times worse"
+        """How much better the best placement fits, in words."""
+        return f"the next best order or signs fit {self.margin:.1f} times worse"
 
     @property
     def reversed_wheels(self) -> tuple[int, ...]:
@@ -240,7 +240,7 @@ def lean_test(
     sigmas = (1.0, -1.0)
     if heading is None:  # that which the wheels give, as the likeliest placement without one has them
         ranked, _ = _ranked_placements(robot, law, None, weights, gamma)
-        law, sigmas = replace(law, heading=_heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
+        law, sigmas = replace(law, heading=heading_of(robot, wheels, ranked[0])), (0.0, 1.0, -1.0)
     laws = [replace(law, sigma=sigma) for sigma in sigmas]
     law = min(laws, key=lambda law: float(law.left(weights).sum()))
     weights, _ = _weights(law, usable)
@@ -252,7 +252,7 @@ def lean_test(
     best = placements[0]
     beta = np.asarray(robot.wheels.azimuths)[np.asarray(best.positions) - 1]
     way = np.asarray(best.signs) * np.exp(1j * beta)
-    law = replace(law, way=way, heading=heading or _heading_of(robot, wheels, best))
+    law = replace(law, way=way, heading=heading or heading_of(robot, wheels, best))
     turning, driven = law.columns, law.driven
     sums = _sums(np.column_stack([turning, driven]) * weights[:, None], weights)
     gains = [_solved((sums.sum(axis=0) - block)[:-1])[0] for block in sums]
@@ -267,13 +267,31 @@ def lean_test(
         phase_error=None if math.isnan(phase_error) else phase_error,
         lag=lag,
         lag_error=lag_error,
-        handedness=_advantage(same, opposite, weights),
+        handedness=advantage(same, opposite, weights),
         headings=float(np.std(law.heading.value[usable])) if law.heading else 0.0,
         disturbance=float(np.std(_slow(rest)[usable]) / np.std(_slow(gravity)[usable])),
         balancing=usable,
         pushed=pushed,
         heading=turned,
     )
+
+
+def left_by_readings(
+    robot: Robot, readings: Sequence[tuple[float, Smooth]], wheels: Smooth, usable: Bools
+) -> tuple[list[Floats], Floats]:
+    """Return the squares (B,) that the wheels leave of the lean's acceleration by each reading of it, and the weights.
+
+    A reading is sigma and roll, pitch and yaw (N, 3). The weights (N,) are common, so that the squares can be compared.
+    """
+    kappa, _ = torque_free_gains(robot)
+    laws = []
+    for sigma, angles in readings:
+        lean, heading = (angles.each(itemgetter(part)) for part in (np.s_[:, :2], np.s_[:, 2:]))
+        law = _LeanLaw(lean=lean, wheels=wheels, heading=heading, kappa=kappa, lag=USUAL_LAG, sigma=sigma)
+        laws.append(law)
+    everywhere = usable.astype(np.float64)
+    weights, _ = _weights(min(laws, key=lambda law: float(law.left(everywhere).sum())), usable)
+    return [law.left(weights) for law in laws], weights
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -334,7 +352,7 @@ def _turns(robot: Robot) -> float:
     return robot.wheel_count * robot.ball.radius / wheel.radius * math.sin(wheel.tilt)
 
 
-def _heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
+def heading_of(robot: Robot, wheels: Smooth, placement: Placement) -> Smooth:
     """Return the heading (N, 1) [rad] by the wheels of a ball that does not spin, if they count as the robot's do."""
     way = -np.asarray(placement.signs, dtype=np.float64)[:, None] / _turns(robot)
     return wheels.each(lambda signal: signal @ way)
@@ -351,7 +369,7 @@ def _heading_test(robot: Robot, placement: Placement, speeds: Floats, rate: Floa
     return HeadingTest(correlation=correlation, gain=gain, confidence=advantage_confidence(z))
 
 
-def _advantage(better: Floats, other: Floats, weights: Floats) -> float:
+def advantage(better: Floats, other: Floats, weights: Floats) -> float:
     """Return by how many standard errors the first of two explanations is better, from what they leave by blocks (B,).
 
     Either the difference repeats in every block, or it is so large that few blocks are enough. The spread of few blocks
@@ -422,10 +440,14 @@ def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
 _Way = tuple[tuple[int, ...], tuple[int, ...]]
 
 
+def _evenly_spaced(robot: Robot) -> bool:
+    beta, step = np.asarray(robot.wheels.azimuths), 2j * np.pi / robot.wheel_count
+    return np.allclose(np.exp(1j * np.diff(beta)), np.exp(step), atol=1e-3)
+
+
 def _every_way(robot: Robot) -> list[_Way]:
     """Return every order and every choice of signs of the file's wheels, up to a turn of the robot and all signs."""
-    n, beta = robot.wheel_count, np.asarray(robot.wheels.azimuths)
-    even = np.allclose(np.exp(1j * np.diff(beta)), np.exp(2j * np.pi / n), atol=1e-3)
+    n, even = robot.wheel_count, _evenly_spaced(robot)
     orders = [p for p in permutations(range(n)) if p[0] == 0 or not even]
     # the fewest wheels are reversed; of half of them, not the first
     signs = [s for s in product((1, -1), repeat=n) if 2 * sum(s) + s[0] > 0]
@@ -543,10 +565,12 @@ class SensorFrame:
     handedness: float = 1.0  #: confidence that no other axis of the IMU is reversed
 
 
-def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> SensorFrame:
+def frame_of(robot: Robot, tested: LeanTest | None, shows: float = 0.0) -> SensorFrame:
     """Return the likeliest frame; the robot's own if there is no lean to test.
 
-    `gyro_shows` is the logarithm of the odds that the gyro shows lean and yaw of one handedness by.
+    `shows` is the logarithm of the odds, by the gyro or the tilts, that lean and yaw have one handedness. A robot of
+    evenly spaced wheels that is turned by the angle between two of them, with its wheels renamed, makes the same log,
+    and so does its mirror image with another axis reversed: the most usual frame of these is the answer (`_unusual`).
     """
     count = robot.wheel_count
     own = tuple(range(1, count + 1))
@@ -554,34 +578,52 @@ def frame_of(robot: Robot, tested: LeanTest | None, gyro_shows: float = 0.0) -> 
         return SensorFrame(order=own, signs=(1,) * count, turn=0.0, measured_turn=0.0)
     best, heading, beta = tested.placements[0], tested.heading, robot.wheels.azimuths
     z = (STILL_WEIGHT if tested.headings < STILL_HEADING else 1.0) * tested.handedness
-    shown = math.copysign(z**2, z) + gyro_shows if heading else 0.0
+    shown = math.copysign(z**2, z) + shows if heading else 0.0
     same = 1.0 / (1.0 + math.exp(-max(min(shown, MOST_ODDS), -MOST_ODDS)))
-    positions, phase, axes = best.positions, best.phase, (1, 1, 1)
+    turns = range(count if _evenly_spaced(robot) else 1)
+    forms = [((1, 1, 1), best.positions, best.phase)]
     if same < 1.0 - CONFIDENT:  # one handedness is usual, and is taken if the log leaves it open
-        reflected = tuple((1 - position) % count + 1 for position in positions)
-        if best.positions == own or reflected != own:
-            axes = (1, 1, -1)
-        else:
-            positions, phase, axes = reflected, -phase - 2.0 * beta[0], (1, -1, 1)
+        mirrored = (
+            tuple((1 - position) % count + 1 for position in best.positions),
+            -best.phase - 2.0 * beta[0],
+        )
+        forms = [((1, 1, -1), best.positions, best.phase), ((1, -1, 1), *mirrored)][: len(turns)]
     known = heading is not None and heading.confidence >= CONFIDENT
     seen = advantage_confidence(abs(tested.handedness)) if heading is None else 0.5
-    if heading is not None and known:
-        backwards = axes[2] * heading.correlation > 0.0
-    else:  # without a heading, the smaller turn is the likelier
-        backwards = tested.handedness < 0.0 if seen >= CONFIDENT else np.cos(phase) < 0.0
-    signs = np.asarray(best.signs) * (-1 if backwards else 1)
-    turn = -float(np.angle((-1.0 if backwards else 1.0) * np.exp(1j * phase)))
-    near = GRID * round(turn / GRID)
-    error = tested.phase_error if tested.phase_error is not None else ROUNDED
-    rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
     by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
-    return SensorFrame(
-        order=tuple(positions.index(position) + 1 for position in own),
-        signs=tuple(int(sign) for sign in signs),
-        turn=float(near if rounded else turn),
-        measured_turn=turn,
-        axis_signs=axes,
-        direction=by_wheels if heading is None else heading.confidence,
-        # without a heading that turns, the other handedness gives the same log
-        handedness=max(same, 1.0 - same) if known else 0.97,
-    )
+    error = tested.phase_error if tested.phase_error is not None else ROUNDED
+    frames = []
+    for (axes, positions, phase), k, way in product(forms, turns, (1, -1)):
+        # without a heading both directions in which all wheels count make nearly the same log
+        shown = (
+            -axes[2] * heading.correlation
+            if heading and known
+            else tested.handedness
+            if seen >= CONFIDENT
+            else 0.0
+        )
+        if way * shown < 0.0:
+            continue
+        turn = -float(np.angle(way * np.exp(1j * (phase - 2.0 * np.pi * k / count))))
+        near = GRID * round(turn / GRID)
+        rounded = abs(turn - near) <= min(ROUNDED, ROUNDED_ERRORS * error + np.deg2rad(1.0))
+        moved = [(position - 1 + k) % count + 1 for position in positions]
+        frame = SensorFrame(
+            order=tuple(moved.index(position) + 1 for position in own),
+            signs=tuple(way * sign for sign in best.signs),
+            turn=float(near if rounded else turn),
+            measured_turn=turn,
+            axis_signs=axes,
+            direction=by_wheels if heading is None else heading.confidence,
+            # without a heading that turns, the other handedness gives the same log
+            handedness=max(same, 1.0 - same) if known else 0.97,
+        )
+        frames.append(frame)
+    return min(frames, key=_unusual)
+
+
+def _unusual(frame: SensorFrame) -> tuple[object, ...]:
+    """Return what is unusual in a frame, the weightiest first: a turn, renamed wheels, a large turn, reversed signs."""
+    renamed = frame.order != tuple(sorted(frame.order))
+    # a turn to either side counts as one but for its rounding
+    return frame.turn != 0.0, renamed, round(abs(frame.turn), 3), sum(frame.signs) < 0, frame.order
