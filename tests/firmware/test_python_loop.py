@@ -19,6 +19,7 @@ from ballbot.control.file import read_controller, write_controller
 from ballbot.control.presets import nominal_controller
 from ballbot.firmware.estimators import READING, whole_counts
 from ballbot.firmware.export import export_controller
+from ballbot.log.mapping import apply_mapping, parse_mapping
 from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
@@ -42,6 +43,7 @@ rates = { from = ["gx", "gy", "gz"], unit = "deg/s", sign = [1, -1, 1] }
 order = [1, 3, 2]
 sign = [1, 1, -1]
 angle = { from = ["enc_1", "enc_2", "enc_3"], unit = "deg" }
+speed = { from = ["v_1", "v_2", "v_3"], unit = "deg/s" }
 [input]
 kind = "duty"
 from = ["m1", "m2", "m3"]
@@ -54,6 +56,12 @@ resistance = 2.0
 gear_ratio = 70.0
 dead_band = 0.03
 """
+#: of Ballbot's logs
+NAMES = {
+    "wheels": ("wheel1", "wheel2", "wheel3"),
+    "gyro": ("gyro_x", "gyro_y", "gyro_z"),
+    "attitude": ("theta", "phi", "psi"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +100,7 @@ def load(folder: Path):
 def rows() -> list[dict[str, float | None]]:
     """Return a swaying robot's readings, some without the encoders or a value of the IMU."""
     log, random = swaying_log(), np.random.default_rng(5)
-    names = [f"wheel{i}" for i in (1, 2, 3)] + ["gyro_x", "gyro_y", "gyro_z", "theta", "phi", "psi"]
+    names = [name for group in NAMES.values() for name in group]
     table = np.column_stack([log[name] for name in names])[:2000]
     table[random.random(table.shape) < 0.002] = np.nan
     readings = [
@@ -161,6 +169,76 @@ def torques_of(command: dict[str, float], speeds: np.ndarray) -> np.ndarray:
     return 70.0 * 0.01 / 2.0 * (11.1 * acting - 0.01 * 70.0 * speeds)
 
 
+ATTITUDE = MAPPING[MAPPING.index("[attitude]") : MAPPING.index("[wheels]")]
+INPUT = MAPPING[MAPPING.index("[input]") :]
+OTHERS = {
+    "duty and degrees": MAPPING,
+    "no yaw": MAPPING.replace(', "yaw"', "").replace("sign = [1, -1, 1]\nturn", "sign = [1, -1]\nturn"),
+    "upside down": MAPPING.replace('"roll"', '"hanging"').replace("turn =", "upside_down = true\nturn ="),
+    "quaternion": MAPPING.replace(
+        ATTITUDE,
+        '[attitude]\nfrom = ["qw", "qx", "qy", "qz"]\nturn = 30.0\n'
+        'rates = { from = ["gx", "gy", "gz"], unit = "deg/s", sign = [1, -1, 1] }\n',
+    ),
+    "tilts": MAPPING.replace("turn =", 'sequence = "XYZ"\nturn ='),
+    "angles of the body": MAPPING.replace(
+        ATTITUDE,
+        'theta = { from = "roll", unit = "deg" }\nphi = { from = "pitch", unit = "deg", offset = 0.01 }\n'
+        'psi = { from = "yaw", unit = "deg" }\ngyro_x = { from = "gx", unit = "deg/s" }\n'
+        'gyro_y = { from = "gy", unit = "deg/s" }\ngyro_z = { from = "gz", unit = "deg/s" }\n',
+    ),
+    "current and direction": MAPPING.replace(
+        INPUT,
+        '[input]\nkind = "current"\nfrom = ["m1", "m2", "m3"]\ndirection = ["d1", "d2", "d3"]\nsign = [1, -1, 1]\n'
+        "scale = 0.001\nzero = 12.0\ntorque_constant = 0.01\ngear_ratio = 70.0\nefficiency = 0.8\n",
+    ),
+    "counts that wrap, and torques": MAPPING.replace(
+        INPUT, '[input]\nkind = "torque"\nfrom = ["m1", "m2", "m3"]\nunit = "mN m"\n'
+    ).replace(
+        'from = ["enc_1", "enc_2", "enc_3"], unit = "deg"',
+        'from = ["n_1", "n_2", "n_3"], unit = "counts", counts_per_turn = 4480, wrap = 256',
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path, name):
+    """Commands of the module, read as a log by the mapping, are the torques of the module in SI units."""
+    log = swaying_log().between(0.0, 5.0)
+    columns = {name: np.column_stack([log[one] for one in NAMES[name]]) for name in NAMES}
+    table = as_logged(columns["attitude"], columns["gyro"], columns["wheels"])
+    for i in (1, 2, 3):
+        table[f"n_{i}"] = np.round(4480.0 / 360.0 * table[f"enc_{i}"]) % 256.0
+        table[f"v_{i}"] = np.diff(table[f"enc_{i}"], prepend=0.0) / 0.005
+    table |= {"ms": 1e3 * log.t} | {f"{c}{i}": 0.0 * log.t for i in (1, 2, 3) for c in "md"}
+    assert export(given, tmp_path / "course", OTHERS[name]) == 0
+    mapping, mapped, plain = (
+        parse_mapping(OTHERS[name], source="a test"),
+        load(tmp_path / "course"),
+        load(given / "loop"),
+    )
+    seen = apply_mapping(mapping, table)
+    loops = plain.Loop(), mapped.Loop()
+    for loop in loops:
+        loop.skip_self_test()
+        assert loop.arm()
+    torques = np.zeros((len(log.t), 3))
+    for k, t in enumerate(log.t):
+        torques[k] = [*loops[0].update(t, {name: seen[name][k] for name in plain.COLUMNS}).values()]
+        command = loops[1].update(1e3 * t, {name: table[name][k] for name in mapped.COLUMNS})
+        for column, value in command.items():
+            table[column][k] = value
+    assert loops[0].stop == loops[1].stop == ""
+    found = apply_mapping(mapping, table)
+    zeros = {"current and direction": 12.0}.get(name, 0.0)
+    for i, u in enumerate(torques.T, start=1):
+        # within the dead band a command is none
+        commanded = np.abs(table[mapping.sources[f"u{i}"].column] - zeros) > 1e-9
+        assert np.count_nonzero(commanded) > 500
+        # single precision of the readings; without a yaw, the log's reader integrates the gyro by trapezoids
+        np.testing.assert_allclose(found[f"u{i}"][commanded], u[commanded], atol=1e-3)
+
+
 @pytest.mark.parametrize(
     "plant",
     [
@@ -190,3 +268,69 @@ def test_robot_that_speaks_duty_and_degrees_balances(given, tmp_path, plant):
     assert max(lean[-200:]) < 0.03  # the start has 0.035
     loop.disarm()
     assert set(loop.update(1e3 * seen.t + 5.0, dict.fromkeys(module.COLUMNS)).values()) == {0.0}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[columns]", "complete = false\n[columns]", "the mapping is not complete"),
+        ("rates =", "# ", "needs the IMU's rates; the mapping lacks imu_rate_x, imu_rate_y, imu_rate_z"),
+        (INPUT, "", "needs [input]; the mapping lacks u1, u2, u3"),
+        ("gear_ratio = 70.0", "gear_ratio = 53.0", "of another robot: it has 3 motors of gear ratio 53"),
+    ],
+)
+def test_mapping_that_cannot_be_turned_round_is_refused(given, tmp_path, capsys, old, new, sentence):
+    assert export(given, tmp_path / "course", MAPPING.replace(old, new)) == 2
+    refusal = capsys.readouterr().err
+    assert sentence in refusal
+    assert refusal.count("ballbot: ") == 1
+    assert not (tmp_path / "course").exists()
+
+
+def test_mapping_without_python_is_refused(given, tmp_path, capsys):
+    arguments = [str(given / "controller.toml"), "--robot", "rob311", "--mapping", "mapping.toml"]
+    assert main(["export", *arguments, "--out", str(tmp_path / "out")]) == 2
+    assert "--mapping is for the module that --python writes" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("compiler", "sentence"),
+    [
+        (None, "there is no `cc`; install gcc."),
+        ("echo broken >&2; exit 1", "cc refuses the sources of ballbot_loop: broken"),
+    ],
+)
+def test_missing_or_failing_compiler_is_one_sentence(given, tmp_path, compiler, sentence):
+    folder = shutil.copytree(
+        given / "loop", tmp_path / "loop", ignore=shutil.ignore_patterns("*.so", "__pycache__")
+    )
+    done = imported(folder, tmp_path / "bin", compiler)
+    assert done.stderr.strip().splitlines()[-1].startswith("ImportError: ")
+    assert done.stderr.strip().endswith(sentence)
+    assert not list(folder.glob("ballbot_loop-*"))
+
+
+def test_sources_are_compiled_once_by_one_call_and_again_when_they_change(given, tmp_path):
+    folder = shutil.copytree(given / "loop", tmp_path / "loop")
+    compiled, calls = next(folder.glob("*.so")), tmp_path / "calls"
+    takes = f'echo "$@" >> {calls}; for target; do :; done; /bin/cp {compiled} "$target"'
+    assert imported(folder, tmp_path / "bin", takes).returncode == 0
+    assert not calls.exists()
+    with (folder / "src" / "safety.c").open("a") as file:
+        file.write("/* changed */\n")
+    for _ in range(2):
+        assert imported(folder, tmp_path / "bin", takes).returncode == 0
+    (call,) = calls.read_text().splitlines()
+    assert "-ffp-contract=off" in call.split()
+    assert len(list(folder.glob("*.so"))) == 2
+
+
+def imported(folder: Path, tools: Path, compiler: str | None) -> subprocess.CompletedProcess[str]:
+    """Import the module where only this shell script is a compiler."""
+    tools.mkdir(exist_ok=True)
+    if compiler is not None:
+        (tools / "cc").write_text(f"#!/bin/sh\n{compiler}\n")
+        (tools / "cc").chmod(0o755)
+    program = f"import sys; sys.path.insert(0, {str(folder)!r}); import ballbot_loop"
+    command = [sys.executable, "-I", "-S", "-c", program]
+    return subprocess.run(command, env={"PATH": str(tools)}, capture_output=True, text=True, check=False)

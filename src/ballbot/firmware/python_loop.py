@@ -93,7 +93,7 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
         "GYRO": columns(gyro),
         "QUATERNION": quaternion,
         "ATTITUDE": columns(angles),
-        "IMU": imu is not None,
+        "SEQUENCE": imu.sequence if imu else "XYZ",
         "TURN": math.radians(imu.turn) if imu else 0.0,
         "UPSIDE_DOWN": imu is not None and imu.upside_down,
         "MOTORS": tuple((*motor, way) for motor, way in zip(columns(torques), directions, strict=True)),

@@ -38,8 +38,8 @@ WHEELS: tuple[Column, ...] = ()  # angles [counts of the encoders]
 WRAP: float = 0.0  # [counts] after which they begin again; 0 if they do not
 GYRO: tuple[Column, ...] = ()  # [rad/s], about the IMU's axes
 QUATERNION: tuple[Column, ...] = ()  # w, x, y, z, of which the attitude is made
-ATTITUDE: tuple[Column, ...] = ()  # [rad]: theta, phi, psi; without the last, the gyro gives the heading
-IMU: bool = False  # whether they are an IMU's roll, pitch and yaw
+ATTITUDE: tuple[Column, ...] = ()  # [rad] of the IMU about x, y and z; without the last, the gyro gives it
+SEQUENCE: str = "XYZ"  # of the turns about these axes
 TURN: float = 0.0  # [rad] of the IMU's x axis from the robot's, towards the left
 UPSIDE_DOWN: bool = False  # whether the IMU is
 MOTORS: tuple[Motor, ...] = ()  # commands
@@ -179,7 +179,7 @@ def _turned(vector: Sequence[float]) -> list[float]:
     return [c * x - s * y, s * x + c * y, *others] if TURN else [*vector]  # a missing x leaves y
 
 
-def _attitude(reading: Reading, heading: float) -> Sequence[float]:
+def _attitude(reading: Reading, heading: float) -> tuple[float, float, float]:
     """Return theta, phi and psi [rad], with the gyro's heading if the reading has none."""
     if QUATERNION:
         w, x, y, z = _values(reading, QUATERNION)
@@ -188,10 +188,9 @@ def _attitude(reading: Reading, heading: float) -> Sequence[float]:
         pitch = _arcsine(2.0 * (w * y - x * z) / square)
         yaw = math.atan2(2.0 * (w * z + x * y), square - 2.0 * (y * y + z * z))
         reading = dict(zip((name for name, _, _ in ATTITUDE), (roll, pitch, yaw)))
-    angles = (*_values(reading, ATTITUDE), heading)[:3]
-    if not IMU:
-        return angles
-    roll, pitch, yaw = angles
+    roll, pitch, yaw = (*_values(reading, ATTITUDE), heading)[:3]
+    if SEQUENCE == "XYZ":
+        return roll, pitch, yaw - TURN
     roll = roll % (2.0 * math.pi) - math.pi if UPSIDE_DOWN else roll
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle), math.cos(angle)) for angle in (roll, pitch, yaw))
     # R_world_body = Rz(yaw) Ry(pitch) Rx(roll) Rz(-turn) = Rx(theta) Ry(phi) Rz(psi)
