@@ -5,7 +5,7 @@
       ballbot_parameters.h        the controller's numbers in single precision
       ballbot_hardware.h          seven functions that the application writes for its board
       robot.c, robot.h            sensors, library and motors put together
-    examples/               main loops for bare metal, for an operating system and for Arduino
+    examples/               main loops without an operating system (Arduino) and with one
     CMakeLists.txt, Makefile, library.json, library.properties, README.md
 
 For a computer that runs Python, `ballbot.firmware.python_loop` replaces all but the library.

@@ -19,6 +19,7 @@ from ballbot.firmware.records import SelfTestOutcome
 from ballbot.log.columns import ATTITUDE_NAMES, torque_names, wheel_angle_names
 from ballbot.log.mapping import (
     IMU_NAMES,
+    AttitudeTable,
     ColumnTable,
     DutyTable,
     LogMapping,
@@ -63,8 +64,9 @@ def _own_mapping(robot: Robot) -> LogMapping:
 
 def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
     """Return the module's constants that follow from a mapping, by their names."""
-    imu, drive, sources, n = mapping.attitude, mapping.input, mapping.sources, robot.wheel_count
-    angles, gyro = (IMU_NAMES[:3], IMU_NAMES[3:]) if imu else (ATTITUDE_NAMES, _GYRO_NAMES)
+    drive, sources, n = mapping.input, mapping.sources, robot.wheel_count
+    imu = mapping.attitude or AttitudeTable(sources=ATTITUDE_NAMES, sequence="XYZ")
+    angles, gyro = (IMU_NAMES[:3], IMU_NAMES[3:]) if mapping.attitude else (ATTITUDE_NAMES, _GYRO_NAMES)
     wheels, torques = wheel_angle_names(n), torque_names(n)
     needed = {"[wheels] angle": wheels, "the IMU's rates": gyro, "its angles": angles[:2], "[input]": torques}
     for table, names in needed.items():
@@ -83,9 +85,8 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
         return tuple((source.column, source.factor / unit, source.offset / unit) for source in found)
 
     step = step_of(robot)
-    quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion) if imu else ()
+    quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion)
     by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0])).tolist()
-    directions = [sources[name].direction or "" for name in torques]
     constants: dict[str, object] = {
         "TIME_UNIT": sources["t"].factor,
         "WHEELS": columns(wheels, step),
@@ -93,10 +94,11 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
         "GYRO": columns(gyro),
         "QUATERNION": quaternion,
         "ATTITUDE": columns(angles),
-        "SEQUENCE": imu.sequence if imu else "XYZ",
-        "TURN": math.radians(imu.turn) if imu else 0.0,
-        "UPSIDE_DOWN": imu is not None and imu.upside_down,
-        "MOTORS": tuple((*motor, way) for motor, way in zip(columns(torques), directions, strict=True)),
+        "SEQUENCE": imu.sequence,
+        "TURN": math.radians(imu.turn),
+        "UPSIDE_DOWN": imu.upside_down,
+        "MOTORS": columns(torques),
+        "DIRECTIONS": tuple(filter(None, (sources[name].direction for name in torques))),
         "PER_TORQUE": 1.0 / by_command,
         "PER_SPEED": 0.0 - step * by_speed / by_command,
     }

@@ -26,9 +26,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Optional
 
-Reading = Mapping[str, Optional[float]]
+Reading = Mapping[str, Optional[float]]  # a number by column, None if it is missing
 Column = tuple[str, float, float]  # of the log, factor and offset: value = factor * cell + offset
-Motor = tuple[str, float, float, str]  # the same, and the column of the direction, "" without one
 
 COLUMNS: tuple[str, ...] = ()  # of a reading
 SAMPLE_TIME: float = 0.005  # [s]
@@ -42,7 +41,8 @@ ATTITUDE: tuple[Column, ...] = ()  # [rad] of the IMU about x, y and z; without 
 SEQUENCE: str = "XYZ"  # of the turns about these axes
 TURN: float = 0.0  # [rad] of the IMU's x axis from the robot's, towards the left
 UPSIDE_DOWN: bool = False  # whether the IMU is
-MOTORS: tuple[Motor, ...] = ()  # commands
+MOTORS: tuple[Column, ...] = ()  # commands
+DIRECTIONS: tuple[str, ...] = ()  # columns of their directions, if the commands are magnitudes
 PER_TORQUE: float = 1.0  # command for a torque at the wheel [1/(N m)]
 PER_SPEED: float = 0.0  # command that overcomes the back-EMF [s/count]
 DEAD_BAND: float = 0.0  # that the motors' board adds to a command
@@ -144,11 +144,11 @@ class Loop:
         torques, microseconds = (ctypes.c_float * 4)(), ctypes.c_uint32(round(1e6 * self._time) % 2**32)
         _C.ballbot_loop_update(self._memory, microseconds, self._counts(reading), imu, wanted, torques)
         active, command = self.active, {}
-        for (column, factor, offset, direction), torque, speed in zip(MOTORS, torques, self._speeds):
+        for i, ((column, factor, offset), torque, speed) in enumerate(zip(MOTORS, torques, self._speeds)):
             value = PER_TORQUE * torque + PER_SPEED * speed if active else 0.0
             cell = math.copysign(max(min(abs(value), LIMIT) - DEAD_BAND, 0.0), value) / factor
-            if direction:
-                command[direction], cell = float(cell > 0.0), abs(cell)
+            if DIRECTIONS:
+                command[DIRECTIONS[i]], cell = float(cell > 0.0), abs(cell)
             command[column] = cell - offset / factor
         return command
 
@@ -183,20 +183,15 @@ def _attitude(reading: Reading, heading: float) -> tuple[float, float, float]:
     """Return theta, phi and psi [rad], with the gyro's heading if the reading has none."""
     if QUATERNION:
         w, x, y, z = _values(reading, QUATERNION)
-        square = w * w + x * x + y * y + z * z or math.nan
-        roll = math.atan2(2.0 * (w * x + y * z), square - 2.0 * (x * x + y * y))
-        pitch = _arcsine(2.0 * (w * y - x * z) / square)
-        yaw = math.atan2(2.0 * (w * z + x * y), square - 2.0 * (y * y + z * z))
-        reading = dict(zip((name for name, _, _ in ATTITUDE), (roll, pitch, yaw)))
+        roll = math.atan2(2.0 * (w * x + y * z), w * w - x * x - y * y + z * z)
+        ahead, left = w * w + x * x - y * y - z * z, 2.0 * (w * z + x * y)
+        pitch = math.atan2(2.0 * (w * y - x * z), math.hypot(ahead, left) or math.nan)  # none of four zeros
+        reading = dict(zip((name for name, _, _ in ATTITUDE), (roll, pitch, math.atan2(left, ahead))))
     roll, pitch, yaw = (*_values(reading, ATTITUDE), heading)[:3]
     if SEQUENCE == "XYZ":
         return roll, pitch, yaw - TURN
     roll = roll % (2.0 * math.pi) - math.pi if UPSIDE_DOWN else roll
     (sr, cr), (sp, cp), (sy, cy) = ((math.sin(angle), math.cos(angle)) for angle in (roll, pitch, yaw))
     # R_world_body = Rz(yaw) Ry(pitch) Rx(roll) Rz(-turn) = Rx(theta) Ry(phi) Rz(psi)
-    x, y = _turned([cy * cp, cy * sp * sr - sy * cr])
-    return math.atan2(cy * sr - sy * sp * cr, cp * cr), _arcsine(cy * sp * cr + sy * sr), math.atan2(-y, x)
-
-
-def _arcsine(value: float) -> float:
-    return math.asin(max(min(value, 1.0), -1.0))  # in this order NaN goes through
+    x, y, z = *_turned([cy * cp, cy * sp * sr - sy * cr]), cy * sp * cr + sy * sr
+    return math.atan2(cy * sr - sy * sp * cr, cp * cr), math.atan2(z, math.hypot(x, y)), math.atan2(-y, x)
