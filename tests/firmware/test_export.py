@@ -122,16 +122,49 @@ def test_what_is_exported_compiles_without_a_warning(compiler, tmp_path):
     }
     for name, controller in controllers.items():
         folder = write_project(controller, tmp_path / name)
-        flags = ("-c", f"-I{folder / 'ballbot'}", f"-I{folder}")
-        for source in ("robot.c", "ballbot/parts/policy.c", "examples/bare_metal.c", "examples/rtos_task.c"):
+        flags = ("-c", f"-I{folder / 'src'}")
+        for source in ("src/robot.c", "src/parts/policy.c", "examples/rtos_task.c"):
             target = (folder / source).with_suffix(".o")
             compile_sources(target, [folder / source], flags=flags, compiler=compiler)
             assert target.stat().st_size
     # the library's sources are those that every test of the firmware compiles, with warnings as errors
-    library = source_files(tmp_path / "nominal" / "ballbot")
+    library = [path for path in source_files(tmp_path / "nominal" / "src") if path.name != "robot.c"]
     assert [path.name for path in library] == [path.name for path in source_files()]
     for source, own in zip(library, source_files(), strict=True):
         assert source.read_text() == own.read_text()
+
+
+ARDUINO = """
+#include <stddef.h>
+#include <stdint.h>
+uint32_t micros();
+struct {
+    void begin(long);
+    int available(), read(), availableForWrite();
+    size_t write(const uint8_t *, size_t);
+} Serial;
+"""
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="no C++ compiler")
+def test_sketch_of_arduino_is_cpp_and_its_libraries_name_the_folder(tmp_path):
+    folder = write_project(nominal_controller(ROBOT), tmp_path)
+    (tmp_path / "Arduino.h").write_text(ARDUINO)
+    sketch = folder / "examples" / "balance" / "balance.ino"
+    command = [
+        "g++",
+        "-std=gnu++11",
+        "-fsyntax-only",
+        f"-I{folder / 'src'}",
+        "-include",
+        tmp_path / "Arduino.h",
+    ]
+    subprocess.run([*command, "-x", "c++", sketch], check=True)
+    build = json.loads((folder / "library.json").read_text())["build"]
+    assert "-ffp-contract=off" in build["flags"]
+    assert (folder / build["srcDir"] / "ballbot.h").is_file()
+    listed = (folder / "library.properties").read_text().partition("includes=")[2].split(",")
+    assert all((folder / "src" / name.strip()).is_file() for name in listed)
 
 
 @pytest.mark.board

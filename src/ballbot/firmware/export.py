@@ -1,11 +1,14 @@
 """What `ballbot export` writes: the library, a controller's numbers, build files and examples.
 
-    ballbot/                the library: the C sources of `ballbot.firmware`, as they are, and the weights of a policy
-    ballbot_parameters.h    the controller's numbers in single precision
-    ballbot_hardware.h      seven functions that the application writes for its board
-    robot.c, robot.h        sensors, library and motors put together
-    examples/               main loops for bare metal and for an operating system
-    CMakeLists.txt, Makefile, README.md
+    src/                    the library: the C sources of `ballbot.firmware`, as they are, and in
+      ballbot_policy_weights.h    the weights of a policy
+      ballbot_parameters.h        the controller's numbers in single precision
+      ballbot_hardware.h          seven functions that the application writes for its board
+      robot.c, robot.h            sensors, library and motors put together
+    examples/               main loops without an operating system (Arduino) and with one
+    CMakeLists.txt, Makefile, library.json, library.properties, README.md
+
+For a computer that runs Python, `ballbot.firmware.python_loop` replaces all but the library.
 
 The same controller and robot give the same bytes.
 """
@@ -37,7 +40,7 @@ from ballbot.robot import Robot
 #: build files and examples
 PROJECT = Path(__file__).parent / "project"
 #: folder of the library in what is written
-LIBRARY = "ballbot"
+LIBRARY = "src"
 #: a frequency of the shaping [rad/s] up to which its fourth power and all products stay far within single precision
 _LARGEST_FREQUENCY = 1e4
 #: of a weight
@@ -70,9 +73,9 @@ class Export:
         return STATE.dtype("single").itemsize
 
 
-def exported_names() -> list[str]:
+def exported_names(project: Path = PROJECT) -> list[str]:
     """Return the paths of all files that an export writes."""
-    return sorted([PARAMETERS_HEADER, *_fixed_files()])
+    return sorted([f"{LIBRARY}/{PARAMETERS_HEADER}", *_fixed_files(project)])
 
 
 def export_controller(
@@ -81,6 +84,7 @@ def export_controller(
     *,
     described: Robot | None = None,  # with the uncertainty of its friction, which bounds the compensation
     lean: float = 0.35,  # largest |theta| and |phi| [rad]; the safety layer stops beyond it
+    project: Path = PROJECT,  # the folder of files that belong to a kind of computer
 ) -> Export:
     """Return a controller and its robot as firmware.
 
@@ -116,9 +120,9 @@ def export_controller(
             f"\nPolicy: {policy.weights.size} weights in {LIBRARY}/{WEIGHTS_HEADER}; a library with "
             "other weights refuses these numbers."
         )
-    files = _fixed_files() | {
+    files = _fixed_files(project) | {
         f"{LIBRARY}/{WEIGHTS_HEADER}": weights_header(policy),
-        PARAMETERS_HEADER: parameters_header(record, PARAMETERS, comment=comment),
+        f"{LIBRARY}/{PARAMETERS_HEADER}": parameters_header(record, PARAMETERS, comment=comment),
     }
     return Export(
         parameters=record,
@@ -129,13 +133,16 @@ def export_controller(
     )
 
 
-def _fixed_files() -> dict[str, str]:
+def _fixed_files(project: Path) -> dict[str, str]:
     """Return the files that are the same for every controller, by their paths."""
-    sources = [path for path in SOURCES.rglob("*") if path.suffix in (".c", ".h")]
-    project = [path for path in PROJECT.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
-    return {f"{LIBRARY}/{path.relative_to(SOURCES).as_posix()}": read_text(path) for path in sources} | {
-        path.relative_to(PROJECT).as_posix(): read_text(path) for path in project
-    }
+    files = {}
+    for folder in (SOURCES, project):
+        for path in folder.rglob("*"):
+            if path.is_file() and "__pycache__" not in path.parts:
+                name = path.relative_to(folder).as_posix()
+                in_library = folder == SOURCES or (path.suffix in (".c", ".h") and path.parent == folder)
+                files[f"{LIBRARY}/{name}" if in_library else name] = read_text(path)
+    return files
 
 
 def check_belongs(path: Path, robot: Robot) -> None:

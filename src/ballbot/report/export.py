@@ -61,7 +61,7 @@ def export_report(
             "What interrupts and drivers of a board take: they come on top of the library's cycles."
             if load
             else f"What an update takes on the processor. {to_install}",
-            "Whether motors, encoders and IMU are wired as the library expects: `ballbot run wiring` checks a robot.",
+            "Whether motors, encoders and IMU are wired as the library expects: the self-test of README.md checks it.",
         ],
         findings=findings,
         data={

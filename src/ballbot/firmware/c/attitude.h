@@ -8,6 +8,7 @@
 #ifndef BALLBOT_ATTITUDE_H
 #define BALLBOT_ATTITUDE_H
 
+#include "ballbot_math.h"
 #include "ballbot_types.h"
 
 /* Sine and cosine of psi. */

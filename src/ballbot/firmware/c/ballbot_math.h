@@ -2,14 +2,24 @@
  * Sine, cosine, exponential, power, hyperbolic tangent, arctangent and square root in single precision.
  *
  * Every processor gives the same bits: only additions, multiplications, divisions, roots and integers are used, each
- * of which IEEE 754 or C defines to the bit. Build with -ffp-contract=off, so that no compiler fuses a multiplication
- * and an addition, and with -fno-math-errno, so that a root is one instruction. Nothing is read but the arguments, nothing is kept, and every loop is bounded.
+ * of which IEEE 754 or C defines to the bit. Build with -fno-math-errno, so that a root is one instruction. Nothing is read but the arguments, nothing is kept,
+ * and every loop is bounded.
  *
  * Errors are in units in the last place (ulp) of the exact result. The bounds hold at every 211th float that a function
  * accepts, and at millions of random pairs; `python -m campaigns.evidence firmware_math` measures every float.
  */
 #ifndef BALLBOT_MATH_H
 #define BALLBOT_MATH_H
+
+/* No compiler may fuse a multiplication and an addition, here and in every source, each of which includes this header before it computes:
+ * also where no options can be given, as on Arduino. GCC ignores the standard pragma, and when it vectorizes it fuses in spite of
+ * -ffp-contract=off (GCC 12, x86-64 with FMA).
+ */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("fp-contract=off", "no-tree-vectorize")
+#else
+#pragma STDC FP_CONTRACT OFF
+#endif
 
 /* IEEE 754 defines root and magnitude to the bit; GNU C has them as instructions, without a library. */
 #if defined(__GNUC__)

@@ -2,6 +2,8 @@
 
 #include <stddef.h>
 
+#include "ballbot_math.h"
+
 /* In place of a speed that is missing: a value beyond any sensor's. */
 #define MISSING_SPEED 1e30f
 

@@ -1,5 +1,7 @@
 #include "self_test.h"
 
+#include "ballbot_math.h"
+
 /* Duration of the whole test [s]. */
 #define DURATION 0.5f
 /* Fraction of a wheel's time in which it is pushed forward; then it is pushed back for as long. */
