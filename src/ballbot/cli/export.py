@@ -1,20 +1,17 @@
 """`ballbot export`: a controller as C firmware for its robot."""
 
-from pathlib import Path
-
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.cli.controllers import read_others, warn_of_idle_compensation
+from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
-from ballbot.control.file import read_controller
-from ballbot.firmware.export import check_belongs, export_controller, exported_names
+from ballbot.firmware.export import export_controller, exported_names, firmware_controller
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.progress import Progress
 from ballbot.report.export import export_report
 
 
 def export(
-    controller: Path,
+    controller: str,
     /,
     *,
     robot: options.Robot,
@@ -41,16 +38,16 @@ def export(
     Parameters
     ----------
     controller
-        A controller file.
+        A controller file, or another controller, as of ballbot check.
     clock
         Clock of the processor [Hz], for the share of the period that an update takes.
     """
     check_clock(clock)
     described, findings = checked_robot(robot, change, accept=accept)
-    check_belongs(controller, described)
-    read = read_controller(controller, described)
+    read = firmware_controller(controller, described)
+    others = [firmware_controller(source, described) for source in mixed or ()]
     with open_result(out, doing="writing the firmware", writes=exported_names()) as result:
-        exported = export_controller(read, read_others(mixed, described), described=described, lean=lean)
+        exported = export_controller(read, others, described=described, lean=lean)
         to_install = what_to_install()
         if not to_install:
             result.report(Progress(stage="counting instructions"))
@@ -59,4 +56,4 @@ def export(
         named = "ROBOT" if change else robot  # `run` takes a file, in which the changes must stand
         step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
         result.write(page, files=exported.files, named=["README.md"], next_step=step)
-    warn_of_idle_compensation({controller.name: read})
+    warn_of_idle_compensation({controller: read})
