@@ -138,7 +138,7 @@ def changed_scores(runs: Changed) -> Scores:
         for course, (made, duration) in COURSES.items()
         for seed in runs.seeds
     ]
-    table = run_grid(grid_runs({"": controller}, conditions), workers=Threads(count=1), threads=1)
+    table = run_grid(grid_runs({"": controller}, conditions), workers=Threads(count=1))
     return {course: table.of("", course) for course in COURSES}
 
 

@@ -122,7 +122,7 @@ def tried(policy: tuple[PolicyRun, Controller]) -> dict[str, list[Trial]]:
             twin=name != "loop",
         )
         runs = [GridRun(candidate=run.kind, controller=controller, condition=each) for each in conditions]
-        answers = run_grid(runs, partial(_trial, run.task), workers=Threads(count=1), threads=1).answers
+        answers = run_grid(runs, partial(_trial, run.task), workers=Threads(count=1)).answers
         results[name] = list(answers)
     return results
 

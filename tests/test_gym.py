@@ -125,7 +125,7 @@ def test_a_lane_with_a_wrong_action_is_truncated_and_the_others_go_on():
         ({"plant": "twins"}, "did you mean 'twin'"),
         ({"observe": "everything"}, "it is one of"),
         ({"task": "walk"}, "There is no task 'walk'"),
-        ({"base": lambda *given: given[1][:3]}, "not one in Python"),
+        ({"base": lambda *given: given[1][:3]}, "must be a ballbot.Controller"),
         ({"randomize": "nowhere"}, "There is no .*robot.toml"),
     ],
 )

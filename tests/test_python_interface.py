@@ -8,6 +8,7 @@ import pytest
 
 import ballbot
 from ballbot import InputError, Model, Robot, simulate, simulate_batch
+from ballbot.cli.main import main
 from ballbot.control.presets import nominal_controller
 from ballbot.results import as_json
 from ballbot.simulation.imperfections import Imperfections
@@ -40,6 +41,26 @@ def test_a_function_is_a_controller():
     assert by_function.sample_time == pytest.approx(ROBOT.sensors.sample_time)
     by_object = simulate(Model(ROBOT), nominal, "hold", duration=1.0, seed=3)
     np.testing.assert_array_equal(by_function.states, by_object.states)
+
+
+def test_functions_of_commands_take_names_and_own_controllers(tmp_path):
+    course = '[mine.short]\nreference = "hold"\nduration = 7.0\n'
+    (tmp_path / "courses.toml").write_text(course)
+    controllers = {"none": "none", "mine": nominal_controller(ROBOT).update}
+    league = ballbot.compare(ROBOT, controllers, courses=str(tmp_path / "courses.toml"), seeds=[3])
+    assert league.controllers == ("none", "mine")
+    assert [score.ended for name in controllers for score in league.scores["short", name]] == [None, None]
+
+
+def test_export_writes_the_files_of_the_command(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("ballbot.cli.export.what_to_install", lambda: ["ziglang"])  # counts no instructions
+    ballbot.export("nominal", "alten", lean=0.3).write(tmp_path / "python")
+    assert main(["export", "nominal", "--robot", "alten", "--lean", "0.3", "--out", str(tmp_path / "c")]) == 0
+    written = [path.relative_to(tmp_path / "python") for path in (tmp_path / "python").rglob("*.[ch]")]
+    assert len(written) > 20
+    for path in written:
+        assert (tmp_path / "c" / path).read_bytes() == (tmp_path / "python" / path).read_bytes()
+    assert "README.md" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("imperfections", [None, Imperfections(delay=1, torque_noise=0.01, seed=4)])

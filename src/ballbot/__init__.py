@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from ballbot.control.lqr import lqr as lqr
     from ballbot.control.margins import loop_margins as loop_margins
     from ballbot.errors import InputError as InputError
+    from ballbot.firmware.export import export as export
     from ballbot.identification import identify as identify
+    from ballbot.learning.learn import learn as learn
     from ballbot.log import Log as Log
     from ballbot.mechanics.model import Model as Model
     from ballbot.robot import Robot as Robot
@@ -21,8 +23,11 @@ if TYPE_CHECKING:
     from ballbot.robot.friction_law import register_friction_law as register_friction_law
     from ballbot.simulation.batch import simulate_batch as simulate_batch
     from ballbot.simulation.run import simulate as simulate
+    from ballbot.twin.twin import Twin as Twin
     from ballbot.validation import validate as validate
+    from ballbot.workflows.league import compare as compare
     from ballbot.workflows.plan import plan as plan
+    from ballbot.workflows.record import record as record
     from ballbot.workflows.study import study as study
 
 __version__ = "0.1.0"
@@ -34,10 +39,15 @@ _HOME = {
     "Log": "ballbot.log",
     "Model": "ballbot.mechanics.model",
     "Robot": "ballbot.robot",
+    "Twin": "ballbot.twin.twin",
+    "compare": "ballbot.workflows.league",
+    "export": "ballbot.firmware.export",
     "identify": "ballbot.identification",
     "lqr": "ballbot.control.lqr",
+    "learn": "ballbot.learning.learn",
     "loop_margins": "ballbot.control.margins",
     "plan": "ballbot.workflows.plan",
+    "record": "ballbot.workflows.record",
     "register_friction_law": "ballbot.robot.friction_law",
     "simulate": "ballbot.simulation.run",
     "simulate_batch": "ballbot.simulation.batch",

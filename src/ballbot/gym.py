@@ -16,9 +16,8 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballbot.control.controller import Controller
 from ballbot.control.parts.policy import VERSION
-from ballbot.control.source import ControllerLike, as_controller
+from ballbot.control.source import ControllerLike, as_controller, designed
 from ballbot.errors import InputError, missing_package, suggest
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, TaskLanes
@@ -79,18 +78,12 @@ class EnvironmentOptions:
             if getattr(self, name) not in choices:
                 given = str(getattr(self, name))
                 raise InputError(f"{name} is {given!r}; {suggest(given, choices, otherwise='it is one of')}")
-        task = self.task if isinstance(self.task, Task) else task_named(self.task)
+        task = task_named(self.task)
         robot = learned_robot(None if self.robot is None else as_robot(self.robot), self.randomize)
-        scenario = self.scenario
-        if not isinstance(scenario, Scenario):
-            scenario = load_scenario(scenario, robot)
+        scenario = load_scenario(self.scenario, robot)
         robots = drawn_robots(robot, scenario, self.randomize)
         known = robots[0].imperfections.known or robot
-        base = None if self.base is None else as_controller(self.base, known)
-        if base is not None and not isinstance(base, Controller):
-            raise InputError(
-                "The base of an environment must be a controller of Ballbot's own, not one in Python."
-            )
+        base = None if self.base is None else designed(as_controller(self.base, known), name="the base")
         estimator = None if self.observe == "state" else base.estimator if base else "kalman"
         move = None
         if self.plant == "twin":

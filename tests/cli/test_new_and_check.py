@@ -12,6 +12,7 @@ import pytest
 from ballbot.cli import main as program
 from ballbot.cli.app import COMMANDS, Command
 from ballbot.cli.main import main
+from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 
@@ -64,16 +65,31 @@ def test_check_refuses_inconsistent_robots(tmp_path: Path, capsys: pytest.Captur
 def test_check_prints_and_writes_derived_quantities(tmp_path, capsys):
     assert main(["check", "alten", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
-    # (V.2), (V.3) of the thesis, digit by digit
+    page = " ".join((tmp_path / "report.html").read_text(encoding="utf-8").split())
+    # (V.2), (V.3) of the thesis, digit by digit; on the page only
     for row in ("0.6173 -1.0692 1.2346", "-0.5400 0.2700 0.2700"):
-        assert row in " ".join(printed.split())
+        assert row in page
+        assert row not in " ".join(printed.split())
     assert "Unstable pole: 5.20" in printed
+    assert "Plausible" in printed
     assert "27.59" in printed
     results = json.loads((tmp_path / "results.json").read_text())
     linear = Model(Robot.load("alten")).linearize()
     for name, matrix in (("A", linear.A), ("B", linear.B)):
         np.testing.assert_array_equal(results["linearization"]["exact"][name], matrix)  # every digit
     assert results["unstable_pole"] == pytest.approx(5.20, abs=0.005)
+
+
+def test_robot_that_its_own_swing_contradicts_is_not_called_plausible(tmp_path, capsys):
+    t = np.arange(0.0, 20.0, 0.01)
+    stiffness = 17.076 * 9.81 * 0.393  # of alten, hung up at the ball's centre [N m/rad]
+    swing = 0.05 * np.exp(-0.01 * t) * np.cos(np.sqrt(stiffness / 4.1) * t)  # the file has 4.37 kg m^2
+    Log({"t": t, "theta": swing}).write(tmp_path / "swing.csv")
+    assert main(["check", "alten", "--swing", str(tmp_path / "swing.csv")]) == 0
+    printed = capsys.readouterr().out
+    assert "Plausible" not in printed
+    assert "Doubtful" in printed
+    assert "0.938 times the file's 4.37" in printed
 
 
 def test_an_interrupt_ends_without_a_traceback(monkeypatch, capsys):

@@ -7,8 +7,7 @@ from ballbot.control.file import read_controller
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import KINDS
-from ballbot.control.source import named_controller
-from ballbot.workflows.candidates import NAMED_CONTROLLERS
+from ballbot.control.source import NAMED_CONTROLLERS, named_controller
 from ballbot.workflows.controller_design import GainOptions, design_controller
 from tests.support.control_examples import FRICTION, alten
 

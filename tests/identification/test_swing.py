@@ -191,6 +191,16 @@ def test_sensor_that_froze_is_refused_and_one_that_is_clipped_gets_a_warning(rob
     assert found.about_ball_center.value == pytest.approx(4.37, rel=0.005)
 
 
+def test_file_is_contradicted_by_a_swing_outside_its_deviations(robot: Robot) -> None:
+    t = np.linspace(0.0, 25.0, 1251)
+    angle, _ = pendulum(t, stiffness=STIFFNESS * 4.37 / 4.1, viscous=0.02, amplitude=0.2)
+    fit = fitted(Log({"t": t, "theta": angle}))
+    (finding,) = inertia_of_swing(fit, robot).findings
+    assert (finding.code, finding.severity) == ("swing-inertia", "warning")
+    told = robot.annotated(standard_deviations={"body.inertia.xx": 0.2})
+    assert inertia_of_swing(fit, told).findings == ()  # 0.27 less, of 0.39
+
+
 def test_swing_of_another_body_gets_a_warning(robot: Robot) -> None:
     """A body with twice the file's inertia: the file, the mass or the clock is wrong."""
     t = np.linspace(0.0, 25.0, 1251)

@@ -94,6 +94,14 @@ def test_a_folder_that_is_no_identification_is_refused(tmp_path, folder):
         drawn_robots(ALTEN, Scenario.nominal(ALTEN), folder)
 
 
+@pytest.mark.parametrize("found", [{}, {"standard_deviations": {"c1": "much"}}])
+def test_a_spread_without_standard_deviations_is_refused(folder, found):
+    (folder / "results.json").write_text(json.dumps({"between_logs": found}))
+    robot = learned_robot(None, folder)
+    with pytest.raises(InputError, match=r"results\.json has no standard_deviations"):
+        drawn_robots(robot, Scenario.nominal(robot), folder)
+
+
 def test_boxes_have_the_ranges_that_the_documents_state():
     robot = ALTEN.replace(friction=Scenario.nominal(ALTEN).friction)
     drawn = drawn_robots(robot, Scenario.nominal(robot), "boxes", seed=4, count=150)

@@ -236,11 +236,14 @@ def printed(parts) -> list[str]:
 def test_a_page_folds_details_states_the_next_step_and_has_the_data_of_figures():
     figure = drawn_picture("one", "a figure", _line)
     report = result(
-        section("First", figure), details("Second", Paragraph("folded")), next_step="`ballbot check`"
+        section("First", figure),
+        details("Second", Paragraph("folded"), result="In 2 m"),
+        next_step="`ballbot check`",
     )
     text = page_of(report)
     assert "<dt>Next</dt><dd><code>ballbot check</code></dd>" in text
-    assert re.search(r"<details><summary><h2>Second</h2></summary>.*folded", text, re.DOTALL)
+    assert re.search(r"<summary><h2>Second</h2> <span [^>]*>In 2 m</span></summary>.*folded", text, re.DOTALL)
+    assert "Second" not in printed(report.parts())  # a terminal has no fold
     assert unquote(re.search(r'href="data:text/csv,([^"]+)"', text)[1]).splitlines() == [
         "panel,line,x,y",
         "1,a line,0,1",

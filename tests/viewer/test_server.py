@@ -90,10 +90,16 @@ def test_page_comes_with_its_policy_to_whoever_has_the_token():
 
 
 @pytest.mark.parametrize(
-    "path", ["/", "/?token=", "/?token=wrong", f"/?token={TOKEN}&token={TOKEN}", "/?token=%FF"]
+    "path",
+    ["/", "/?token=", "/?token=wrong", f"/?token={TOKEN}&token={TOKEN}", "/?token=%FF"],
 )
 def test_page_needs_the_token_once(path):
     assert served(lambda port: answer(port, path))[0][0] == 403
+
+
+def test_path_that_is_no_address_is_answered(caplog):
+    assert served(lambda port: answer(port, "//[?x"))[0][0] == 404
+    assert not caplog.records
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,20 @@ import pytest
 from scipy import stats
 
 from ballbot import Robot
+from ballbot.control.overcompensation import has_friction
 from ballbot.report.blocks import Cell
-from ballbot.report.comparison import metric_rows
+from ballbot.report.comparison import league_report, metric_rows
+from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.league import League, best_two, overall, run_league, standing
+from ballbot.workflows.league import (
+    League,
+    best_two,
+    compare,
+    overall,
+    run_league,
+    standing,
+    with_assumed_friction,
+)
 from ballbot.workflows.metrics import score_results
 from ballbot.workflows.statistics import fraction_with_interval, mean_ratio, mean_with_interval
 from tests.support.control_examples import FRICTION, alten
@@ -148,6 +158,49 @@ def test_equal_controllers_differ_by_nothing(folder):
     assert isinstance(peak[2], Cell)
     assert peak[2].below.startswith("0 (")
     assert "*" not in peak[2].below
+
+
+@pytest.mark.parametrize(
+    ("preset", "factor"), [("alten", 1.0), ("rob311", 1.7194 * 0.048 / (17.076 * 0.063))]
+)
+def test_robot_without_friction_runs_with_the_nominal_scenarios_for_its_load(monkeypatch, preset, factor):
+    """All wheels of both are tilted alike, so that the load goes as the body's mass."""
+    ran = {}
+
+    def stop(robot, controllers, courses, **_: object) -> None:
+        ran.update(robot=robot, known=controllers["full"].robot, plant=courses[0].plant(robot))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ballbot.workflows.league.run_league", stop)
+    nominal = Scenario.nominal(preset).friction
+    for plant in ("model", "twin"):
+        with pytest.raises(KeyboardInterrupt):
+            compare(preset, ["full"], courses="floor", plant=plant)
+        made = ran["plant"]
+        true = made.scenario.friction if plant == "twin" else made.model.robot.friction
+        for friction in (ran["known"].friction, true):
+            for name in ("viscous", "coulomb", "stribeck"):
+                np.testing.assert_allclose(getattr(friction, name), factor * np.array(getattr(nominal, name)))
+            assert (friction.stribeck_speed, friction.stribeck_exponent) == (0.6, 1.1)
+        assert ran["known"].friction.rolling == nominal.rolling
+        assert plant == "model" or true.rolling == 0.021  # the course's carpet
+        with pytest.raises(KeyboardInterrupt):
+            compare(preset, ["full"], courses="hold", plant=plant, friction="none")
+        made = ran["plant"]
+        true = made.scenario.friction if plant == "twin" else made.model.robot.friction
+        assert not has_friction(true)
+        assert not has_friction(ran["known"].friction)
+
+
+@pytest.mark.slow
+def test_page_says_which_friction_was_assumed(folder):
+    league = compare("rob311", ["none"], courses=str(folder / "courses.toml"), seeds=[1])
+    page = league_report(league)
+    assert "times 0.077" in league.friction
+    assert league.friction in [text for _, text in page.verdict]
+    assert league.friction in page.sections[0].blocks[0].caption
+    robot = Robot.load(str(folder / "robot.toml"))
+    assert with_assumed_friction(robot, "nominal") == (robot, "")
 
 
 def test_the_best_two_fall_least_and_then_err_least(folder):

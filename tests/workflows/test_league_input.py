@@ -69,9 +69,9 @@ def test_mismatch_changes_the_true_robot_on_either_plant(tmp_path):
     [
         ("{}/own.py", "Name the class or function that makes the controller"),
         ("{}/own.py:Missing", "has no 'Missing' to call"),
-        ("{}/own.py:lazy", "has no sample_time"),
+        ("{}/own.py:lazy", "own.py:lazy: A controller is given as an object of type NoneType"),
         ("{}/own.py:broken", "failed when it was made: AttributeError: 'Robot' object has no attribute"),
-        ("{}/own.py:Timeless", "the sample_time of"),
+        ("{}/own.py:Timeless", "own.py:Timeless: The controller's sample time is -1"),
         ("{}/nowhere.py:Mine", "there is no Python file"),
         ("{}/bad.py:Mine", "bad.py cannot be run: NameError: name 'no_such_name' is not defined (line 2)"),
         ("{}/worse.py:Mine", "worse.py cannot be run: SyntaxError"),
@@ -92,7 +92,7 @@ def test_a_wrong_controller_is_refused_in_one_sentence(folder, word, sentence):
     ("own", "sentence"),
     [
         ("Late", "failed at t = 0.505 s: ZeroDivisionError: no gain left (line"),
-        ("Odd", "returned str at t = 0 s, but it must return an array of torques"),
+        ("Odd", "own.py:Odd returned at t = 0 s is an array"),
     ],
 )
 def test_a_controller_that_fails_during_a_run_is_reported(folder, own, sentence):

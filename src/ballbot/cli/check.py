@@ -31,9 +31,9 @@ def check(
 ) -> None:
     """Check that a robot is plausible, and print quantities that follow from its parameters.
 
-    Prints derived quantities, the transformation matrices between ball and wheels, A, B and the poles of the exact
-    model about upright, and the stability margins with a controller. Standard deviations in the file are propagated to
-    the unstable pole.
+    Prints derived quantities, the poles of the exact model about upright, and the stability margins with a controller.
+    The page and results.json (--json) also have A, B and the transformation matrices between ball and wheels. Standard
+    deviations in the file are propagated to the unstable pole.
 
     Example: `ballbot check alten`
 
@@ -47,8 +47,8 @@ def check(
         A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
         how much of each limit that takes.
     controller : str
-        The controller whose margins are computed and that follows the reference: nominal, precise or a controller
-        file.
+        The controller whose margins are computed and that follows the reference: none, full, partial, nominal, precise,
+        a controller file, or FILE.py:NAME if NAME(robot) returns a ballbot.Controller.
     swing : Path
         A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia.
     swing_column : str

@@ -4,16 +4,12 @@ from pathlib import Path
 
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
-from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.control.references import is_reference_file
-from ballbot.errors import InputError
 from ballbot.fitting.run import Processes, Run
-from ballbot.progress import in_stage
 from ballbot.report.comparison import league_report
-from ballbot.summary import counted
-from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import best_two, run_league
+from ballbot.workflows.league import DEFAULT_CONTROLLERS, AssumedFriction
+from ballbot.workflows.league import compare as run_comparison
 
 
 def compare(
@@ -23,6 +19,7 @@ def compare(
     plant: PlantName = "model",
     courses: str = "motions",
     seeds: str = "1-3",
+    friction: AssumedFriction = "nominal",
     confirm: options.Count | None = None,
     processes: options.Count | None = None,
     cluster: options.Cluster = None,
@@ -52,48 +49,32 @@ def compare(
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
+    friction
+        Of a robot whose file has none: nominal, the nominal scenario's with the wheels' torques in proportion to the
+        wheels' load and radius, which the controllers know; or none.
     confirm
         Seeds with which the best two run on the twin, too, after all on the loop; by default none.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
     """
-    described = changed_robot(robot, change)
-    candidates = parse_candidates(controllers or ("none", "full", "partial"))
-    chosen = choose_courses(courses, described, plant)
-    if confirm is not None and plant == "twin":
-        raise InputError(
-            "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
-        )
-    numbers = parse_seeds(seeds)
-    by_name = {candidate.name: candidate.controller(described) for candidate in candidates}
-    warn_of_idle_compensation(by_name)
-    references = [course.reference_spec.name for course in chosen]
+    described, numbers = changed_robot(robot, change), parse_seeds(seeds)
+    references = [course.reference_spec.name for course in choose_courses(courses, described, plant)]
     beside = [Path(name) for name in references if is_reference_file(name)]
-    doing = f"{counted(len(by_name) * len(chosen) * len(numbers), 'run')} on the {plant}"
     with (
-        open_result(out, doing=doing, beside=beside, seed=seeds) as result,
+        open_result(out, doing=f"comparing on the {plant}", beside=beside, seed=seeds) as result,
         cluster_or(cluster, Processes(count=processes)) as workers,
     ):
-        league = run_league(
+        league = run_comparison(
             described,
-            by_name,
-            chosen,
+            controllers or DEFAULT_CONTROLLERS,
+            courses=courses,
+            plant=plant,
             seeds=numbers,
+            confirm=confirm or 0,
+            friction=friction,
             workers=workers,
-            threads=processes,
             run=Run(progress=result.report),
         )
-        twin = None
-        if confirm is not None:
-            twin = run_league(
-                described,
-                {name: by_name[name] for name in best_two(league)},
-                choose_courses(courses, described, "twin"),
-                seeds=range(1, 1 + confirm),
-                workers=workers,
-                run=Run(progress=in_stage(result.report, "the best two on the twin")),
-            )
-        page = league_report(league, twin=twin)
         words = robot_words(robot, change)
         step = f"`ballbot limits {words} CONTROLLER --out limits`, with the controller that you choose."
-        result.write(page, next_step=step)
+        result.write(league_report(league), next_step=step)

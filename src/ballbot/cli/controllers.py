@@ -2,18 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from cyclopts import Parameter
 
 from ballbot.cli.output import notice
 from ballbot.control.controller import Compensation, Controller
-from ballbot.control.file import read_controller
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
-from ballbot.control.source import named_controller
+from ballbot.control.source import UserController, read_source
 from ballbot.errors import InputError
-from ballbot.firmware.export import check_belongs
 from ballbot.robot import Robot
 
 
@@ -23,35 +20,27 @@ class ControllerOptions:
     """The controller of a run."""
 
     controller: str | None = None
-    """nominal, precise or a controller file; nominal if not given."""
+    """none, full or partial (the nominal gain with that compensation), nominal, precise, a controller file, or your
+    own in Python as FILE.py:NAME, where NAME(robot) returns the controller; nominal if not given."""
 
     compensation: Compensation | None = None
     """How the nominal controller compensates the friction in the robot's file: none, full or partial; none if not
     given."""
 
-    def read(self, robot: Robot) -> Controller:
+    def read(self, robot: Robot) -> Controller | UserController:
         """Return the controller for a robot; warn if its compensation does nothing."""
         name = self.controller or "nominal"
         if name != "nominal" and self.compensation is not None:
             raise InputError(
                 f"--compensation is for the nominal controller, but --controller is {name}; leave one of them out."
             )
-        controller = named_controller(name, robot)
-        if self.compensation is not None:
-            controller = controller.with_compensation(self.compensation)
+        controller = read_source(self.compensation or name, robot)
         warn_of_idle_compensation({self.controller or "nominal controller": controller})
         return controller
 
 
 #: the nominal controller, without compensation
 NOMINAL = ControllerOptions()
-
-
-def read_others(paths: list[Path] | None, robot: Robot) -> list[Controller]:
-    """Return the controllers of --with for a robot; InputError if one was designed for another robot."""
-    for path in paths or ():
-        check_belongs(path, robot)
-    return [read_controller(path, robot) for path in paths or ()]
 
 
 def warn_of_idle_compensation(controllers: Mapping[str, Feedback]) -> None:

@@ -1,5 +1,6 @@
 """`ballbot demo`: two recorded runs in the browser, and the friction identified from the log of the first."""
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ from ballbot.workflows.metrics import SETTLE, position_error, settled
 
 _NEXT = (
     "Next: describe your own robot, `ballbot new mine --from alten`, or push this one, `ballbot view alten "
-    "--controller none --controller precise` (needs: pip install 'ballbot[view]')"
+    "--controller none --controller precise`"
 )
 
 
@@ -49,7 +50,8 @@ def demo(
         result = friction_report(runs[SOFT], Run(progress=progress))
     render(result, folder)
     emit(result.to_dict())
-    print_parts([*result.parts(brief=True), str(report), _NEXT], console)
+    needs = "" if find_spec("websockets") else " (needs: pip install 'ballbot[view]')"
+    print_parts([*result.parts(brief=True), str(report), f"{_NEXT}{needs}"], console)
     if browser:
         open_page(report.resolve().as_uri())
 

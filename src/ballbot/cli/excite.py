@@ -59,7 +59,7 @@ def excite(
     bounds
         The bounds file of `ballbot identify`. Standard errors are weighted by the width of the bounds.
     controller
-        The controller that the robot will use: nominal (without compensation), precise or a controller file.
+        The controller that the robot will use: as of ballbot check.
     """
     described = changed_robot(robot, change)
     limits = Extent(

@@ -1,14 +1,11 @@
 """`ballbot export`: a controller as C firmware for its robot."""
 
-from pathlib import Path
-
 from ballbot.cli import options
 from ballbot.cli.context import open_result
-from ballbot.cli.controllers import read_others, warn_of_idle_compensation
+from ballbot.cli.controllers import warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
-from ballbot.control.file import read_controller
 from ballbot.errors import InputError
-from ballbot.firmware.export import PROJECT, check_belongs, export_controller, exported_names
+from ballbot.firmware.export import PROJECT, export_controller, exported_names, firmware_controller
 from ballbot.firmware.processor_load import check_clock, measure_load, what_to_install
 from ballbot.firmware.python_loop import MODULE, PYTHON_PROJECT, python_module
 from ballbot.log.mapping import read_mapping
@@ -17,7 +14,7 @@ from ballbot.report.export import export_report
 
 
 def export(
-    controller: Path,
+    controller: str,
     /,
     *,
     robot: options.Robot,
@@ -52,7 +49,7 @@ def export(
     Parameters
     ----------
     controller
-        A controller file.
+        A controller file, or another controller, as of ballbot check.
     clock
         Clock of the processor [Hz], for the share of the period that an update takes.
     python
@@ -64,8 +61,8 @@ def export(
             "--mapping is for the module that --python writes; a board's own functions read its sensors."
         )
     described, findings = checked_robot(robot, change, accept=accept)
-    check_belongs(controller, described)
-    read, others = read_controller(controller, described), read_others(mixed, described)
+    read = firmware_controller(controller, described)
+    others = [firmware_controller(source, described) for source in mixed or ()]
     module = {MODULE: python_module(read, read_mapping(mapping) if mapping else None)} if python else {}
     project = PYTHON_PROJECT if python else PROJECT
     with open_result(out, doing="writing the firmware", writes=exported_names(project)) as result:
@@ -79,4 +76,4 @@ def export(
         step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
         step = f"copy the folder to the robot, as {result.path('README.md')} says" if python else step
         result.write(page, files={**exported.files, **module}, named=["README.md"], next_step=step)
-    warn_of_idle_compensation({controller.name: read})
+    warn_of_idle_compensation({controller: read})

@@ -65,7 +65,7 @@ def learn(
         balance: stay in place; track: go to places and headings; drive: keep velocities of up to 0.5 m/s; push: stay in
         place under pushes of up to 8 N s.
     onto
-        A controller to whose torques the policy's are added: nominal, precise or a controller file.
+        A controller to whose torques the policy's are added, as of ballbot check.
     randomize
         Robots that differ from episode to episode: the folder of a study or an identification, whose covariance and
         spread between logs they are drawn from, or boxes, the uniform ranges of published work. By default all are the

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result
-from ballbot.control.controller import Controller
+from ballbot.control.source import designed
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
@@ -41,22 +41,15 @@ def limits(
     Parameters
     ----------
     controllers
-        none, full and partial (the nominal gain with that compensation), precise, or controller files; none and full
-        if not given. As in compare, LABEL=... renames one, and a trailing @kalman selects the estimator.
+        As of ballbot check, several; none and full if not given. As in compare, LABEL=... renames one, and a trailing
+        @kalman selects the estimator.
     grip
         Friction coefficient of the wheels on the ball, such as 1 for rubber on rubber.
     twin
         Also find the limits on the twin, in four directions: with slip and play.
     """
     described, candidates = changed_robot(robot, change), parse_candidates(controllers or ("none", "full"))
-    chosen = dict[str, Controller]()
-    for candidate in candidates:
-        controller = candidate.controller(described)
-        if not isinstance(controller, Controller):
-            raise InputError(
-                f"{candidate.name} is a controller of your own; limits are computed for controller files only."
-            )
-        chosen[candidate.name] = controller
+    chosen = {one.name: designed(one.controller(described), name=one.name) for one in candidates}
     if len(chosen) > MOST_CONTROLLERS:
         raise InputError(f"There are {len(chosen)} controllers; at most {MOST_CONTROLLERS} can be compared.")
     truth = load_scenario(scenario, described)

@@ -60,11 +60,11 @@ Scenario = Annotated[
 Duration = Annotated[float, Parameter(help="Length of the run [s].")]
 
 Mixed = Annotated[
-    list[Path] | None,
+    list[str] | None,
     Parameter(
         name="--with",
         negative="",
-        help="Another controller file, up to two, designed with the same options but for its weights. Its gain can be "
+        help="Another controller, up to two, designed with the same options but for its weights. Its gain can be "
         "mixed with the first one's while the robot balances, if they share a Lyapunov function.",
     ),
 ]

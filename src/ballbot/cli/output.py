@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from threading import Timer
 from time import monotonic
 from types import MappingProxyType
 
@@ -142,7 +143,15 @@ def progress_bar(
         yield ignore_progress
         return
     if not console.is_terminal:
-        yield _written(doing)
+        report = _written(doing)
+        # what compiles first reports nothing meanwhile
+        timer = Timer(_BEFORE_LINES, report, [Progress(stage="")])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield report
+        finally:
+            timer.cancel()
         return
     columns = (
         TextColumn("{task.description}", markup=False),

@@ -11,12 +11,11 @@ from cyclopts import App, Parameter
 
 from ballbot.cli import OUTPUT, options
 from ballbot.cli.context import Content, open_result
-from ballbot.cli.controllers import read_others
 from ballbot.cli.output import emit, notice, print_parts, standard_output
 from ballbot.control.file import read_controller
 from ballbot.errors import InputError
 from ballbot.file_formats import read_results
-from ballbot.firmware.export import check_belongs, export_controller
+from ballbot.firmware.export import export_controller, firmware_controller
 from ballbot.link.bench import bench_log, check_balancing_parameters, held_parameters, stir, sweep_of
 from ballbot.link.connection import Connection, LiveRun, Monitor, connect
 from ballbot.link.emulated import emulated_robot
@@ -137,7 +136,7 @@ def balance(
     /,
     *,
     link: LinkOptions = _LINK,
-    controller: Path | None = None,
+    controller: str | None = None,
     mixed: options.Mixed = None,
     tune: str | None = None,
     lean: options.LeanLimit = 0.35,
@@ -160,8 +159,8 @@ def balance(
     Parameters
     ----------
     controller
-        A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
-        controller runs.
+        A controller as of ballbot check; needs --robot. It is sent if the robot has another one. If not given, the
+        robot's own controller runs.
     tune
         Changes of the controller while it balances: terminal to type them, or a file with a time [s] and a command in
         each row. gain 0.3 gives the second gain this weight (or give a weight for each gain); compensation 0.8, torque
@@ -185,12 +184,12 @@ def balance(
     if controller is not None:
         if link.described is None:
             raise InputError("--controller needs the robot that it is for: give --robot.")
-        check_belongs(controller, link.described)
-        others = read_others(mixed, link.described)
-        read = read_controller(controller, link.described)
+        read, *others = (
+            firmware_controller(source, link.described) for source in (controller, *(mixed or ()))
+        )
         exported = export_controller(read, others, described=link.described, lean=lean)
-        study = controller.with_name("results.json")
-        results = read_results(study) if study.exists() else None
+        study = Path(controller).with_name("results.json")
+        results = read_results(study) if Path(controller).is_file() and study.exists() else None
         if isinstance(results, dict) and results.get("prediction"):  # a design's or a training's has none
             then = f"validate --prediction {study} LOG"
     with (

@@ -9,7 +9,7 @@ from pathlib import Path
 from ballbot.cli import options
 from ballbot.cli.context import open_result, read_balancing_log, read_balancing_logs
 from ballbot.cli.findings import check_input, show_findings
-from ballbot.control.file import read_controller
+from ballbot.control.source import as_controller, named_controller
 from ballbot.errors import InputError
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
@@ -40,7 +40,7 @@ def _validate_prediction(
     """Compare one log with a study's prediction, print the verdict, and write it if a folder is given."""
     prediction, beside = read_prediction(results), results.with_name("robot.toml")
     robot = Robot.load(beside)
-    driver = read_controller(controller, robot)
+    driver = named_controller(controller, robot)
     check_controller(prediction, driver, file=controller)
     log = read_balancing_log(file, mapping, robot)
     # errors that the verdict itself explains do not stop the command
@@ -71,7 +71,7 @@ def validate(
     out: Path | None = None,
     prediction: Path | None = None,
     against: str | None = None,
-    controller: Path | None = None,
+    controller: str | None = None,
     mapping: options.Mapping = None,
     seed: options.Seed = 0,
     accept: options.Accept = None,
@@ -105,13 +105,13 @@ def validate(
         The second model: another robot (preset or file), or thesis for this robot with the equations of motion of the
         published thesis. By default the same robot without friction.
     controller
-        The controller file that was used when the logs were recorded. Without it, the gain is estimated from each log;
-        with --prediction it is controller.toml beside the results.
+        The controller that was used when the logs were recorded, as of ballbot simulate. Without it, the gain is
+        estimated from each log; with --prediction it is controller.toml beside the results.
     """
     if prediction is not None:
         if logs or against is not None:
             raise InputError("--prediction compares one log: give it alone, without a robot and --against.")
-        file = controller or prediction.with_name("controller.toml")
+        file = Path(controller) if controller else prediction.with_name("controller.toml")
         _validate_prediction(
             prediction, Path(robot), out=out, controller=file, mapping=mapping, accept=accept
         )
@@ -121,7 +121,7 @@ def validate(
     models = ModelPair.load(robot, against=against)
     described = models.first.model.robot
     named = read_balancing_logs(logs, mapping, described)
-    driver = read_controller(controller, described) if controller else None
+    driver = as_controller(controller, described) if controller else None
     findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
     fitted = fitted_findings(models, named)
     show_findings(fitted)

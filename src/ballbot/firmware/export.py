@@ -25,8 +25,9 @@ from ballbot.control.friction_table import SPEEDS, friction_table
 from ballbot.control.gain_set import GainSet, certified, tunable
 from ballbot.control.linear import refuse_without_margin
 from ballbot.control.safety import SafetyLimits
+from ballbot.control.source import NAMED_CONTROLLERS, named_controller
 from ballbot.errors import InputError
-from ballbot.files import read_text, read_toml
+from ballbot.files import read_text, read_toml, write_text
 from ballbot.firmware.header import (
     PARAMETERS_HEADER,
     SOURCES,
@@ -35,7 +36,8 @@ from ballbot.firmware.header import (
     weights_header,
 )
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, STATE, parameter_record
-from ballbot.robot import Robot
+from ballbot.result_folder import result_folder
+from ballbot.robot import Robot, RobotLike, as_robot
 
 #: build files and examples
 PROJECT = Path(__file__).parent / "project"
@@ -57,6 +59,12 @@ class Export:
     limits: SafetyLimits
     gains: GainSet | None  #: if the controller has several
 
+    def write(self, folder: str | Path) -> None:
+        """Write the files into a folder, as `ballbot export` does; InputError if they cannot be."""
+        with result_folder(folder, command="export", names=self.files) as held, held.replaced() as new:
+            for name, text in self.files.items():
+                write_text(new / name, text)
+
     @property
     def weights(self) -> str:
         """The library's header with the weights of the controller's policy."""
@@ -76,6 +84,12 @@ class Export:
 def exported_names(project: Path = PROJECT) -> list[str]:
     """Return the paths of all files that an export writes."""
     return sorted([f"{LIBRARY}/{PARAMETERS_HEADER}", *_fixed_files(project)])
+
+
+def export(controller: Controller | str | Path, robot: RobotLike, *, lean: float = 0.35) -> Export:
+    """Return a controller, by value, name or file, as firmware for a robot; see `export_controller`."""
+    described = as_robot(robot)
+    return export_controller(firmware_controller(controller, described), described=described, lean=lean)
 
 
 def export_controller(
@@ -145,11 +159,15 @@ def _fixed_files(project: Path) -> dict[str, str]:
     return files
 
 
-def check_belongs(path: Path, robot: Robot) -> None:
-    """Raise InputError if a controller file names another robot than the one that it is read for."""
-    named = read_toml(path).get("robot")
-    if isinstance(named, str) and named != robot.name:
-        raise InputError(
-            f"{path} was designed for the robot {named!r}, not for {robot.name!r}; design a controller for "
-            f"{robot.name!r}, or correct the name in one of the files if they are the same robot."
-        )
+def firmware_controller(source: Controller | str | Path, robot: Robot) -> Controller:
+    """Return a robot's controller, by value, name or file; InputError if a file was designed for another robot."""
+    if isinstance(source, Controller):
+        return source
+    if source not in NAMED_CONTROLLERS and Path(source).suffix == ".toml":
+        named = read_toml(Path(source)).get("robot")
+        if isinstance(named, str) and named != robot.name:
+            raise InputError(
+                f"{source} was designed for the robot {named!r}, not for {robot.name!r}; design a controller for "
+                f"{robot.name!r}, or correct the name in one of the files if they are the same robot."
+            )
+    return named_controller(source, robot)

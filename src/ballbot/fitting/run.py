@@ -30,6 +30,8 @@ class ExecutorError(InputError):
 class Executor(ABC):
     """Makes pieces of work in parallel."""
 
+    count: int | None = None  #: of workers on this computer; None for one a core
+
     @abstractmethod
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
@@ -76,7 +78,7 @@ def _each_in(
 class Threads(Executor):
     """Threads of this process; compiled code and MuJoCo run in parallel in them."""
 
-    count: int | None = None  #: of workers; None for one a core
+    count: int | None = None
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
@@ -89,7 +91,7 @@ class Threads(Executor):
 class Processes(Executor):
     """Processes on this machine, which take seconds to start."""
 
-    count: int | None = None  #: of workers; None for one a core
+    count: int | None = None
 
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]

@@ -289,8 +289,10 @@ _CHECK_UNITS = "Check the units of t [s] and of the distance to the pivot [m]."
 _LARGE = 0.25
 #: one unit fits better than another if its residual is below this share of the other's
 _BETTER = 0.8
-#: an inertia in the file that is off by more than the first factor is reported; beyond the second, a unit is wrong
-_LIKE_FILE, _POSSIBLE = 1.25, 10.0
+#: share of an inertia by which three digits in a file may round it; what exceeds that and the 95 % interval is reported
+_ROUNDED = 0.005
+#: an inertia in the file that is off by more than this factor has a wrong unit
+_POSSIBLE = 10.0
 #: a larger relative residual is reported
 _MUCH_LEFT = 0.05
 
@@ -345,13 +347,16 @@ class SwingInertia:
         value = self.about_ball_center.value
         nearest = min(self._of_file, key=lambda inertia: abs(math.log(value / inertia)))
         ratio = value / nearest
-        off = max(ratio, 1.0 / ratio)
-        if off > _LIKE_FILE:
+        off, stated = max(ratio, 1.0 / ratio), self.robot.standard_deviations
+        of_file = max(float(np.max(stated.get(f"body.inertia.{axis}", 0.0))) for axis in ("xx", "yy"))
+        allowed = HALF_WIDTH * math.hypot(self.about_ball_center.deviation, of_file) + _ROUNDED * nearest
+        if abs(value - nearest) > allowed:
             text = (
                 f"A period of {2.0 * math.pi / self.fit.frequency:.4g} s gives an inertia about the ball's centre of "
-                f"{value:.4g} kg m^2, {ratio:.3g} times the file's {nearest:.4g}. The file's inertia is wrong, or "
-                f"body.mass ({mass:.4g} kg), the distance to the pivot, or the time of the recording; a clock "
-                f"{math.sqrt(ratio):.3g} times too slow would have the same effect. {_CHECK_UNITS}"
+                f"{plus_minus(value, self.about_ball_center.half_width)} kg m^2, {ratio:.3g} times the file's "
+                f"{nearest:.4g}. The file's inertia is wrong, or body.mass ({mass:.4g} kg), the distance to the pivot, "
+                f"or the time of the recording; a clock {math.sqrt(ratio):.3g} times too slow would have the same "
+                f"effect. {_CHECK_UNITS}"
             )
             yield finding("swing-inertia", "error" if off > _POSSIBLE else "warning", text, "t")
 

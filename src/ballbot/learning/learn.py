@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -19,11 +20,12 @@ from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import TaskLanes
 from ballbot.learning.ppo import Layers, Training, TrainingState, new_actor, random_of, train
-from ballbot.learning.tasks import Task
+from ballbot.learning.robots import drawn_robots
+from ballbot.learning.tasks import Task, task_named
 from ballbot.log import Log
 from ballbot.progress import Progress, sparkline
 from ballbot.results import left_out, to_results
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.imperfections import Push
 from ballbot.summary import Summary, counted, plotted, summarized
 from ballbot.twin.scenario import Scenario
@@ -153,8 +155,8 @@ def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual:
 
 
 def learn(
-    robots: Sequence[LoopRobot],
-    task: Task,
+    robots: RobotLike | Sequence[LoopRobot],
+    task: Task | str,
     *,
     base: Controller | None = None,
     training: Training = Training(),  # noqa: B008 (frozen)
@@ -164,8 +166,10 @@ def learn(
 
     Parameters
     ----------
-    robots : sequence of LoopRobot
-        Each episode has one of them, drawn at its start; see `ballbot.learning.robots.drawn_robots`.
+    robots : Robot, preset or robot file, or sequence of LoopRobot
+        Each episode has one of them, drawn at its start; see `ballbot.learning.robots.drawn_robots`. A single robot is
+        in the nominal scenario.
+    task : Task, or its name
     base : Controller, optional
         The policy is added to its torques. Without it the policy acts alone, and a linear law where it was not trained.
 
@@ -178,15 +182,13 @@ def learn(
     --------
     Too short to learn anything:
 
-    >>> from ballbot.learning.robots import drawn_robots
-    >>> from ballbot.learning.tasks import TASKS
-    >>> from ballbot.robot import as_robot
-    >>> robots = drawn_robots(as_robot("alten"), Scenario.named("nominal", "alten"), None)
-    >>> learned = learn(robots, TASKS["Balance"], training=Training(lanes=40, decisions=8, updates=1))
+    >>> learned = learn("alten", "balance", training=Training(lanes=40, decisions=8, updates=1))
     >>> learned.controller.parts.policy.first.shape
     (64, 20)
     """
-    known = robots[0].imperfections.known or robots[0].model.robot
+    if isinstance(robots, Robot | str | Path):
+        robots = drawn_robots(as_robot(robots), Scenario.nominal(robots), None)
+    task, known = task_named(task), robots[0].imperfections.known or robots[0].model.robot
     residual, around = base is not None, base or base_controller(known)
     lanes = TaskLanes(
         robots, task, lanes=training.lanes, seed=run.seed, base=base, estimator=around.estimator

@@ -9,10 +9,10 @@ covariance C + diag(t^2), C of the estimates and t the spread between logs.
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
+from ballbot.control.overcompensation import has_friction
 from ballbot.errors import InputError
 from ballbot.files import read_json
 from ballbot.identification.quantities import BY_NAME as QUANTITIES
@@ -71,7 +71,7 @@ def drawn_robots(
     InputError
         If the folder has no such result, or the result states no standard deviation.
     """
-    if not any(robot.friction.breakaway) and robot.friction.rolling == 0.0:
+    if not has_friction(robot.friction):
         robot = robot.replace(friction=scenario.friction)
     scenario = with_identified(scenario, robot.friction)
     if randomize is None:
@@ -121,7 +121,11 @@ def _between_logs(tree: object, wheels: int) -> dict[str, float]:
     if not isinstance(found, dict):
         parts = (_between_logs(part, wheels) for part in tree.values())
         return next((part for part in parts if part), {})
-    sizes = cast("dict[str, float]", found["standard_deviations"])
+    sizes = found.get("standard_deviations")
+    if not (isinstance(sizes, dict) and all(isinstance(size, int | float) for size in sizes.values())):
+        raise InputError(
+            "between_logs in results.json has no standard_deviations in numbers; run the study again."
+        )
     by_label = {}
     for name in FRICTION:
         labels = QUANTITIES[name].labels(wheels)

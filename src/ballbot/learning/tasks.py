@@ -140,12 +140,14 @@ TASKS = MappingProxyType(
 )
 
 
-def task_named(name: str) -> Task:
-    """Return the task of that name, in upper or lower case; InputError if there is no such task.
+def task_named(name: Task | str) -> Task:
+    """Return the task itself, or the one of that name, in upper or lower case; InputError if there is no such task.
 
     >>> task_named("drive").drive
     0.5
     """
+    if isinstance(name, Task):
+        return name
     if name.capitalize() not in TASKS:
         raise InputError(f"There is no task {name!r}; {suggest(name, TASKS, otherwise='the tasks are')}")
     return TASKS[name.capitalize()]

@@ -200,7 +200,8 @@ class Section:
 
     heading: str
     blocks: Sequence[Block]
-    folded: bool = False  #: whether the page shows only its heading until the reader opens it
+    folded: bool = False  #: whether the page shows only heading and result until the reader opens it
+    result: str = ""  #: of a folded section, in a line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,8 +246,8 @@ class Result:
     def parts(self, *, brief: bool = False) -> Iterator[RenderableType]:
         """Yield what a terminal shows: the page's tables, texts and lists, what is undecided, and the verdict.
 
-        The verdict is last because people read the last lines of a terminal. If `brief`, only the first section's first
-        table and its lists precede it.
+        The verdict is last because people read the last lines of a terminal, and folded sections are left to the page.
+        If `brief`, only the first section's first table and its lists precede it.
         """
         if brief:
             blocks = [block for first in self.sections[:1] for block in first.blocks]
@@ -255,7 +256,7 @@ class Result:
                 Text(f"- {item}") for block in blocks if isinstance(block, Bullets) for item in block.items
             )
         else:
-            for section in self.sections:
+            for section in (one for one in self.sections if not one.folded):
                 shown = [part for block in section.blocks for part in _on_terminal(block)]
                 yield from [Text(section.heading, style="bold"), *shown, Text("")] if shown else []
         yield Text("What the data cannot decide", style="bold")
@@ -287,9 +288,9 @@ def section(heading: str, *blocks: Block | None) -> Section:
     return Section(heading=heading, blocks=present)
 
 
-def details(heading: str, *blocks: Block | None) -> Section:
-    """Return a folded section, for what a reader looks up."""
-    return replace(section(heading, *blocks), folded=True)
+def details(heading: str, *blocks: Block | None, result: str = "") -> Section:
+    """Return a folded section, for what a reader looks up, with its result in a line."""
+    return replace(section(heading, *blocks), folded=True, result=result)
 
 
 PLAIN_WIDTH = 100  #: columns if no terminal states its width

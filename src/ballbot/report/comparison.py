@@ -104,7 +104,7 @@ def _overall_sheet(league: League) -> Sheet:
     ]
     caption = (
         f"Each number over {league.controllers[0]}'s on the same course with the same seed: geometric means over the "
-        "courses, with 95 % intervals over the seeds."
+        f"courses, with 95 % intervals over the seeds. {league.friction}"
     )
     headings = ("controller", *(METRIC_BY_KEY[key].heading for key in RATIOS), "falls")
     return Sheet(headings, rows, caption)
@@ -223,15 +223,16 @@ def _reference_path(course: Course, t: Floats) -> Floats:
     return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
 
 
-def league_report(league: League, *, twin: League | None = None) -> Result:
+def league_report(league: League) -> Result:
     """Return the page of a league, and of its best two on the twin if they ran there too."""
+    twin = league.twin
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
     courses, seeds = counted(len(league.courses), "course"), counted(len((twin or league).seeds), "seed")
     on_twin = Paragraph(f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction.")
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
         lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
-        verdict=[("", _verdict(league))],
+        verdict=[("", _verdict(league)), ("", league.friction)],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
             section("On the twin", *((on_twin, course_sheet(twin)) if twin else ())),
@@ -240,7 +241,7 @@ def league_report(league: League, *, twin: League | None = None) -> Result:
         undecided=[
             "How the controllers compare on a real robot: these are simulated runs of the robot as described."
         ],
-        data=league.to_dict() | ({"twin": twin.to_dict()} if twin else {}),
+        data=league.to_dict(),
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ballbot.control.presets import KINDS
+from ballbot.findings import texts
 from ballbot.mechanics.model import Model
 from ballbot.report.bench import swing_series
 from ballbot.report.blocks import (
@@ -34,21 +35,20 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     robot, following, swing = checked.robot, checked.following, checked.swing
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
-    severities = [finding.severity for finding in checked.findings]
+    severities = [finding.severity for finding in (*checked.findings, *(swing.findings if swing else ()))]
     errors, warnings = map(severities.count, ("error", "warning"))
-    plausible = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
+    doubtful = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    quantity, value, unit = swing.rows()[0] if swing else ("", "", "")
     on_twin = "How noise, delay and play change the run along the reference: `ballbot record` has them."
     vertical = "The inertia about the vertical axis: the body does not turn about it in a swing."
     return Result(
         title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
         verdict=[
-            ("Plausible", plausible if errors + warnings else "Its numbers fit together."),
+            ("Doubtful", doubtful) if errors + warnings else ("Plausible", "Its numbers fit together."),
             ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
-            ("Swing", capital(f"{quantity}: {value} {unit}.") if swing else ""),
+            ("Swing", " ".join(texts(swing.findings)) or f"{swing.notes()[0].text}" if swing else ""),
             *([(f"Following {following.name}", " ".join(following.verdict()))] if following else []),
         ],
         sections=list(_sections(checked)),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ballbot.arrays import Floats
+from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, finding_results
 from ballbot.log import Log
@@ -98,12 +99,11 @@ _NOT_A_ROBOT = (
 def recording_report(job: RecordJob, recording: Recording, findings: Sequence[Finding]) -> Result:
     """Return the page of a recorded run of the twin."""
     held, log = job.experiment != "balance", recording.run
-    compensation = job.controller.compensation
-    lead = (
-        f"The robot held, {_HELD[job.experiment]}"
-        if held
-        else f"The reference {job.reference}, {'without' if compensation == 'none' else compensation} compensation"
-    )
+    lead, own = f"The reference {job.reference}", job.controller
+    if held:
+        lead = f"The robot held, {_HELD[job.experiment]}"
+    elif isinstance(own, Controller):
+        lead += f", {'without' if own.compensation == 'none' else own.compensation} compensation"
     return run_report(
         log,
         job.robot,

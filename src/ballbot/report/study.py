@@ -166,6 +166,18 @@ def study_report(study: Study) -> Result:
     fit, choice, stiffness = study.found, study.choice, study.stiffness
     controller = choice.controller or choice.trials["none"].controller
     limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
+    why = (Bullets(_reasons(study)), gain_sheet(controller.gain), limit)
+    logs = [entry.log for entry in study.logs]
+    stiffest = stiffness and stiffness.stiffest(VARIANTS[0])
+    stiff = (
+        f"It may be as stiff as {_gain(stiffest)}."
+        if stiffest
+        else "Even the soft gain falls or lacks margins."
+    )
+    predicted = ""
+    if study.prediction:
+        quantity, median, bounds, *_ = predicted_sheet(study.prediction).rows[0]
+        predicted = capital(f"{quantity}: {median} ({bounds}).")
     findings = Bullets(model_findings(study.validation))
     first, *others = validation_sections(study.validation)
     return Result(
@@ -180,12 +192,10 @@ def study_report(study: Study) -> Result:
         ],
         sections=[
             section("The controllers", *_comparison_blocks(study)),
-            details("Why this controller", Bullets(_reasons(study)), gain_sheet(controller.gain), limit),
-            details(
-                "Where friction matters for this robot", *(_stiffness_blocks(stiffness) if stiffness else ())
-            ),
-            details("What the next log should show", *_prediction_blocks(study)),
-            details("Friction found", *parameter_blocks(fit, [entry.log for entry in study.logs])),
+            details("Why this controller", *why, result=_choice_words(choice)),
+            details("Where friction matters for this robot", *_stiffness_blocks(stiffness), result=stiff),
+            details("What the next log should show", *_prediction_blocks(study), result=predicted),
+            details("Friction found", *parameter_blocks(fit, logs), result=friction_sentence(fit)),
             replace(first, blocks=(findings, *first.blocks), folded=True),
             *(replace(other, folded=True) for other in others),
         ],
@@ -197,6 +207,12 @@ def study_report(study: Study) -> Result:
         findings=study.log_findings,
         data=study_results(study),
     )
+
+
+def _choice_words(choice: ControllerChoice) -> str:
+    standing = sum(not trial.falls for trial in choice.trials.values())
+    never = f"{standing} of {len(choice.trials)} candidates never fall"
+    return f"{never}; the smoothest of {len(choice.equals)} that count as equal." if standing else f"{never}."
 
 
 def _comparison_blocks(study: Study) -> Iterator[Block | None]:
@@ -235,8 +251,10 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
     yield predicted_sheet(prediction)
 
 
-def _stiffness_blocks(stiffness: FrictionByStiffness) -> Iterator[Block]:
+def _stiffness_blocks(stiffness: FrictionByStiffness | None) -> Iterator[Block]:
     """Yield the peak error of each gain, with and without compensation and observer."""
+    if stiffness is None:  # of a quick study
+        return
     course, runs = stiffness.course, len(stiffness.gains[0].trials[VARIANTS[0]].scores)
     caption = (
         f"Peak error on {course.duration:g} s of the {course.name} over the torque that a metre of error asks of the "

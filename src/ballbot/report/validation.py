@@ -1,6 +1,7 @@
 """The page of a validation; the page of a study shows the same sections."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -72,11 +73,17 @@ def undecided_by(validation: Validation) -> list[str]:
 
 
 def validation_sections(validation: Validation) -> list[Section]:
-    """Return a section for each way of validating, all but the first folded."""
+    """Return a section for each way of validating, all but the first folded, with its verdict."""
     if validation.no_evidence is not None:
         return [section("Which model is better", Paragraph(validation.no_evidence))]
-    parts = [(way.heading, list(_way_blocks(validation, way.key))) for way in WAYS]
-    return [(details if k else section)(heading, *blocks) for k, (heading, blocks) in enumerate(parts)]
+    results = validation.verdicts()
+    results["prediction"] = validation.prediction.remarks()[0].text
+    return [
+        replace(
+            section(way.heading, *_way_blocks(validation, way.key)), folded=k > 0, result=results[way.key]
+        )
+        for k, way in enumerate(WAYS)
+    ]
 
 
 def _way_blocks(validation: Validation, key: str) -> Iterator[Block]:

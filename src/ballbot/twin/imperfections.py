@@ -110,8 +110,7 @@ def changes_of(robot: Robot, scenario: Scenario) -> tuple[Later, ...]:
 
 def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: EstimatorName) -> SensedPlant:
     """Return a model with its own friction behind a scenario's sensors, drive, floor and payload."""
-    resolved = scenario if isinstance(scenario, Scenario) else load_scenario(scenario, model.robot)
-    identified = with_identified(resolved, model.robot.friction)
+    identified = with_identified(load_scenario(scenario, model.robot), model.robot.friction)
     robot = model.robot
     true = Model(true_model(robot, identified).robot, model.formulation, model.step, model.pivoting)
     borne = replace(imperfections_of(identified, known=robot), later=changes_of(robot, identified))

@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ballbot.control.controller import Controller
+from ballbot.control.interface import Feedback
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference
 from ballbot.errors import InputError
@@ -123,7 +123,7 @@ class Recording:
 
 def record_balance(
     twin: Twin,
-    controller: Controller,
+    controller: Feedback,
     reference: Reference,
     *,
     duration: float,

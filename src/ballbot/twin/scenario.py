@@ -18,8 +18,10 @@ from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
 from ballbot.errors import InputError, suggest
+from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_parameters
+from ballbot.robot.components import scaled_friction
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
 from ballbot.simulation.imperfections import Push, Roughness, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
@@ -35,6 +37,9 @@ from ballbot.twin.faults import (
     Timing,
 )
 from ballbot.twin.parts import check_rollers
+
+#: the robot whose friction, play and noise `nominal` has
+_REPRODUCED = "alten"
 
 #: how a wheel touches the ball: by its rollers, or by one point that is always there
 WheelContact = Literal["rollers", "point"]
@@ -208,6 +213,20 @@ class Scenario:
             raise InputError(f"There is no scenario {name!r}; {hint}")
         nominal = Scenario.nominal(robot)
         return replace(nominal, name=name, **_NAMED[name](nominal))
+
+
+def load_factor(robot: RobotLike) -> float:
+    """Return a robot's wheel load times wheel radius over those of the robot that `nominal` reproduces."""
+    levers = [wheel_load(one) * one.wheels.radius for one in map(as_robot, (robot, _REPRODUCED))]
+    return levers[0] / levers[1]
+
+
+def assumed_friction(robot: RobotLike) -> Friction:
+    """Return friction for a robot whose own is unknown: `nominal`'s, the wheels' torques times the `load_factor`.
+
+    Dry friction of loaded gears and rollers grows with the load. C_rr is of the force, and stays.
+    """
+    return scaled_friction(Scenario.nominal(robot).friction, load_factor(robot), rolling_factor=1.0)
 
 
 def _sizes(value: object, name: str) -> str:

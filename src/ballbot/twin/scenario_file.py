@@ -41,14 +41,16 @@ base = "nominal"
 """
 
 
-def load_scenario(source: str | Path, robot: RobotLike) -> Scenario:
-    """Return the scenario of that name, or the one in that TOML file, for a robot.
+def load_scenario(source: Scenario | str | Path, robot: RobotLike) -> Scenario:
+    """Return the scenario itself, or the one of that name or in that TOML file for a robot.
 
     InputError if there is neither, or the file cannot be read, misspells a key or describes no scenario of that robot.
 
     >>> load_scenario("ideal", "alten").backlash
     0.0
     """
+    if isinstance(source, Scenario):
+        return source
     if source in Scenario.names():
         return Scenario.named(str(source), robot)
     path = Path(source)

@@ -165,9 +165,7 @@ class Twin:
         estimator: Estimator | None = None,
     ) -> None:
         self.robot = robot = as_robot(robot)
-        if not isinstance(scenario, Scenario):
-            scenario = load_scenario(scenario or "nominal", robot)
-        self.scenario = scenario
+        self.scenario = load_scenario(scenario or "nominal", robot)
         self.engine = Engine(twin_mjcf(robot, self.scenario))
         sensors = self.scenario.sensors
         self._substeps = round(sensors.sample_time / self.scenario.timestep)

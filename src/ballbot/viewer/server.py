@@ -78,14 +78,14 @@ class Access:
         if len(hosts) != 1 or not self.names_this_machine(hosts[0]):
             return 403, "This server is reached by its own address only."
         address = f"http://{hosts[0]}"
-        parts = urlsplit(path)
+        route, _, query = path.partition("?")  # urlsplit would read "//..." as a host, which may be invalid
         upgrading = headers.get("Upgrade", "").lower() == "websocket"
-        if parts.path not in ("/", "/live"):
+        if route not in ("/", "/live"):
             return 404, "There is nothing here."
-        given = parse_qs(parts.query).get("token", [])
+        given = parse_qs(query).get("token", [])
         if len(given) != 1 or not secrets.compare_digest(given[0].encode(), self.token.encode()):
             return 403, "The address lacks its token. Open the one that the terminal shows."
-        if (parts.path == "/live") != upgrading:
+        if (route == "/live") != upgrading:
             return 400, "The page is at /, the web socket at /live."
         if any(origin != address for origin in origins) or (upgrading and len(origins) != 1):
             return 403, "Another page's requests are refused."
@@ -125,7 +125,7 @@ async def serve_live(
         refused = access.refusal(request.path, request.headers)
         if refused is not None:
             return connection.respond(*refused)
-        if urlsplit(request.path).path == "/live":
+        if request.path.partition("?")[0] == "/live":
             return None
         response = connection.respond(200, page.html)
         del response.headers["Content-Type"]

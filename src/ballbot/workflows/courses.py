@@ -3,6 +3,8 @@
 The built-in courses are in courses.toml beside this file, in sets; a user's own file has the same form.
 """
 
+from __future__ import annotations
+
 import inspect
 import math
 from collections.abc import Iterator, Mapping
@@ -13,11 +15,12 @@ from typing import Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
+from ballbot.control.overcompensation import has_friction
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_body, scaled_friction
 from ballbot.schema import validate_table
 from ballbot.simulation.imperfections import Push
@@ -117,6 +120,11 @@ class Course:
     rising: RisingPushes | None = None
     scenario: Scenario
     on: PlantName
+
+    def with_wheel_friction(self, friction: Friction) -> Course:
+        """Return the course with that friction of the wheels on the twin, too; the floor's stays its own."""
+        rolling = self.scenario.friction.rolling if has_friction(friction) else 0.0
+        return replace(self, scenario=replace(self.scenario, friction=replace(friction, rolling=rolling)))
 
     def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
         """Return the robot to run, by the model with the robot's friction, by the twin with the scenario's."""

@@ -155,7 +155,6 @@ def run_grid(
     ask: Callable[[GridRun, Log], Answer] = GridRun.score,
     *,
     workers: Executor = ALL_CORES,
-    threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> GridTable[Answer]:
     """Compute all runs and reduce each to its answer.
@@ -167,9 +166,8 @@ def run_grid(
     ask : callable, optional
         Returns the answer of a run and its log; the score by default. Pickled if there is more than one process.
     workers : Executor, optional
-        Computes the runs that are not on the compiled loop. The answers do not depend on it.
-    threads : int, optional
-        Number of threads of the compiled loop; all cores by default.
+        Computes the runs that are not on the compiled loop, which takes as many threads. The answers do not depend on
+        it.
 
     Raises
     ------
@@ -183,7 +181,7 @@ def run_grid(
     together = _loop_blocks(runs)
     alone = [[index] for index in sorted({*range(len(runs))}.difference(*together))]
     answers_by_index: dict[int, Answer] = {}
-    for makers, on_loop, blocks in ((Threads(count=threads), True, together), (workers, False, alone)):
+    for makers, on_loop, blocks in ((Threads(count=workers.count), True, together), (workers, False, alone)):
         pieces = [[runs[index] for index in block] for block in blocks]
         with closing(makers.each(partial(_asked, ask, on_loop), pieces)) as results:
             for piece, answers in results:

@@ -4,23 +4,34 @@ A grid (`ballbot.workflows.grid`) of many controllers on many courses. The stand
 controller against the first one, with intervals.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
 from ballbot.control.interface import Feedback
+from ballbot.control.overcompensation import has_friction
+from ballbot.control.source import ControllerLike, as_controller
+from ballbot.errors import InputError
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.log import Log
+from ballbot.progress import in_stage
 from ballbot.results import to_results
-from ballbot.robot import RobotLike, as_robot
+from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.rounding import digits
 from ballbot.summary import Reported
-from ballbot.workflows.courses import DIRECTIONS, Course
+from ballbot.twin.scenario import assumed_friction, load_factor
+from ballbot.workflows.candidates import parse_candidates
+from ballbot.workflows.courses import DIRECTIONS, Course, PlantName, choose_courses
 from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
 from ballbot.workflows.metrics import OF_SOME_COURSES, Score, falls_of, score_results, true_place, values_of
 from ballbot.workflows.statistics import Estimate, fraction_with_interval, mean_ratio, mean_with_interval
 
+DEFAULT_CONTROLLERS = ("none", "full", "partial")
 #: a track's points in a second, and the decimals they are kept with [m]
 _TRACK_RATE, _TRACK_DECIMALS = 10.0, 4
 
@@ -35,6 +46,8 @@ class League(Reported):
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
     tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
+    friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
+    twin: League | None = None  #: the best two on the twin, if they ran there too
 
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json: standings with their intervals, and every run's score."""
@@ -54,11 +67,72 @@ class League(Reported):
             }
         return {
             "robot": self.robot,
+            "friction": self.friction,
             "seeds": self.seeds,
             "first": self.controllers[0],
             "overall": {name: overall(self, name) for name in self.controllers},
             "courses": courses,
+            **({"twin": self.twin.to_dict()} if self.twin else {}),
         }
+
+
+#: friction of a robot whose file has none
+AssumedFriction = Literal["nominal", "none"]
+
+
+def with_assumed_friction(robot: RobotLike, assumed: AssumedFriction) -> tuple[Robot, str]:
+    """Return a robot with its own friction or the one assumed, and a sentence on the latter."""
+    robot = as_robot(robot)
+    if has_friction(robot.friction):
+        return robot, ""
+    lacking = f"The robot file of {robot.name} has no friction"
+    if assumed == "none":
+        return robot, f"{lacking}, and the robot runs without any."
+    factor = digits(load_factor(robot), 2)
+    text = f"{lacking}: it runs with the nominal scenario's, the wheels' torques times {factor} for its wheels' load."
+    return robot.replace(friction=assumed_friction(robot)), f"{text} The controllers know it."
+
+
+def compare(
+    robot: RobotLike,
+    controllers: Mapping[str, ControllerLike] | Sequence[str] = DEFAULT_CONTROLLERS,
+    *,
+    courses: str = "motions",
+    plant: PlantName = "model",
+    seeds: Sequence[int] = (1, 2, 3),
+    confirm: int = 0,
+    friction: AssumedFriction = "nominal",
+    workers: Executor = ALL_CORES,
+    run: Run = DEFAULT_RUN,
+) -> League:
+    """Compare controllers, by name or as `ballbot compare` names them, on the same courses with the same seeds.
+
+    With `confirm`, the best two run on the twin, too, with so many seeds. A robot whose file has no friction gets that
+    of the nominal scenario for its load (`assumed_friction`), or "none". InputError as `run_league`, and if a name is
+    unknown.
+    """
+    if confirm and plant == "twin":
+        raise InputError(
+            "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
+        )
+    known, assumed = with_assumed_friction(robot, friction)
+    if not isinstance(controllers, Mapping):
+        controllers = {one.name: one.controller(known) for one in parse_candidates(controllers)}
+    by_name = {name: as_controller(source, known) for name, source in controllers.items()}
+
+    def league(on: PlantName, names: Sequence[str], seeds: Sequence[int], run: Run) -> League:
+        chosen = choose_courses(courses, known, on)
+        if assumed:
+            chosen = [course.with_wheel_friction(known.friction) for course in chosen]
+        return run_league(
+            known, {name: by_name[name] for name in names}, chosen, seeds=seeds, workers=workers, run=run
+        )
+
+    found, twin = league(plant, list(by_name), seeds, run), None
+    if confirm:
+        on_twin = replace(run, progress=in_stage(run.progress, "the best two on the twin"))
+        twin = league("twin", best_two(found), range(1, 1 + confirm), on_twin)
+    return replace(found, friction=assumed, twin=twin)
 
 
 def run_league(
@@ -68,10 +142,9 @@ def run_league(
     *,
     seeds: Sequence[int],
     workers: Executor = ALL_CORES,
-    threads: int | None = None,
     run: Run = DEFAULT_RUN,
 ) -> League:
-    """Run every controller on every course with every seed; see `run_grid` for workers and threads.
+    """Run every controller on every course with every seed; see `run_grid` for workers.
 
     A seed determines everything random in the plant, and the start: at rest at the origin, leaning by up to 0.02 rad.
 
@@ -108,7 +181,7 @@ def run_league(
         for course in courses
     ]
     ask = partial(_scored, seeds[0] if seeds else 0)
-    table = run_grid(grid_runs(controllers, conditions), ask, workers=workers, threads=threads, run=run)
+    table = run_grid(grid_runs(controllers, conditions), ask, workers=workers, run=run)
     answers = {(course.name, name): table.of(name, course.name) for course in courses for name in controllers}
     return League(
         robot=robot.name,

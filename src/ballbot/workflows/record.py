@@ -1,7 +1,7 @@
 """Recording the twin: a run, or one for each of many seeds, and the files that say how it was made.
 
 log, truth, motion_capture   see `ballbot.twin.recording`; in a format that `ballbot.log.formats` writes
-robot.toml, scenario.toml, controller.toml
+robot.toml, scenario.toml, controller.toml (or a user's own, controller.py)
 record.toml                  version of Ballbot, seed, experiment, the cameras' frame and clock
 
 Runs of many seeds are a sweep (`ballbot.fitting.sweep`), which goes on where it was stopped.
@@ -18,27 +18,36 @@ import tomli_w
 
 from ballbot.control.controller import Controller
 from ballbot.control.file import controller_text
+from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import as_reference, is_reference_file, reference_text
+from ballbot.control.source import ControllerLike, UserController, as_controller
 from ballbot.estimation import named_estimator
 from ballbot.file_formats import read_results, results_text, without_format
-from ballbot.files import write_bytes
+from ballbot.files import read_text, write_bytes
 from ballbot.fitting.run import ALL_CORES, Executor
 from ballbot.fitting.sweep import RunFolder, identity
 from ballbot.log.formats import WRITTEN_SUFFIXES
-from ballbot.progress import ProgressCallback, ignore_progress
+from ballbot.progress import ProgressCallback, ignore_progress, in_notebook
 from ballbot.result_folder import MANIFEST, result_folder
-from ballbot.robot import Robot
+from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.robot.file import robot_text
-from ballbot.twin.recording import Experiment, MotionCapture, Recording, record_balance, record_bench
+from ballbot.twin.recording import (
+    DURATIONS,
+    Experiment,
+    MotionCapture,
+    Recording,
+    record_balance,
+    record_bench,
+)
 from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from ballbot.twin.twin import Twin
 from ballbot.workflows.metrics import run_results
 
 #: files that a run may write besides its page and results.json
 RECORD_FILES = (
     *(f"{name}{suffix}" for name in ("log", "truth", "motion_capture") for suffix in WRITTEN_SUFFIXES),
-    *("robot.toml", "scenario.toml", "controller.toml", "reference.csv", "record.toml"),
+    *("robot.toml", "scenario.toml", "controller.toml", "controller.py", "reference.csv", "record.toml"),
 )
 
 _HEADER = (
@@ -56,12 +65,33 @@ class RecordJob:
 
     robot: Robot
     scenario: Scenario
-    controller: Controller
+    controller: Feedback
     experiment: Experiment = "balance"
     reference: str = "square"  #: a name of `ballbot.control.references`, or a file; nothing to the bench
     duration: float  #: [s]
     seed: int = 1
     log_format: str = "csv"
+
+
+def record(
+    scenario: Scenario | str | Path = "nominal",
+    *,
+    robot: RobotLike = "alten",
+    controller: ControllerLike = "nominal",
+    reference: str = "square",
+    duration: float = DURATIONS["balance"],
+    seed: int = 1,
+) -> Recording:
+    """Record a balancing run of the twin as `ballbot record` does, but write nothing; InputError if it cannot run."""
+    job = RecordJob(
+        robot=(described := as_robot(robot)),
+        scenario=load_scenario(scenario, described),
+        controller=as_controller(controller, described),
+        reference=reference,
+        duration=duration,
+        seed=seed,
+    )
+    return record_run(job, in_notebook)
 
 
 def settings(job: RecordJob) -> dict[str, str]:
@@ -78,14 +108,19 @@ def settings(job: RecordJob) -> dict[str, str]:
     tables: dict[str, object] = {"run": run}
     header = _HEADER
     if job.experiment == "balance":
-        texts["controller.toml"] = controller_text(job.controller)
-        reference = job.reference
+        own, reference, given = job.controller, job.reference, "controller.toml"
+        run["reference"] = reference
         if is_reference_file(reference):  # its text goes along, so that the folder has all that made the run
-            reference = "reference.csv"
+            run["reference"] = reference = "reference.csv"
             texts[reference] = reference_text(job.reference)
-        run |= {"reference": reference, "compensation": job.controller.compensation}
-        run["estimator"] = job.controller.estimator
-        options += f" --reference {reference} --controller controller.toml"
+        if isinstance(own, Controller):
+            texts[given] = controller_text(own)
+            run["compensation"] = own.compensation
+        elif isinstance(own, UserController):
+            texts["controller.py"] = read_text(Path(own.path))
+            given = f"controller.py:{own.made_by} --estimator {own.estimator}"
+        run["estimator"] = estimator_of(own)
+        options += f" --reference {reference} --controller {given}"
         tables["motion_capture"] = asdict(MotionCapture.drawn(job.seed))
         header += _CAMERAS
     run["command"] = f"ballbot record scenario.toml --robot robot.toml {options} --out again"
@@ -101,7 +136,7 @@ def record_run(job: RecordJob, progress: ProgressCallback = ignore_progress) -> 
             job.robot, scenario, job.experiment, duration=duration, seed=seed, progress=progress
         )
     sample_time = scenario.sensors.sample_time
-    estimator = named_estimator(job.controller.estimator, job.robot, sample_time=sample_time)
+    estimator = named_estimator(estimator_of(job.controller), job.robot, sample_time=sample_time)
     twin = Twin(job.robot, scenario, estimator=estimator)
     reference = as_reference(job.reference)
     return record_balance(twin, job.controller, reference, duration=duration, seed=seed, progress=progress)

@@ -141,8 +141,7 @@ def study(
         )
     # whole nanoseconds: a controller file needs no rounding errors of a log's time stamps
     sample_time = round(studied[0].log.sample_time, 9)
-    given = scenario if isinstance(scenario, Scenario) else load_scenario(scenario or "nominal", robot)
-    tried = sampled_at(given, sample_time)
+    tried = sampled_at(load_scenario(scenario or "nominal", robot), sample_time)
     _ = PlantDraw(robot=robot, known=robot, scenario=tried, seed=0).on_loop  # refused before the work begins
     confirmed = options.confirm and find_spec("mujoco") is not None
     fitting = IdentificationOptions(excluded_states=tuple(options.excluded_states), back_emf=options.back_emf)
