@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "4574e5ad274036ca14881a7a79a347a694aa6abf08d6e229fa1fb96a7796aaab"
+#define BALLBOT_SCHEMA_DIGEST "f3e3bd8eed990454e51c1372d04ed12f87a332ee1fed39c49c8203a839e1ab39"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1165288877, 658519754, 344463994, 2040743846, 346712767, 148300329, 2048899434, 2006362795 }
+#define BALLBOT_SCHEMA_WORDS { 1944305038, 1838744660, 1696338802, 1347342639, 128135918, 535640516, 478282664, 971090745 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -117,8 +117,9 @@ struct ballbot_observer_record {
     float limit; /* [N m] */
     float by_acceleration[BALLBOT_MAX_WHEELS][5]; /* [N m s^2/m] */
     float by_lean[BALLBOT_MAX_WHEELS][2]; /* [N m/rad] */
+    float idle[BALLBOT_MAX_WHEELS]; /* [1] */
 };
-typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 31u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 35u * sizeof(float)) ? 1 : -1];
 
 /* The limits, and the lean that errors command. */
 struct ballbot_lean_limit_record {
@@ -183,7 +184,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1415u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1419u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -234,7 +235,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1512u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1516u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
