@@ -1,13 +1,14 @@
 """Robots drawn from a rule: what the campaigns that judge "any robot" run on.
 
-The rule was fixed before the first run on what it draws. A robot is drawn from a size, uniform from 0 to 1, so that what is heavy
-is tall; every other number is drawn within its range about the size, so that the whole is a robot that
+The rule was fixed before the first run on what it draws. A robot is drawn from a size, uniform from 0 to 1, so that
+what is heavy is tall; every other number is drawn within its range about the size, so that the whole is a robot that
 `ballbot check` finds plausible. Nothing is drawn again.
 
-    body          exp(size ln 60) kg; its centre of mass 0.15 m (1 / 0.15)^t above the ball's centre, t 0.65 parts the size
-                  and 0.35 parts uniform; a box about it, 1.2 to 2.2 times as tall as that height, 1.2 to 2 ball radii wide
-    ball          0.1 to 0.25 m of radius, so that the centre of mass lies 1.2 radii above its centre or more; a shell of
-                  3 to 20 kg/m^2, no heavier than the body
+    body          exp(size ln 60) kg; its centre of mass 0.15 m (1 / 0.15)^t above the ball's centre, t 0.65 parts
+                  the size and 0.35 parts uniform; a box about it, 1.2 to 2.2 times as tall as that height, 1.2 to 2
+                  ball radii wide
+    ball          0.1 to 0.25 m of radius, so that the centre of mass lies 1.2 radii above its centre or more; a
+                  shell of 3 to 20 kg/m^2, no heavier than the body
     wheels        three, or four in a quarter of the robots, of 0.35 to 0.6 ball radii, at 38 to 50 degrees
     motors        1.5 to 4 times the torque that the most loaded wheel needs to keep a lean of 8 degrees, in the worst
                   direction, while the ball accelerates under it; without load the ball rolls at 1 to 3 m/s
