@@ -61,6 +61,7 @@ def _typed(functions: ctypes.CDLL) -> ctypes.CDLL:
         "init": (truth, pointer, pointer),
         "update": (truth, pointer, pointer, pointer, ctypes.c_uint32, pointer, pointer),
         "arm": (truth, pointer),
+        "halt": (None, pointer, number),
         "self_test_of": (number, pointer),
         "stop_of": (number, pointer),
         "stop_word": (ctypes.c_char_p, number),
@@ -119,6 +120,10 @@ class Firmware:
     def arm(self) -> bool:
         """Forget a stop, and give torques from the next update on; return False unless the self-test has passed."""
         return bool(self._call("arm"))
+
+    def halt(self, reason: StopReason) -> None:
+        """Stop for a reason outside the library."""
+        self._functions.ballbot_halt(self.state.ctypes.data, 1 + list(StopReason).index(reason))
 
     @property
     def self_test(self) -> SelfTestOutcome:

@@ -56,7 +56,9 @@ from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.engine.lanes import entry, put, restored, stored
 from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, inner, scale, subtract, summed
+from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +81,9 @@ class FilterNoise:
     push: float = 0.02  #: of the momentum, by external pushes [m/s/sqrt(s)]
     rolling: float = 1e-3  #: of the distance by the wheels: rollers, play, slip [m/sqrt(s)]
     pivoting: float = 5e-3  #: of the ball's pivoting by the wheels [rad/sqrt(s)]
+    #: by which a count of each encoder moves the ball forward and to the left [m], and turns it [rad]: the root of the
+    #: sum of squares over the wheels
+    counts: tuple[float, float, float] = (0.0, 0.0, 0.0)
     pivoting_time: float = 0.5  #: over which that is averaged to find whether the ball pivots [s]
     pivoting_limit: float = 0.08  #: average from which it does; rollers and play make 0.02 [rad/s]
     start_position: float = 1e-3  #: of the position given at the reset [m]
@@ -91,7 +96,10 @@ class FilterNoise:
     def of(robot: Robot) -> FilterNoise:
         """Return the noise of a robot's own sensors; a perfect sensor gets a very small noise."""
         sensors = robot.sensors
+        step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+        by_x, by_y, by_z = (step * np.linalg.norm(transforms(robot).T_obw, axis=1)).tolist()
         return FilterNoise(
+            counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),
             gyro=max(sensors.gyro_noise, 1e-5),
             attitude=max(sensors.attitude_noise, 1e-5),
             heading_drift=max(abs(sensors.heading_drift), 1e-5),
@@ -290,8 +298,12 @@ def _sums(name: str, units: str, states: tuple[tuple[int, ...], ...], variances:
 
 
 def _wheel_variances(noise: FilterNoise, h: float) -> tuple[float, ...]:
-    # a density over a sample: the mean speed of a distance that is a random walk
-    return noise.rolling**2 / h, noise.rolling**2 / h, noise.pivoting**2 / h
+    # a density over a sample: the mean speed of a distance that is a random walk; and the rounding of both counts
+    walks = (noise.rolling, noise.rolling, noise.pivoting)
+    x, y, turn = (
+        walk**2 / h + count**2 / (6.0 * h * h) for walk, count in zip(walks, noise.counts, strict=True)
+    )
+    return x, y, turn
 
 
 _BY_WHEELS = (
