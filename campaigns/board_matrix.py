@@ -40,7 +40,7 @@ from ballbot.learning.robots import drawn_robots as learning_robots
 from ballbot.learning.tasks import TASKS
 from ballbot.mechanics.model import Model
 from ballbot.progress import ignore_progress
-from ballbot.simulation.batch import OutcomeBounds, simulate_batch
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.imperfections import Later, Push
 from ballbot.simulation.plant import Measurement, Plant
@@ -186,8 +186,7 @@ def falls(case: Case, controller: Controller) -> int:
 def recovered_push(number: int, drawn: DrawnRobot) -> float:
     """Return the largest push [N s] from which the nominal gain recovers, the least over directions; 0 if it falls.
 
-    It falls where the firmware would stop it, at the lean of its safety layer, and where a wheel would slip, which the
-    loop does not let it. As in `ballbot.workflows.limits` there is no play, whose impacts would count as slip.
+    It falls where the firmware would stop it: at the lean of its safety layer.
     """
     robot, loop = drawn.robot, Case(number=number, drawn=drawn, kind="nominal").loop
     limit = 0.35
@@ -202,7 +201,6 @@ def recovered_push(number: int, drawn: DrawnRobot) -> float:
             replace(
                 loop.imperfections,
                 fallen_lean=limit,
-                backlash=0.0,
                 seed=lane,
                 pushes=push_of(drawn, float(size), angle),
             )
@@ -215,7 +213,6 @@ def recovered_push(number: int, drawn: DrawnRobot) -> float:
             duration=_samples_of(drawn, BEGINS + AFTERWARDS) * robot.sensors.sample_time,
             initial_states=initial_state_of(number),
             imperfections=borne,
-            verdict=OutcomeBounds(grip=drawn.scenario.roller_grip),
             every=0,
         )
         return batch.survived.reshape(len(sizes), DIRECTIONS).all(axis=1)

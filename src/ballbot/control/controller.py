@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal, get_args
 
@@ -51,9 +50,7 @@ GRIP_FRACTION = 0.4
 
 def grip_torque_limit(robot: Robot) -> float:
     """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit."""
-    friction = max(
-        robot.friction.breakaway
-    )  # friction in the drive takes this part; it never reaches the contact
+    friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
     return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 
@@ -62,7 +59,8 @@ def torque_limit_words(controller: Controller) -> str:
     limit, motors = controller.torque_limit, controller.robot.drive.torque_limit
     if limit >= motors:
         return f"{limit:.4g} N m"
-    of_grip = math.isclose(limit, grip_torque_limit(controller.robot), rel_tol=1e-3)
+    # a controller's own friction is the certain part, its limit counts all of it
+    of_grip = limit >= (1.0 - 1e-3) * grip_torque_limit(controller.robot)
     why = ", because more would spin the wheels on the ball" if of_grip else ""
     return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"
 

@@ -94,6 +94,8 @@ def _update(
         acted = (1.0 - fraction) * acting[late] + fraction * (acting[late + 1] if fraction > 0.0 else 0.0)
         estimate = past("estimate", wheels)
         estimate = estimate + observer["fraction"] * (acted - needed - estimate)
+        idle = observer["idle"][:wheels]
+        estimate = estimate - np.outer(idle, idle @ estimate)
         after |= {"rates": x[5:], "estimate": estimate}
     if prediction["on"]:
         ahead = prediction["transition"] @ x

@@ -208,9 +208,10 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
         )
     radius = _radius(loop.closed())
     if not radius < 1.0:
+        grows = f"grows by {100.0 * (radius - 1.0):.2g} % in each sample"
         raise InputError(
-            f"The loop of this controller is unstable (a mode grows by {radius:.6g} in each sample): leave out or "
-            "change a part that adds phase lag, such as a notch at a low frequency, or shorten the sample time."
+            "The loop of this controller is unstable: an error "
+            f"{grows if radius > 1.0 + _ROUNDING else 'neither grows nor decays'}."
         )
     count = len(loop.wheels)
     omega = _frequencies(loop)

@@ -184,11 +184,13 @@ class ControllerChoice:
 
 def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controller]:
     """Return the candidates, sampled at that time [s]; all compensate the friction that is 95 % certain."""
-    robot = fit.robot.replace(friction=certain_friction(fit.robot))
+    robot, certain = fit.robot, certain_friction(fit.robot)
     gain = design_gain(robot, sample_time=sample_time).gain
     by_kind: Mapping[str, Controller] = {
-        "nominal": Controller(robot, gain, sample_time=sample_time),
-        "precise": precise_controller(robot, design=design_integral_gain(robot, sample_time=sample_time)),
+        "nominal": Controller(robot.replace(friction=certain), gain, sample_time=sample_time),
+        "precise": precise_controller(
+            robot, design=design_integral_gain(robot, sample_time=sample_time), compensated=certain
+        ),
     }
     return {
         name: by_kind[kind].with_compensation(compensation)

@@ -142,8 +142,8 @@ def design_controller(
 
     design, certain = designed(robot), certain_friction(robot)
     uncertainty = propagate(robot, lambda of: designed(of).gain)
-    compensated = robot.replace(friction=scaled_friction(certain, parts.compensation_gain))
-    controller = kind.controller(compensated, design, parts.compensation or kind.compensation)
+    compensated = scaled_friction(certain, parts.compensation_gain)
+    controller = kind.controller(robot, compensated, design, parts.compensation or kind.compensation)
     if parts.notch is not None:
         controller = controller.with_parts(replace(controller.parts, notch=Notch(frequency=parts.notch)))
     if parts.delay is not None:
@@ -151,7 +151,6 @@ def design_controller(
         controller = controller.with_parts(replace(controller.parts, prediction=late))
     if not parts.allow_overcompensation:
         refuse_overcompensation(controller, certain)
-    margins = loop_margins(controller)
     refuse_without_margin(controller)
     return ControllerDesign(
         controller=controller,
@@ -160,5 +159,5 @@ def design_controller(
         stated=robot.friction,
         certain=certain,
         margin=compensation_margin(controller, certain),
-        loop_margins=margins,
+        loop_margins=loop_margins(controller),
     )

@@ -29,6 +29,7 @@ from ballbot.control.presets import (
 )
 from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.controller_choice import ControllerChoice, NamedCourse, Trial, run_trials
 
@@ -108,11 +109,12 @@ class FrictionByStiffness:
 
 def measure_stiffness(choice: ControllerChoice, *, run: Run = DEFAULT_RUN) -> FrictionByStiffness:
     """Run gains from soft to where the margins end on the first robots of a choice."""
-    base, scenario = choice.trials["precise"].controller, choice.plants[0].scenario
+    base, known = choice.trials["precise"].controller, choice.plants[0].known
+    scenario = choice.plants[0].scenario
     course = replace(choice.course, duration=min(choice.course.duration, _DURATION))
-    end = _end(base, scenario)
+    end = _end(base, known, scenario)
     ladder = np.linspace(0.0, end, _GAINS).tolist()
-    controllers = {(s, variant): _controller(base, s, variant) for s in ladder for variant in VARIANTS}
+    controllers = {(s, variant): _controller(base, known, s, variant) for s in ladder for variant in VARIANTS}
     trials = run_trials(controllers, course, choice.plants[:_ROBOTS], run=run)
     gains = tuple(
         Stiffness(
@@ -131,19 +133,22 @@ def _position_gain(controller: Controller) -> float:
     return float(np.linalg.norm(controller.gain[:, 0]))
 
 
-def _controller(base: Controller, s: float, variant: Variant) -> Controller:
+def _controller(base: Controller, known: Robot, s: float, variant: Variant) -> Controller:
     weights = _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, s)
     # beyond the precise gain as the position's: integrals that grow faster would act faster than the robot balances
     stiffer = weights[0] / _between(NOMINAL_STATE_WEIGHTS, PRECISE_STATE_WEIGHTS, min(s, 1.0))[0]
     integral = stiffer * _between(_SOFT_INTEGRAL_WEIGHTS, PRECISE_INTEGRAL_WEIGHTS, min(s, 1.0))
     design = design_integral_gain(
-        base.robot,
+        known,
         state_weights=weights.tolist(),
         integral_weights=integral.tolist(),
         sample_time=base.sample_time,
     )
     controller = precise_controller(
-        base.robot, compensation="full" if variant.compensation else "none", design=design
+        known,
+        compensation="full" if variant.compensation else "none",
+        design=design,
+        compensated=base.robot.friction,
     )
     if variant.observer:
         return controller
@@ -154,12 +159,12 @@ def _between(soft: Sequence[float], stiff: Sequence[float], s: float) -> Floats:
     return np.asarray(np.array(soft) ** (1.0 - s) * np.array(stiff) ** s)
 
 
-def _end(base: Controller, scenario: Scenario) -> float:
+def _end(base: Controller, known: Robot, scenario: Scenario) -> float:
     """Return up to which s a gain by itself has margins."""
     end = _LEAST
     while end < _STIFFEST:
         try:
-            stiffer = _controller(base, end + 0.25, VARIANTS[0])
+            stiffer = _controller(base, known, end + 0.25, VARIANTS[0])
         except InputError:  # no gain stabilises with these weights
             break
         if _sensitivity(stiffer, scenario) > LARGEST_SENSITIVITY:

@@ -5,8 +5,9 @@
 By the linearised exact model without friction, x' = A x + B u in the heading frame, the change of the rates over a
 sample needed the torques B^+ (x' - A x). B^+ is the least-squares left inverse: three torques cannot match the changes
 of five rates, and these minimise the sum of squares, in which m/s^2 and rad/s^2 have the same weight. The excess of the
-motors' torques was lost to friction, a slope or a push. Unlike friction compensation the observer needs no friction
-model and also corrects slope and payload, but with a lag of 1/w, and it passes the sensors' noise on. Beside a
+motors' torques was lost to friction, a slope or a push. Four wheels can push against each other without moving the
+robot; no motion shows what is lost of such torques, so d has none. Unlike friction compensation the observer needs no
+friction model and also corrects slope and payload, but with a lag of 1/w, and it passes the sensors' noise on. Beside a
 compensation it adds the remainder.
 """
 
@@ -15,12 +16,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 from ballbot.control.parts.part import LawSettings, Part, clipped, row_times, turned
 from ballbot.control.parts.prediction import over_last_sample
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
+
+#: effect of torques, over the largest, that counts as none
+_IDLE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,6 +40,8 @@ class ObserverRecord:
     by_acceleration: NDArray[np.float64] = field(metadata=number("N m s^2/m", MAX_WHEELS, 5))
     #: -B^+ A for theta, phi
     by_lean: NDArray[np.float64] = field(metadata=number("N m/rad", MAX_WHEELS, 2))
+    #: torques of length 1 that move nothing; zero for three wheels
+    idle: NDArray[np.float64] = field(metadata=number("1", MAX_WHEELS))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,7 +72,12 @@ def observe(law, memory, seen, n):
             lost = over_last_sample(law.prediction, past.acting, i) - needed
             compensated = over_last_sample(law.prediction, past.friction_compensation, i)
             error = lost - compensated - state.estimate[i]
-            state.estimate[i] = clipped(state.estimate[i] + own.fraction * error, own.limit)
+            state.estimate[i] += own.fraction * error
+        idle = 0.0
+        for i in range(n):
+            idle += own.idle[i] * state.estimate[i]
+        for i in range(n):
+            state.estimate[i] = clipped(state.estimate[i] - idle * own.idle[i], own.limit)
     for i in range(5):
         state.rates[i] = measured[5 + i]
     state.started = 1
@@ -108,10 +120,12 @@ class DisturbanceObserver(Part):
 
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""
-        back = np.asarray(np.linalg.pinv(settings.linear.B), dtype=np.float64)
+        B = settings.linear.B
+        back, idle = np.asarray(np.linalg.pinv(B), dtype=np.float64), null_space(B, rcond=_IDLE)
         return ObserverRecord(
             fraction=-math.expm1(-self.frequency * settings.sample_time),
             limit=self.limit,
             by_acceleration=back[:, 5:],
             by_lean=-(back @ settings.linear.A)[:, 2:4],
+            idle=idle[:, 0] if idle.size else np.zeros(settings.robot.wheel_count),
         )

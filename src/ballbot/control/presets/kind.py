@@ -6,7 +6,7 @@ from typing import Protocol
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign
-from ballbot.robot import RobotLike
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 
 
 class GainDesign(Protocol):
@@ -34,9 +34,11 @@ class ControllerKind:
     state_weights: Sequence[float]  #: (10,) unless others are given
     torque_weight: float = 30.0  #: of each wheel [1/(N m)^2]
     design: GainDesign
-    controller: Callable[[RobotLike, LqrDesign, Compensation], Controller]  #: with a gain that `design` made
+    #: of a robot, the part of its friction that is compensated, and a gain that `design` made
+    controller: Callable[[Robot, Friction, LqrDesign, Compensation], Controller]
 
     def made(self, robot: RobotLike, compensation: Compensation | None = None) -> Controller:
         """Return the controller for a robot, by the kind's own weights."""
+        robot = as_robot(robot)
         design = self.design(robot, state_weights=self.state_weights, torque_weight=self.torque_weight)
-        return self.controller(robot, design, compensation or self.compensation)
+        return self.controller(robot, robot.friction, design, compensation or self.compensation)

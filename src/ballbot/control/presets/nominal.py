@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.lqr import LqrDesign, frictionless_model, lqr
 from ballbot.control.presets.kind import ControllerKind
-from ballbot.robot import RobotLike, as_robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
 NOMINAL_STATE_WEIGHTS = (20.0, 20.0, 500.0, 500.0, 5.0, 30.0, 30.0, 20.0, 20.0, 2.0)
@@ -42,8 +42,11 @@ def nominal_controller(robot: RobotLike, *, compensation: Compensation = "none")
     return Controller(robot, design_gain(robot).gain, compensation=compensation)
 
 
-def _with_gain(robot: RobotLike, design: LqrDesign, compensation: Compensation) -> Controller:
-    return Controller(robot, design.gain, sample_time=design.sample_time, compensation=compensation)
+def _with_gain(
+    robot: Robot, compensated: Friction, design: LqrDesign, compensation: Compensation
+) -> Controller:
+    known = robot.replace(friction=compensated)
+    return Controller(known, design.gain, sample_time=design.sample_time, compensation=compensation)
 
 
 KIND = ControllerKind(

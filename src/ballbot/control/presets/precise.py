@@ -23,7 +23,7 @@ from ballbot.control.parts.part import LawSettings
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets.kind import ControllerKind
 from ballbot.errors import InputError
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 
 #: weights of x y theta phi psi [1/m^2, 1/rad^2] and of their rates
 PRECISE_STATE_WEIGHTS = (2000.0, 2000.0, 500.0, 500.0, 50.0, 300.0, 300.0, 20.0, 20.0, 5.0)
@@ -77,13 +77,20 @@ def _with_integrals(robot: Robot) -> StateSpace:
 
 
 def precise_controller(
-    robot: RobotLike, *, compensation: Compensation = "full", design: LqrDesign | None = None
+    robot: RobotLike,
+    *,
+    compensation: Compensation = "full",
+    design: LqrDesign | None = None,
+    compensated: Friction | None = None,
 ) -> Controller:
     """Return the controller with every part that earned its place; see docs/generated/evidence.md.
 
-    The design has an integral gain; it is `design_integral_gain(robot)` if not given.
+    The design has an integral gain; it is `design_integral_gain(robot)` if not given. The friction that is compensated
+    is the robot's own if not given. The torque limit leaves the motors what the robot's own takes, also where less of
+    it is certain and so compensated.
     """
     robot = as_robot(robot)
+    known = robot if compensated is None else robot.replace(friction=compensated)
     chosen = design if design is not None else design_integral_gain(robot)
     time, integral_gain = chosen.sample_time, chosen.integral_gain
     if time is None or integral_gain is None:
@@ -97,7 +104,7 @@ def precise_controller(
         delay=0.0,
     )
     return Controller(
-        robot,
+        known,
         chosen.gain,
         sample_time=time,
         compensation=compensation,
@@ -146,7 +153,7 @@ KIND = ControllerKind(
     compensation="full",
     state_weights=PRECISE_STATE_WEIGHTS,
     design=design_integral_gain,
-    controller=lambda robot, design, compensation: precise_controller(
-        robot, compensation=compensation, design=design
+    controller=lambda robot, compensated, design, compensation: precise_controller(
+        robot, compensation=compensation, design=design, compensated=compensated
     ),
 )

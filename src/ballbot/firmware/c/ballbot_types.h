@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "0063ce60ca21f0ed95db1fb2bf92026eabdae1c56f0b35038bfa762e370fa36c"
+#define BALLBOT_SCHEMA_DIGEST "055feb2cab22489d08f24c9a68f55561f9cd8ddc9ba6d9d675418abc74195c0b"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 6540896, 1243738349, 366682034, 1066533486, 735764933, 1863005443, 200963630, 923771756 }
+#define BALLBOT_SCHEMA_WORDS { 90172204, 723667101, 150097050, 1760908641, 2043514332, 463919574, 1967229628, 1947819019 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -125,8 +125,9 @@ struct ballbot_observer_record {
     float limit; /* [N m] */
     float by_acceleration[BALLBOT_MAX_WHEELS][5]; /* [N m s^2/m] */
     float by_lean[BALLBOT_MAX_WHEELS][2]; /* [N m/rad] */
+    float idle[BALLBOT_MAX_WHEELS]; /* [1] */
 };
-typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 31u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_observer_record_has_no_padding[(sizeof(struct ballbot_observer_record) == 35u * sizeof(float)) ? 1 : -1];
 
 /* The limits, and the lean that errors command. */
 struct ballbot_lean_limit_record {
@@ -191,7 +192,7 @@ struct ballbot_law {
     struct ballbot_prediction_record prediction;
     struct ballbot_policy_record policy;
 };
-typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1415u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_law_has_no_padding[(sizeof(struct ballbot_law) == 1419u * sizeof(float)) ? 1 : -1];
 
 /* What the safety layer lets pass. */
 struct ballbot_safety_record {
@@ -242,7 +243,7 @@ struct ballbot_parameters {
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1514u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1518u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {

@@ -4,7 +4,8 @@
  *     d += fraction (acted - needed - compensated - d)      each wheel's, within its limit [N m]
  *
  * The change of the rates is that of the last sample, in [m/s^2] and [rad/s^2], heading frame. A sample in which a
- * torque was at its limit does not determine the lost torque.
+ * torque was at its limit does not determine the lost torque. Of torques that move nothing, as four wheels have them,
+ * d has none.
  */
 #include "parts/parts.h"
 
@@ -45,6 +46,7 @@ static void step_estimates(const struct ballbot_law *law, struct ballbot_memory 
     const struct ballbot_pair lean = ballbot_to_heading(now->a, now->state[2], now->state[3]);
     float *found = memory->disturbance_observer.estimate;
     float changes[5];
+    float idle = 0.0f;
 
     accelerations(now, memory->disturbance_observer.rates, law->rate, changes);
     for (int32_t i = 0; i < n; ++i) {
@@ -56,7 +58,13 @@ static void step_estimates(const struct ballbot_law *law, struct ballbot_memory 
         const float compensated = ballbot_over_last_sample(&law->prediction, past->friction_compensation, i);
         const float error = lost - compensated - found[i];
 
-        found[i] = ballbot_clipped(found[i] + own->fraction * error, own->limit);
+        found[i] += own->fraction * error;
+    }
+    for (int32_t i = 0; i < n; ++i) {
+        idle += own->idle[i] * found[i];
+    }
+    for (int32_t i = 0; i < n; ++i) {
+        found[i] = ballbot_clipped(found[i] - idle * own->idle[i], own->limit);
     }
 }
 
