@@ -1,9 +1,12 @@
 """Kinds of controllers: each is one file, found by its name wherever a controller is named."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ballbot.cli.main import main
+from ballbot.control.controller import grip_torque_limit
 from ballbot.control.file import read_controller
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
@@ -68,6 +71,17 @@ def test_friction_that_is_not_certain_is_no_fall_of_a_light_robot():
     )
     assert batch.survived.all()
     assert np.abs(batch.states[:, :, :2]).max() < 0.03
+
+
+def test_torque_limit_leaves_motors_what_their_voltage_loses_to_speed():
+    by_torque = alten(FRICTION)
+    duty = (
+        by_torque.drive.torque_limit / by_torque.drive.top_speed
+    )  # a motor on a voltage gives nothing at top speed
+    by_duty = alten(replace(FRICTION, viscous=(duty,) * 3))
+    # 1 m/s of the ball turns a wheel at 11.2 rad/s
+    more = grip_torque_limit(by_duty) - grip_torque_limit(by_torque)
+    assert more == pytest.approx(11.2 * 0.985 * (duty - max(FRICTION.viscous)), rel=0.01)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import checked_sample_time, positive_number, real_array
 from ballbot.control.law import ALLOWED, LAW_SIZE, LAW_TYPE, MEMORY_SIZE, MEMORY_TYPE, control_law, law_record
-from ballbot.control.lqr import gain_rows, sampling_words
+from ballbot.control.lqr import frictionless_model, gain_rows, sampling_words
 from ballbot.control.parts import Parts
 from ballbot.control.parts.part import LawSettings
 from ballbot.control.tuning import Setting, take_setting
@@ -46,12 +46,37 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
 
 #: largest traction of a wheel over its normal load: beyond it a stiff controller spins its wheels in a fall
 GRIP_FRACTION = 0.4
+#: largest speed over the floor [m/s], also over that of the motors without load
+_LARGEST_SPEED, _MOTOR_SPEED = 2.0, 0.8
+#: share of the largest speed at which viscous friction is counted: a catch begins at rest and ends at speed
+_CATCH_SPEED = 0.5
+
+
+def largest_speed(robot: Robot) -> float:
+    """Return the largest speed over the floor [m/s] at which the motors have torque left."""
+    return min(_LARGEST_SPEED, _MOTOR_SPEED * robot.drive.top_speed / _rolling(robot))
+
+
+def lost_torque(robot: Robot) -> float:
+    """Return what a drive takes of its motor's torque while a fall is caught [N m]; it never reaches the contact.
+
+    Viscous friction contains the back-EMF of motors on a voltage or a duty.
+    """
+    speed = _CATCH_SPEED * _rolling(robot) * largest_speed(robot)
+    return max(robot.friction.breakaway) + max(robot.friction.viscous) * speed
 
 
 def grip_torque_limit(robot: Robot) -> float:
     """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit."""
-    friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
-    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
+    traction = GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius
+    return min(robot.drive.torque_limit, traction + lost_torque(robot))
+
+
+def _rolling(robot: Robot) -> float:
+    """Return the speed of the fastest wheel over that along the floor [rad/m]."""
+    model = frictionless_model(robot)
+    along = [model.wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
+    return float(np.linalg.norm(along, axis=0).max())
 
 
 def torque_limit_words(controller: Controller) -> str:
