@@ -48,12 +48,12 @@ from ballbot.simulation.run import initial_state_of
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.workflows.controller_design import GainOptions, PartOptions, design_controller
 from ballbot.workflows.grid import LoopRobot
-from campaigns.drawn_robots import TRAINING_SEED, DrawnRobot, drawn_robots
-from campaigns.section import finished
+from campaigns.drawn_robots import TRAINING_SEED, DrawnRobot, drawn_robots, lean_torque
+from campaigns.section import Section, finished, share_words
 from tests.support.compiled_firmware import Firmware
 
 #: of the forty robots that judge, drawn after the last change of what they judge
-JUDGING_SEED: int | None = None
+JUDGING_SEED = 0
 ROBOTS = 40
 POLICY = "policy"
 CASE_KINDS = ("nominal", "precise", POLICY)
@@ -100,6 +100,12 @@ class Result:
             return "refused" if self.fell else "refused wrongly"
         return self.failures[0][0] if self.failures else "passed"
 
+    @property
+    def told(self) -> str:
+        """What went wrong, in words."""
+        fell = f'"{self.refused}" It falls in {self.fell} of {REFUSED_RUNS} runs.' if self.refused else ""
+        return fell or "; ".join(f"{stage}: {what}" for stage, what in self.failures)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
@@ -121,13 +127,14 @@ class Case:
             robots = learning_robots(robot, self.drawn.scenario, None)
             return learn(robots, TASKS["Balance"], run=Run(progress=ignore_progress)).controller
         return design_controller(
-            robot, gain=GainOptions(kind=self.kind), parts=PartOptions(delay=delay)
+            robot, gain=GainOptions(kind=self.kind), parts=PartOptions(delay=delay or None)
         ).controller
 
     def unchecked(self) -> Controller:
         """Return the controller as `design` makes it before its checks; InputError if there is none."""
         made = KINDS["nominal" if self.kind == POLICY else self.kind].made(self.drawn.robot)
-        return made.with_parts(replace(made.parts, prediction=DelayPrediction(delay=self.drawn.delay)))
+        late = DelayPrediction(delay=self.drawn.delay) if self.drawn.delay else None
+        return made.with_parts(replace(made.parts, prediction=late))
 
 
 def judged(piece: tuple[int, int, Sequence[str]]) -> list[Result]:
@@ -397,6 +404,48 @@ def results(seed: int, numbers: Sequence[int], kinds: Sequence[str]) -> list[Res
     return [one for robot in done.values() for one in robot]
 
 
+def campaign() -> Section:
+    """Judge the robots of the seed that judges and return the section of docs/generated/evidence.md."""
+    made = results(JUDGING_SEED, range(ROBOTS), CASE_KINDS)
+    ends = {(one.number, one.kind): one.end for one in made}
+    rows = [
+        [*_words(number, drawn), *(ends[number, kind] for kind in CASE_KINDS)]
+        for number, drawn in enumerate(drawn_robots(JUDGING_SEED, ROBOTS))
+    ]
+    passed, refused = (sum(one.end == end for one in made) for end in ("passed", "refused"))
+    told = [f"- robot {one.number}, {one.kind}: {one.told}" for one in made if one.end != "passed"]
+    found = [one.found for one in made if one.end == "passed"]
+    return Section(
+        title="From any robot to its board",
+        before=f"{ROBOTS} robots of the seed {JUDGING_SEED}, drawn by the rule of `campaigns/drawn_robots.py`, with a "
+        "nominal, a precise and a learned controller each: designed, exported, compiled by GCC and by Clang "
+        f"(ziglang) without a warning; the exported C allows its numbers, passes its self-test, balances {BALANCE:g} s "
+        "on the compiled loop's plant, stands half of the push that the nominal gain recovers from, names a wheel that "
+        f"sticks within {FOUND_WITHIN:g} s of a push half as large, and gives no torque after a stop. Motors: times "
+        "the torque that a lean of 8 degrees needs. Counts: of a turn of the wheel. Friction: break-away over the "
+        "motors' torque.",
+        columns=["robot", "body", "motors", "loop", "counts", "friction", *CASE_KINDS],
+        rows=rows,
+        after=f"{share_words(passed, len(made))} of {len(made)} cases passed; {refused} were refused by `design`, and "
+        f"fall with what was refused; {len(made) - passed - refused} failed. A wheel that sticks was named after "
+        f"{np.median(found):.2f} s (median; at most {max(found):.2f} s).\n\n" + "\n".join(told),
+    )
+
+
+def _words(number: int, drawn: DrawnRobot) -> list[str]:
+    """Return the first cells of a robot's row."""
+    robot = drawn.robot
+    drive, h = robot.drive, robot.sensors.sample_time
+    return [
+        f"{number}",
+        f"{robot.body.mass:.1f} kg, {robot.body.center_of_mass:.2f} m",
+        f"{drive.torque_limit / lean_torque(robot):.1f}, {drawn.input}",
+        f"{1.0 / h:.0f} Hz, {drawn.delay / h:.1f}",
+        f"{robot.sensors.encoder_counts * drive.gear_ratio:.0f}",
+        f"{100.0 * max(robot.friction.breakaway) / drive.torque_limit:.0f} %",
+    ]
+
+
 def main() -> None:
     """Judge the robots of a seed and print a line for each case."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -408,10 +457,9 @@ def main() -> None:
     numbers = range(int(first), int(last or first) + 1)
     made = results(given.seed, numbers, given.kinds.split(","))
     for one in made:
-        words = "; ".join(f"{stage}: {what}" for stage, what in one.failures) or one.refused
         print(
             f"{one.number:3d} {one.kind:8s} {one.end:15s} {one.push:7.3g} N s {one.found:5.2f} s "
-            f"{one.wandered:6.3f} m {words}"
+            f"{one.wandered:6.3f} m {one.told}"
         )
     print(Counter((one.kind, one.end) for one in made).most_common())
 

@@ -52,6 +52,7 @@ CAMPAIGNS = {
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",
+    "board_matrix": "campaigns.board_matrix",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_fuzz": "campaigns.firmware_fuzz",
