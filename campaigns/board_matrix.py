@@ -20,11 +20,11 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import KINDS, nominal_controller
+from ballbot.control.presets import KINDS
 from ballbot.control.references import hold
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
@@ -40,7 +40,7 @@ from ballbot.learning.robots import drawn_robots as learning_robots
 from ballbot.learning.tasks import TASKS
 from ballbot.mechanics.model import Model
 from ballbot.progress import ignore_progress
-from ballbot.simulation.batch import OutcomeBounds, simulate_batch
+from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.imperfections import Later, Push
 from ballbot.simulation.plant import Measurement, Plant
@@ -48,12 +48,12 @@ from ballbot.simulation.run import initial_state_of
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.workflows.controller_design import GainOptions, PartOptions, design_controller
 from ballbot.workflows.grid import LoopRobot
-from campaigns.drawn_robots import TRAINING_SEED, DrawnRobot, drawn_robots
-from campaigns.section import finished
+from campaigns.drawn_robots import TRAINING_SEED, DrawnRobot, drawn_robots, lean_torque
+from campaigns.section import Section, finished, share_words
 from tests.support.compiled_firmware import Firmware
 
 #: of the forty robots that judge, drawn after the last change of what they judge
-JUDGING_SEED: int | None = None
+JUDGING_SEED = 0
 ROBOTS = 40
 POLICY = "policy"
 CASE_KINDS = ("nominal", "precise", POLICY)
@@ -70,8 +70,10 @@ FOUND_WITHIN = 5.0
 _STICKS = 150.0  # dry friction of a wheel that no motor of these robots turns [N m]
 #: runs of a refused controller, one of which must fall
 REFUSED_RUNS = 5
-#: sizes of a push at which the nominal gain is tried, in four directions; each is then halved so many times
-SIZES, DIRECTIONS, HALVINGS = 12, 4, 4
+#: sizes of a push at which the nominal gain is tried, in so many directions; then as many between two of them
+SIZES, DIRECTIONS = 10, 4
+#: lean at which the firmware stops [rad], as `export_controller` has it
+STOP_LEAN = 0.35
 
 
 class StageError(Exception):
@@ -98,6 +100,12 @@ class Result:
             return "refused" if self.fell else "refused wrongly"
         return self.failures[0][0] if self.failures else "passed"
 
+    @property
+    def told(self) -> str:
+        """What went wrong, in words."""
+        fell = f'"{self.refused}" It falls in {self.fell} of {REFUSED_RUNS} runs.' if self.refused else ""
+        return fell or "; ".join(f"{stage}: {what}" for stage, what in self.failures)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
@@ -119,25 +127,33 @@ class Case:
             robots = learning_robots(robot, self.drawn.scenario, None)
             return learn(robots, TASKS["Balance"], run=Run(progress=ignore_progress)).controller
         return design_controller(
-            robot, gain=GainOptions(kind=self.kind), parts=PartOptions(delay=delay)
+            robot, gain=GainOptions(kind=self.kind), parts=PartOptions(delay=delay or None)
         ).controller
 
-    def refused(self) -> Controller:
-        """Return the controller that `design` refuses; InputError if there is none."""
-        robot = self.drawn.robot
-        made = KINDS["nominal" if self.kind == POLICY else self.kind].made(robot)
-        return made.with_parts(replace(made.parts, prediction=DelayPrediction(delay=self.drawn.delay)))
+    def unchecked(self) -> Controller:
+        """Return the controller as `design` makes it before its checks; InputError if there is none."""
+        made = KINDS["nominal" if self.kind == POLICY else self.kind].made(self.drawn.robot)
+        late = DelayPrediction(delay=self.drawn.delay) if self.drawn.delay else None
+        return made.with_parts(replace(made.parts, prediction=late))
 
 
-def judged(case: Case) -> Result:
-    """Take a case through the stages, and return what became of it."""
+def judged(piece: tuple[int, int, Sequence[str]]) -> list[Result]:
+    """Take a robot of a seed, by its number, with some kinds through the stages."""
+    seed, number, kinds = piece
+    drawn = drawn_robots(seed, number + 1)[number]
+    push = 0.5 * recovered_push(number, drawn)
+    return [judged_case(Case(number=number, drawn=drawn, kind=kind), push) for kind in kinds]
+
+
+def judged_case(case: Case, push: float) -> Result:
+    """Take a case through the stages, with a push [N s], and return what became of it."""
+    made = Result(number=case.number, kind=case.kind, push=push)
     try:
         controller = case.designed()
     except InputError as error:
-        return _judged_refusal(case, str(error))
-    made = Result(number=case.number, kind=case.kind, push=0.5 * recovered_push(case.number, case.drawn))
+        return _judged_refusal(case, made, str(error))
+    stage = "export"
     try:
-        stage = "export"
         export = export_controller(controller, described=case.drawn.robot)
         stage = "compile"
         compile_export(export)
@@ -164,12 +180,12 @@ def judged(case: Case) -> Result:
     return replace(made, failures=tuple(failures), found=found, wandered=wandered)
 
 
-def _judged_refusal(case: Case, words: str) -> Result:
+def _judged_refusal(case: Case, made: Result, words: str) -> Result:
     try:
-        fell = falls(case, case.refused())
+        fell = falls(case, case.unchecked())
     except InputError as error:
         fell, words = 0, f"{words} It cannot be built at all: {error}"
-    return Result(number=case.number, kind=case.kind, refused=words, fell=fell)
+    return replace(made, refused=words, fell=fell)
 
 
 def falls(case: Case, controller: Controller) -> int:
@@ -186,50 +202,38 @@ def falls(case: Case, controller: Controller) -> int:
 def recovered_push(number: int, drawn: DrawnRobot) -> float:
     """Return the largest push [N s] from which the nominal gain recovers, the least over directions; 0 if it falls.
 
-    It falls where the firmware would stop it, at the lean of its safety layer, and where a wheel would slip, which the
-    loop does not let it. As in `ballbot.workflows.limits` there is no play, whose impacts would count as slip.
+    It falls where the firmware would stop it: at the lean of its safety layer.
     """
-    robot, loop = drawn.robot, Case(number=number, drawn=drawn, kind="nominal").loop
-    limit = 0.35
-    nominal = nominal_controller(robot).with_parts(
-        replace(nominal_controller(robot).parts, prediction=DelayPrediction(delay=drawn.delay))
-    )
-    angles = 2.0 * math.pi * (np.arange(DIRECTIONS) + 0.3) / DIRECTIONS  # not along a wheel of three or four
+    case = Case(number=number, drawn=drawn, kind="nominal")
+    loop, nominal, body = case.loop, case.unchecked(), drawn.robot.body
+    directions = 2.0 * math.pi * (np.arange(DIRECTIONS) + 0.3) / DIRECTIONS  # not along a wheel
 
-    def recovers(sizes: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which sizes (k,) of a push the robot stands in every direction (k,)."""
-        borne = [
-            replace(
-                loop.imperfections,
-                fallen_lean=limit,
-                backlash=0.0,
-                seed=lane,
-                pushes=push_of(drawn, float(size), angle),
-            )
-            for lane, (size, angle) in enumerate((s, a) for s in sizes for a in angles.tolist())
-        ]
-        batch = simulate_batch(
+    def stood(sizes: Floats) -> int:
+        """Return how many of the sizes, from the first on, it stands in every direction."""
+        pushes = [push_of(drawn, size, towards) for size in sizes.tolist() for towards in directions.tolist()]
+        survived = simulate_batch(
             loop.model,
             nominal,
             hold(),
-            duration=_samples_of(drawn, BEGINS + AFTERWARDS) * robot.sensors.sample_time,
+            duration=_samples_of(drawn, BEGINS + AFTERWARDS) * drawn.robot.sensors.sample_time,
             initial_states=initial_state_of(number),
-            imperfections=borne,
-            verdict=OutcomeBounds(grip=drawn.scenario.roller_grip),
+            imperfections=[
+                replace(loop.imperfections, fallen_lean=STOP_LEAN, seed=lane, pushes=push)
+                for lane, push in enumerate(pushes)
+            ],
             every=0,
-        )
-        return batch.survived.reshape(len(sizes), DIRECTIONS).all(axis=1)
+        ).survived
+        kept = [bool(all(survived[k : k + DIRECTIONS])) for k in range(0, len(survived), DIRECTIONS)]
+        return kept.index(False) if False in kept else len(kept)
 
-    fastest = limit * float(Model(robot).linearize().poles().real.max()) * robot.body.center_of_mass
-    interval = 2.0 * robot.body.mass * fastest / SIZES
-    stood = recovers(interval * np.arange(SIZES + 1))
-    if not stood[0]:
-        return 0.0
-    kept = interval * (int(stood.argmin()) - 1 if not stood.all() else SIZES)
-    for _ in range(HALVINGS):
-        interval *= 0.5
-        kept += interval if recovers(np.array([kept + interval]))[0] else 0.0
-    return kept
+    falling = float(Model(drawn.robot).linearize().poles().real.max())
+    # twice the momentum of a body that falls through its largest lean
+    ends = np.linspace(0.0, 2.0 * body.mass * STOP_LEAN * falling * body.center_of_mass, SIZES + 1)
+    count = stood(ends)
+    if count in (0, len(ends)):
+        return 0.0 if count == 0 else float(ends[-1])
+    between = np.linspace(ends[count - 1], ends[count], SIZES + 1)
+    return float(between[stood(between[1:-1])])
 
 
 def push_of(drawn: DrawnRobot, impulse: float, angle: float) -> tuple[Push, ...]:
@@ -286,7 +290,7 @@ class Board:
         self._firmware.skip_imu_check()
         self._sample, self._turned = 0, np.zeros(self._robot.wheel_count)
 
-    def _update(self, measured: Measurement) -> NDArray[np.float64]:
+    def _update(self, measured: Measurement) -> Floats:
         assert measured.attitude is not None
         reading = Reading(
             wheel_angles=self._turned + measured.wheel_angles,
@@ -393,16 +397,53 @@ class Board:
             raise StageError("torques come after a stop")
 
 
-def cases(seed: int, numbers: Sequence[int] = range(ROBOTS), kinds: Sequence[str] = CASE_KINDS) -> list[Case]:
-    """Return the cases of some robots of a seed."""
-    robots = drawn_robots(seed, ROBOTS)
-    return [Case(number=k, drawn=robots[k], kind=kind) for k in numbers for kind in kinds]
+def results(seed: int, numbers: Sequence[int], kinds: Sequence[str]) -> list[Result]:
+    """Judge those robots of a seed that are not finished, in two processes."""
+    pieces = {f"robot_{number}": (seed, number, tuple(kinds)) for number in numbers}
+    done = finished(f"board_matrix_{seed}", judged, pieces, workers=Processes(count=2))
+    return [one for robot in done.values() for one in robot]
 
 
-def results(seed: int, chosen: Sequence[Case]) -> list[Result]:
-    """Judge the cases that are not finished, in two processes."""
-    pieces = {f"{case.number}_{case.kind}": case for case in chosen}
-    return [*finished(f"board_matrix_{seed}", judged, pieces, workers=Processes(count=2)).values()]
+def campaign() -> Section:
+    """Judge the robots of the seed that judges and return the section of docs/generated/evidence.md."""
+    made = results(JUDGING_SEED, range(ROBOTS), CASE_KINDS)
+    ends = {(one.number, one.kind): one.end for one in made}
+    rows = [
+        [*_words(number, drawn), *(ends[number, kind] for kind in CASE_KINDS)]
+        for number, drawn in enumerate(drawn_robots(JUDGING_SEED, ROBOTS))
+    ]
+    passed, refused = (sum(one.end == end for one in made) for end in ("passed", "refused"))
+    told = [f"- robot {one.number}, {one.kind}: {one.told}" for one in made if one.end != "passed"]
+    found = [one.found for one in made if one.end == "passed"]
+    return Section(
+        title="From any robot to its board",
+        before=f"{ROBOTS} robots of the seed {JUDGING_SEED}, drawn by the rule of `campaigns/drawn_robots.py`, with a "
+        "nominal, a precise and a learned controller each: designed, exported, compiled by GCC and by Clang "
+        f"(ziglang) without a warning; the exported C allows its numbers, passes its self-test, balances {BALANCE:g} s "
+        "on the compiled loop's plant, stands half of the push that the nominal gain recovers from, names a wheel that "
+        f"sticks within {FOUND_WITHIN:g} s of a push half as large, and gives no torque after a stop. Motors: times "
+        "the torque that a lean of 8 degrees needs. Counts: of a turn of the wheel. Friction: break-away over the "
+        "motors' torque.",
+        columns=["robot", "body", "motors", "loop", "counts", "friction", *CASE_KINDS],
+        rows=rows,
+        after=f"{share_words(passed, len(made))} of {len(made)} cases passed; {refused} were refused by `design`, and "
+        f"fall with what was refused; {len(made) - passed - refused} failed. A wheel that sticks was named after "
+        f"{np.median(found):.2f} s (median; at most {max(found):.2f} s).\n\n" + "\n".join(told),
+    )
+
+
+def _words(number: int, drawn: DrawnRobot) -> list[str]:
+    """Return the first cells of a robot's row."""
+    robot = drawn.robot
+    drive, h = robot.drive, robot.sensors.sample_time
+    return [
+        f"{number}",
+        f"{robot.body.mass:.1f} kg, {robot.body.center_of_mass:.2f} m",
+        f"{drive.torque_limit / lean_torque(robot):.1f}, {drawn.input}",
+        f"{1.0 / h:.0f} Hz, {drawn.delay / h:.1f}",
+        f"{robot.sensors.encoder_counts * drive.gear_ratio:.0f}",
+        f"{100.0 * max(robot.friction.breakaway) / drive.torque_limit:.0f} %",
+    ]
 
 
 def main() -> None:
@@ -414,12 +455,11 @@ def main() -> None:
     given = parser.parse_args()
     first, _, last = given.robots.partition("-")
     numbers = range(int(first), int(last or first) + 1)
-    made = results(given.seed, cases(given.seed, numbers, given.kinds.split(",")))
+    made = results(given.seed, numbers, given.kinds.split(","))
     for one in made:
-        words = "; ".join(f"{stage}: {what}" for stage, what in one.failures) or one.refused
         print(
             f"{one.number:3d} {one.kind:8s} {one.end:15s} {one.push:7.3g} N s {one.found:5.2f} s "
-            f"{one.wandered:6.3f} m {words}"
+            f"{one.wandered:6.3f} m {one.told}"
         )
     print(Counter((one.kind, one.end) for one in made).most_common())
 

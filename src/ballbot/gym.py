@@ -20,7 +20,7 @@ from ballbot.control.parts.policy import VERSION
 from ballbot.control.source import ControllerLike, as_controller, designed
 from ballbot.errors import InputError, missing_package, suggest
 from ballbot.learning.contract import Contract
-from ballbot.learning.lanes import KEPT, NEXT_STEP, REPEAT, SAME_STEP, TaskLanes
+from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots, learned_robot
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import Twins, twin_scenario
@@ -69,8 +69,8 @@ class EnvironmentOptions:
     base: ControllerLike | None = None
     #: "sensors" for what the robot's estimator shows, "state" for the true state
     observe: Literal["sensors", "state"] = "sensors"
-    #: samples for which an action is held
-    repeat: int = REPEAT
+    #: samples for which an action is held; by default as many as come nearest to 0.01 s
+    repeat: int | None = None
 
     def _prepare(self, count: int, threads: int | None) -> None:
         """Make the robots, the contract and the spaces."""
@@ -105,7 +105,7 @@ class EnvironmentOptions:
             known.name,
             wheels=known.wheel_count,
             torque_limit=self._lanes.torque_limit,
-            period=self.repeat * known.sensors.sample_time,
+            period=self._lanes.repeat * known.sensors.sample_time,
             base=base,
             observed=self.observe,
             delay=scenario.timing.delay if scenario.timing else 0,

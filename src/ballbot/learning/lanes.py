@@ -51,8 +51,8 @@ from ballbot.simulation.loop import (
 from ballbot.simulation.model_plant import lift_off, pack_contacts
 from ballbot.workflows.grid import LoopRobot
 
-#: samples for which an action's torques are held: a policy decides at 100 Hz where the loop has 200
-REPEAT = 2
+#: for which an action's torques are held, as near as whole samples come [s]: a policy decides at 100 Hz
+PERIOD = 0.01
 #: what becomes of an episode's end: nothing, a start by the next step's torques, or by the same step's
 KEPT, NEXT_STEP, SAME_STEP = 0, 1, 2
 #: parts of a step: torques are taken, a sample begins, the loop moves, the sample ends, episodes start, all is observed
@@ -315,8 +315,8 @@ class TaskLanes:
         Its torques are added to those given to `step`. It sees what the estimator shows.
     estimator : "kalman", "onboard" or None
         Estimates the states that are observed; None shows the true ones.
-    repeat : int
-        Samples for which the torques of a step are held.
+    repeat : int, optional
+        Samples for which the torques of a step are held; by default those of `PERIOD`.
     threads : int, optional
         All cores by default. The results do not depend on it.
     move : callable, optional
@@ -355,14 +355,15 @@ class TaskLanes:
         seed: int = 0,
         base: Controller | None = None,
         estimator: EstimatorName | None = "kalman",
-        repeat: int = REPEAT,
+        repeat: int | None = None,
         threads: int | None = None,
         move: Callable[[LaneArrays], None] | None = None,
     ) -> None:
         self.task, self.robot = task, robots[0].imperfections.known or robots[0].model.robot
         self.lanes = whole_number(lanes, "lanes", least=1)
-        self.repeat = whole_number(repeat, "repeat", least=1)
         self.sample_time, self.wheels = self.robot.sensors.sample_time, self.robot.wheel_count
+        usual = max(1, round(PERIOD / self.sample_time))
+        self.repeat = usual if repeat is None else whole_number(repeat, "repeat", least=1)
         self.torque_limit = action_limit(task, self.robot)
         _check_kinds(robots, self.sample_time, base)
         self._selected, self._moved = robots[0].model.selected, move
