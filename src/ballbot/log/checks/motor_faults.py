@@ -5,11 +5,14 @@ The balance of torques (`ballbot.log.torque_balance`) leaves at every row
     r = (u - f) P - n           n: torques that the motion needs, P: projection on those that act on the ball
 
 f is the friction of turning wheels, by one law for all motors and a fit that a faulty part of the log does not move;
-what holds a wheel that sticks may be anything up to some times that, and r is what that leaves. A fault multiplies u_i by a factor,
-or exchanges u_i and u_j, and leaves r_f. Its evidence in a quarter of a second is 1/2 log (|r|^2 + s^2) / (|r_f|^2 +
-s^2), with errors of friction and of the torques' scale in s; all wheels are in r, so that a push, which no single motor
-explains, gives little. A fault lasts over the blocks with the largest sum. The wheels' speeds are those of the states:
-encoders may be exchanged together with motors.
+what holds a sticking wheel may be anything up to a few times that, and r is what it leaves. A fault multiplies u_i by a
+factor, or exchanges u_i and u_j, and leaves r_f. Its evidence in a quarter of a second is
+
+    1/2 log (|r|^2 + s^2) / (|r_f|^2 + s^2)
+
+with the errors of friction and of the torques' scale in s. All wheels are in r, so that a push, which no single motor
+explains, gives little. A fault lasts over the blocks with the largest sum. The wheels' speeds are those of the states,
+as encoders may be exchanged together with motors.
 """
 
 from itertools import combinations

@@ -16,8 +16,8 @@ _ORDER = (
     "torque that the motion needs, as logged {before:.0f} %. Correct the columns or the mapping."
 )
 _WITHIN = (
-    "{fault}: that explains {percent:.0f} % of the torque that the motion then lacks by the log. Check the motor, its "
-    "driver and its cables, and use only the other rows."
+    "{fault}: this explains {percent:.0f} % of the difference between the logged torques and those that the motion "
+    "then needs. Check the columns, the motor, its driver and its cables, and use only the other rows."
 )
 #: evidence of a fault within a log: at most 2.0 of the 310 sound logs that it was chosen on (campaigns/motor_faults.py)
 _FAULT: Mapping[Severity, float] = {"error": 4.0}
