@@ -4,12 +4,15 @@ The balance of torques (`ballbot.log.torque_balance`) leaves at every row
 
     r = (u - f) P - n           n: torques that the motion needs, P: projection on those that act on the ball
 
-f is the friction of turning wheels, by one law for all motors and a fit that a faulty part of the log does not move; a
-wheel that sticks may have any friction up to break-away, and r is what that leaves. A fault multiplies u_i by a factor,
-or exchanges u_i and u_j, and leaves r_f. Its evidence in a quarter of a second is 1/2 log (|r|^2 + s^2) / (|r_f|^2 +
-s^2), with errors of friction and of the torques' scale in s; all wheels are in r, so that a push, which no single motor
-explains, gives little. A fault lasts over the blocks with the largest sum. The wheels' speeds are those of the states:
-encoders may be exchanged together with motors.
+f is the friction of turning wheels, by one law for all motors and a fit that a faulty part of the log does not move;
+what holds a sticking wheel may be anything up to a few times that, and r is what it leaves. A fault multiplies u_i by a
+factor, or exchanges u_i and u_j, and leaves r_f. Its evidence in a quarter of a second is
+
+    1/2 log (|r|^2 + s^2) / (|r_f|^2 + s^2)
+
+with the errors of friction and of the torques' scale in s. All wheels are in r, so that a push, which no single motor
+explains, gives little. A fault lasts over the blocks with the largest sum. The wheels' speeds are those of the states,
+as encoders may be exchanged together with motors.
 """
 
 from itertools import combinations
@@ -31,8 +34,9 @@ from ballbot.robot import Robot
 
 #: length of the blocks [s], the filter's memory; evidence that one must have; and factors of a torque that are tried
 BLOCK, DRIFT, FACTORS = 0.25, 0.1, (0.5, 0.0, -1.0)
-#: errors of the friction of all wheels, over break-away, and of the torques; break-away over the law's friction
-FRICTION_ERROR, SCALE_ERROR, BREAKAWAY = 0.3, 0.15, 1.2
+#: errors of the friction of all wheels, over break-away, and of the torques; what holds a sticking wheel over the law's
+#: friction: the ball's own friction and the other wheels hold it, too
+FRICTION_ERROR, SCALE_ERROR, BREAKAWAY = 0.4, 0.15, 3.0
 #: part of r that a fault explains, at least (a push in the plane is up to 67 % one wheel's); and that of the torques
 #: which motion and friction explain in the other rows
 EXPLAINED, SOUND = 0.7, 0.5

@@ -16,10 +16,10 @@ _ORDER = (
     "torque that the motion needs, as logged {before:.0f} %. Correct the columns or the mapping."
 )
 _WITHIN = (
-    "{fault}: that explains {percent:.0f} % of the torque that the motion then lacks by the log. Check the motor, its "
-    "driver and its cables, and use only the other rows."
+    "{fault}: this explains {percent:.0f} % of the difference between the logged torques and those that the motion "
+    "then needs. Check the columns, the motor, its driver and its cables, and use only the other rows."
 )
-#: evidence of a fault within a log: at most 1.9 of the 105 sound logs that it was chosen on (campaigns/motor_faults.py)
+#: evidence of a fault within a log: at most 2.0 of the 310 sound logs that it was chosen on (campaigns/motor_faults.py)
 _FAULT: Mapping[Severity, float] = {"error": 4.0}
 CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     # single rows: {rows} over the limit, the first with its {place} and {value}, and the {largest} statistic
