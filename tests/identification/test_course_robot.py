@@ -105,7 +105,7 @@ def test_speed_per_duty_is_the_free_wheels(folder, shared_data):
     back_emf = drive.torque_limit / free_speed
     found = drive.torque_limit / (back_emf + np.array(robot.friction.viscous))
     sweep = Log.read(
-        shared_data / "rob311" / f"{SWEEP}.txt", mapping=folder / SWEEP / "mapping.toml"
+        shared_data / "rob311" / f"{SWEEP}.txt", mapping=folder / SWEEP / "mapping.toml", robot="rob311"
     ).wheel_speeds
     # the sweep ends at full duty; the highest speeds are a few noisy rows
     measured = np.percentile(np.abs(sweep), 99.0, axis=0)

@@ -32,7 +32,7 @@ def mapping(file) -> LogMapping:
 
 @pytest.fixture(scope="module")
 def moments(file, mapping) -> np.ndarray:
-    return Log.read(file, mapping=mapping).t[500:2000:50]
+    return Log.read(file, mapping=mapping, robot=small_robot()).t[500:2000:50]
 
 
 def test_causal_states_do_not_depend_on_later_rows(file, mapping, moments, tmp_path):
@@ -71,7 +71,7 @@ def test_causal_states_are_near_the_truth(file, mapping, moments):
 
 
 def test_too_little_past_gives_no_state(file, mapping):
-    log = Log.read(file, mapping=mapping)
+    log = Log.read(file, mapping=mapping, robot=small_robot())
     states = causal_states(file, mapping=mapping, robot=small_robot(), moments=log.t[[0, 200]])
     assert mapping.sensor_delay == SENSOR_DELAY
     assert np.isnan(states[0]).all()
