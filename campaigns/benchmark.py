@@ -2,17 +2,14 @@
 
 .venv/bin/python -m campaigns.evidence benchmark
 
-The presets state no friction: each robot has the nominal scenario's, on the loop and on the twin. Presets that are
-finished are kept in build/benchmark.
+A preset without friction has the nominal scenario's for its wheels' load, as `ballbot compare` assumes, on the loop
+and on the twin. Presets that are finished are kept in build/benchmark.
 """
 
 from ballbot.fitting.run import Threads
 from ballbot.report.comparison import course_sheet
 from ballbot.robot import Robot
-from ballbot.twin.scenario import Scenario
-from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.courses import choose_courses
-from ballbot.workflows.league import best_two, run_league
+from ballbot.workflows.league import compare
 from campaigns.section import Section, finished
 
 CONTROLLERS = ("none", "full", "partial", "precise")
@@ -22,16 +19,9 @@ _PACKAGES = ("mechanics", "simulation", "control", "estimation", "robot", "twin"
 
 def results_of(preset: str) -> list[list[str]]:
     """Return a row for each course: the controllers' numbers on the loop, and the best two's on the twin."""
-    robot = Robot.load(preset)
-    robot = robot.replace(friction=Scenario.nominal(robot).friction)
-    controllers = {one.name: one.controller(robot) for one in parse_candidates(CONTROLLERS)}
-    league = run_league(
-        robot, controllers, choose_courses("benchmark", robot, "model"), seeds=range(1, 1 + SEEDS)
-    )
-    chosen = {name: controllers[name] for name in best_two(league)}
-    twin = run_league(
-        robot, chosen, choose_courses("benchmark", robot, "twin"), seeds=range(1, 1 + TWIN_SEEDS)
-    )
+    league = compare(preset, CONTROLLERS, courses="benchmark", seeds=range(1, 1 + SEEDS), confirm=TWIN_SEEDS)
+    assert league.twin is not None
+    twin, chosen = league.twin, league.twin.controllers
     rows = zip(course_sheet(league).rows, course_sheet(twin).rows, strict=True)
     return [
         [
@@ -49,9 +39,10 @@ def campaign() -> Section:
     done = finished("benchmark", results_of, presets, packages=_PACKAGES, workers=Threads(count=1))
     return Section(
         title="The benchmark",
-        before="The courses of `ballbot compare --courses benchmark` on every preset with the nominal scenario's "
-        f"friction: one number of each course, the mean of {SEEDS} seeds on the compiled loop with its 95 % interval; "
-        f"and the best two on the twin, {TWIN_SEEDS} seed. A run that fell enters no mean but those of rising pushes, "
+        before="The courses of `ballbot compare --courses benchmark` on every preset; one without friction has the "
+        f"nominal scenario's for its wheels' load. One number of each course, the mean of {SEEDS} seeds on the "
+        f"compiled loop with its 95 % interval; and the best two on the twin, {TWIN_SEEDS} seed. A run that fell "
+        "enters no mean but those of rising pushes, "
         "of which the largest is 63.5 N s, and of the largest speed, up to 8 m/s. ≥ where some run had not arrived, or "
         "was not at rest, at its end.",
         columns=["preset, course", *CONTROLLERS, "on the twin, best", "second"],

@@ -9,6 +9,7 @@ from ballbot.cli.main import main
 from ballbot.fitting.run import Run
 from ballbot.log import Log
 from ballbot.report import demo
+from ballbot.report.blocks import Result
 from ballbot.report.page import render
 from ballbot.robot import Robot
 from ballbot.twin.scenario import Scenario
@@ -52,3 +53,12 @@ def test_page_is_there_before_the_friction_is_identified(tmp_path, monkeypatch, 
     assert demo.PRECISE in seen["page"]
     assert "up to 373 mm off, the precise controller 6.4 mm" in seen["page"]  # as campaigns.demo_runs prints
     assert "demo.html" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_live_view_is_to_be_installed_only_where_it_is_not(tmp_path, monkeypatch, capsys, there):
+    found = Result(title="found", lead="", verdict=[("", "yes")], sections=[], undecided=[])
+    monkeypatch.setattr("ballbot.cli.demo.friction_report", lambda *_: found)
+    monkeypatch.setattr("ballbot.cli.demo.find_spec", lambda _: there or None)
+    assert main(["demo", "--no-browser", "--out", str(tmp_path)]) == 0
+    assert ("pip install 'ballbot[view]'" in capsys.readouterr().out) == (not there)

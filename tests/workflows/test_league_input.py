@@ -151,15 +151,15 @@ def test_a_course_beside_its_reference(tmp_path):
 def test_the_examples_in_the_documents_are_ones(tmp_path):
     page = ROOT / "docs" / "compare.md"
     text = page.read_text(encoding="utf-8")
-    python, *_ = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    function, python, *_ = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     (included,) = re.findall(r"```\{literalinclude\} (\S+)\n", text)
-    (tmp_path / "mine.py").write_text(python)
+    (tmp_path / "mine.py").write_text(f"{function}\n{python}")
     robot = alten()
-    controllers = controllers_of(robot, f"{tmp_path}/mine.py:Mine", "none")
-    assert list(controllers) == ["mine.py:Mine", "none"]
+    controllers = controllers_of(robot, f"{tmp_path}/mine.py:Mine", f"{tmp_path}/mine.py:law", "none")
+    assert list(controllers) == ["mine.py:Mine", "mine.py:law", "none"]
     state = np.array([0.1, 0, 0, 0.02, 0, 0, 0, 0, 0, 0])
-    own, nominal = (one.update(0.0, state, np.zeros(10)) for one in controllers.values())
-    np.testing.assert_allclose(own, nominal)
+    *own, nominal = (one.update(0.0, state, np.zeros(10)) for one in controllers.values())
+    np.testing.assert_allclose(own, [nominal, nominal])
     shown = [one.name for one in choose_courses(str(page.parent / included), robot, "twin")]
     assert set(shown) > {one.name for one in choose_courses("league", robot, "twin")}
 

@@ -141,11 +141,10 @@ def as_controller(source: ControllerLike, robot: RobotLike) -> Feedback:
 def read_source(source: str | Path, robot: RobotLike) -> Controller | UserController:
     """Return a robot's controller of that name, the one in that controller file, or FILE.py:NAME; else InputError."""
     word, described = str(source), as_robot(robot)
-    for compensation in get_args(Compensation):
-        if word == compensation:
-            return nominal_controller(described, compensation=compensation)
+    if word in get_args(Compensation):
+        return nominal_controller(described, compensation=cast("Compensation", word))
     if word in KINDS:
-        made = KINDS[word].made(robot)
+        made = KINDS[word].made(described)
         warn_if_unsuited(made, described, name=f"the {word} controller")
         return made
     path, _, made_by = word.rpartition(":")

@@ -169,7 +169,7 @@ def firmware_controller(source: Controller | str | Path, robot: Robot) -> Contro
     """Return a robot's controller, by value, name or file; InputError if a file was designed for another robot."""
     if isinstance(source, Controller):
         return source
-    if source not in NAMED_CONTROLLERS and Path(source).suffix == ".toml":
+    if source not in NAMED_CONTROLLERS and Path(source).is_file() and Path(source).suffix != ".py":
         named = read_toml(Path(source)).get("robot")
         if isinstance(named, str) and named != robot.name:
             raise InputError(

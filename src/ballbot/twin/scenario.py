@@ -215,18 +215,14 @@ class Scenario:
         return replace(nominal, name=name, **_NAMED[name](nominal))
 
 
-def load_factor(robot: RobotLike) -> float:
-    """Return a robot's wheel load times wheel radius over those of the robot that `nominal` reproduces."""
-    levers = [wheel_load(one) * one.wheels.radius for one in map(as_robot, (robot, _REPRODUCED))]
-    return levers[0] / levers[1]
-
-
 def assumed_friction(robot: RobotLike) -> Friction:
-    """Return friction for a robot whose own is unknown: `nominal`'s, the wheels' torques times the `load_factor`.
+    """Return friction for a robot whose own is unknown: `nominal`'s, the wheels' torques by wheel load times radius.
 
-    Dry friction of loaded gears and rollers grows with the load. C_rr is of the force, and stays.
+    Friction of gears and rollers grows with the load that they carry; C_rr already counts per force, and stays.
     """
-    return scaled_friction(Scenario.nominal(robot).friction, load_factor(robot), rolling_factor=1.0)
+    known, reproduced = as_robot(robot), Robot.load(_REPRODUCED)
+    lever, of = (wheel_load(one) * one.wheels.radius for one in (known, reproduced))
+    return scaled_friction(Scenario.nominal(known).friction, lever / of, rolling_factor=1.0)
 
 
 def _sizes(value: object, name: str) -> str:

@@ -24,7 +24,7 @@ from ballbot.results import to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import digits
 from ballbot.summary import Reported
-from ballbot.twin.scenario import assumed_friction, load_factor
+from ballbot.twin.scenario import Scenario, assumed_friction
 from ballbot.workflows.candidates import parse_candidates
 from ballbot.workflows.courses import DIRECTIONS, Course, PlantName, choose_courses
 from ballbot.workflows.grid import Condition, GridRun, grid_runs, run_grid
@@ -88,9 +88,10 @@ def with_assumed_friction(robot: RobotLike, assumed: AssumedFriction) -> tuple[R
     lacking = f"The robot file of {robot.name} has no friction"
     if assumed == "none":
         return robot, f"{lacking}, and the robot runs without any."
-    factor = digits(load_factor(robot), 2)
+    friction = assumed_friction(robot)
+    factor = digits(friction.coulomb[0] / Scenario.nominal(robot).friction.coulomb[0], 2)
     text = f"{lacking}: it runs with the nominal scenario's, the wheels' torques times {factor} for its wheels' load."
-    return robot.replace(friction=assumed_friction(robot)), f"{text} The controllers know it."
+    return robot.replace(friction=friction), f"{text} The controllers know it."
 
 
 def compare(
