@@ -82,7 +82,7 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
 
     def columns(names: Sequence[str], unit: float = 1.0) -> tuple[tuple[str, float, float], ...]:
         found = [sources[name] for name in names if name in sources]
-        return tuple((source.column, source.factor / unit, source.offset / unit) for source in found)
+        return tuple((source.column, source.factor / unit, source.offset / unit + 0.0) for source in found)
 
     step = step_of(robot)
     quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion)
