@@ -83,7 +83,7 @@ def drawn(seed: int) -> Scenario:
         softness=Softness(stiffness=3e4 / size["softness"], damping=200.0),
         compliance=Compliance(frequency=60.0 - 15.0 * size["compliance"], damping_ratio=0.1),
         current_loop=CurrentLoop(bandwidth=60.0 - 40.0 * size["current"]),
-        supply=Supply(winding_resistance=0.6, internal_resistance=0.5 * size["supply"]),
+        supply=Supply(internal_resistance=0.5 * size["supply"]),
         payload=Payload(
             mass=0.5 * size["payload"],
             position=(0.05 * float(np.cos(beside)), 0.05 * float(np.sin(beside)), 0.6),

@@ -79,7 +79,7 @@ def mapped(name: str, folder: Path) -> tuple[Log, float]:
     ballbot(["check-log", str(path), "--robot", "rob311", "--command", "duty", "--out", str(out)])
     mapping = out / "mapping.toml"
     write_text(mapping, filled_in(mapping.read_text(encoding="utf-8"), SOURCES[name]))
-    return read_balancing_log(path, mapping, robot), back_emf_of([mapping])
+    return read_balancing_log(path, mapping, robot), back_emf_of([mapping], robot)
 
 
 def identified_in(name: str, folder: Path) -> Identification:

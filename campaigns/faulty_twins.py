@@ -152,7 +152,7 @@ def _changes(s: Scenario, kind: str, random: np.random.Generator, size: float) -
         case "compliance":
             return {"compliance": Compliance(frequency=max(60.0 - 20.0 * size, 20.0), damping_ratio=0.1)}
         case _:
-            return {"supply": Supply(winding_resistance=0.6, internal_resistance=1.5 * size)}
+            return {"supply": Supply(internal_resistance=1.5 * size)}
 
 
 def _any_way(random: np.random.Generator, length: float) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from ballbot.log import STATE_NAMES, Log
+from ballbot.log.mapping_search.commands import assumed_resistance
 from ballbot.robot import Robot
 
 Floats = NDArray[np.float64]
@@ -312,9 +313,7 @@ def commands(robot: Robot, torques: Floats, speeds: Floats, kind: Command) -> Fl
     current = torques / (drive.gear_ratio * drive.torque_constant)
     if kind in ("torque", "current"):
         return torques if kind == "torque" else current
-    # full duty at standstill gives the torque limit
-    resistance = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
-    voltage = current * resistance + drive.gear_ratio * speeds / drive.speed_constant
+    voltage = current * assumed_resistance(drive) + drive.gear_ratio * speeds / drive.speed_constant
     return voltage if kind == "voltage" else voltage / drive.supply_voltage
 
 

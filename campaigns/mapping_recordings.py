@@ -17,6 +17,7 @@ from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import Reference, change_pose, figure_eight, hold, square
 from ballbot.log import Log
+from ballbot.log.mapping_search.commands import assumed_resistance
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
@@ -47,10 +48,16 @@ KEPT = Path(__file__).parents[1] / "build" / "mapping_corpus"
 
 @cache
 def robot_named(name: str) -> Robot:
-    """Return a robot of the corpus as its team would describe it: a preset, one with four wheels, or one of its own."""
-    described = _own_robot(name)
-    if described is not None:
-        return described
+    """Return a robot of the corpus as its team would describe it: a preset, one with four wheels, or one of its own.
+
+    Full duty at standstill gives the torque limit.
+    """
+    robot = _own_robot(name) or _preset(name)
+    drive = replace(robot.drive, resistance=0.0)
+    return robot.replace(drive=replace(drive, resistance=assumed_resistance(drive)))
+
+
+def _preset(name: str) -> Robot:
     preset = name.removesuffix("_four_wheels")
     robot = Robot.load(preset)
     if preset in WHEEL_INERTIA:

@@ -1,5 +1,7 @@
 """Logs of the nominal twin under the nominal gain, and the friction that two of them show."""
 
+from dataclasses import replace
+
 from ballbot.control.presets import nominal_controller
 from ballbot.control.references import named_reference
 from ballbot.identification import Identification, identify
@@ -8,7 +10,9 @@ from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
 from ballbot.twin import Scenario, Twin
 
-ROBOT = Robot.load("alten")
+_PRESET = Robot.load("alten")
+#: with a resistance [ohm] that its motors could have, for scenarios with a battery
+ROBOT = _PRESET.replace(drive=replace(_PRESET.drive, resistance=0.6))
 NOMINAL = Scenario.nominal(ROBOT)
 
 

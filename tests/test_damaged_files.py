@@ -74,7 +74,6 @@ delay = 0.012
 supply_voltage = 11.1
 torque_constant = 0.01
 back_emf_constant = 0.01
-resistance = 2.0
 gear_ratio = 70.0
 dead_band = 0.0314
 """
@@ -182,13 +181,13 @@ def foreign(path: Path) -> None:
 
 
 def mapped(path: Path) -> None:
-    whole(Log.read(path, mapping=parse_mapping(MAPPING, source="the mapping")))
+    whole(Log.read(path, mapping=parse_mapping(MAPPING, source="the mapping"), robot="rob311"))
 
 
 def mapping(path: Path) -> None:
     table = path.with_name("raw.txt")
     table.write_bytes(raw())
-    whole(Log.read(table, mapping=read_mapping(path)))
+    whole(Log.read(table, mapping=read_mapping(path), robot="rob311"))
 
 
 def finite(value: object) -> None:

@@ -13,7 +13,6 @@ DUTY = {
     "supply_voltage": 12.0,
     "torque_constant": 0.01,
     "back_emf_constant": 0.01,
-    "resistance": 2.0,
     "gear_ratio": 70.0,
 }
 
@@ -28,7 +27,7 @@ def mapping(**changes):
         (mapping(kind="curent"), "input.kind is 'curent'", "mean 'current'? It must be 'current', 'duty'"),
         ({"columns": {"t": "t"}, "input": {"from": ["a"]}}, "input.kind is missing", "'current', 'duty'"),
         ({"columns": {"t": "t"}, "input": {"kind": "pwm"}}, "input.from is missing", "[input] needs it"),
-        (mapping(resistence=2.0), "input.resistence is not a key of a file", "did you mean 'resistance'?"),
+        (mapping(gear_ration=2.0), "input.gear_ration is not a key of a file", "did you mean 'gear_ratio'?"),
         (mapping(gear_ratio=-1), "input.gear_ratio is -1", "above 0"),
         (mapping(gear_ratio="70"), "input.gear_ratio is '70'", "a number"),
         (mapping(gear_ratio=True), "input.gear_ratio is true", "a number"),

@@ -32,6 +32,10 @@ NEWEST: Mapping[Kind, int] = {
     "results": 4,
 }
 
+_RESISTANCE = (
+    'write it into the robot file, under [drive], as resistance = { value = .., unit = "ohm", source = "measured" }, '
+    "and remove the line"
+)
 #: tables and keys that files of earlier versions have, * for any name, and what is to be done with them
 _FORMER: Mapping[Kind, Mapping[str, str]] = {
     "robot": {"correlation.standard_errors": "remove the line; standard deviations are those of the values"},
@@ -46,9 +50,11 @@ _FORMER: Mapping[Kind, Mapping[str, str]] = {
     "scenario": {
         "driveline_laws": "remove it; the drivelines have the friction of [friction]",
         "load_dependence.share": "call it fraction",
+        "supply.winding_resistance": _RESISTANCE,
     },
     "mapping": {
         "file.repeated_rows": "remove the line; repeated rows are left out",
+        "input.resistance": _RESISTANCE,
         "columns.t.nanoseconds": "write seconds and nanoseconds as one column of the log, and remove the key",
     },
     "courses": {"*.*.unlike": "call it mismatch"},

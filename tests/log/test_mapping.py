@@ -1,6 +1,7 @@
 """Mapping files: foreign tables become logs with the right columns, units, signs, delays, torques and attitude."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ from ballbot.log.signals import without_holes, without_resets
 from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot
 
+_PRESET = Robot.load("rob311")
+OF_2_5_OHM = _PRESET.replace(drive=replace(_PRESET.drive, resistance=2.5))
 ROB311 = """
 [file]
 separator = "blanks"
@@ -40,7 +43,6 @@ from = ["u1", "u2", "u3"]
 supply_voltage = 11.1
 torque_constant = 0.01
 back_emf_constant = 0.02
-resistance = 2.5
 gear_ratio = 70.0
 dead_band = 0.03
 duty_limit = 0.25
@@ -50,7 +52,7 @@ duty_limit = 0.25
 def read(folder: Path, table: str, mapping: str, *, name: str = "log.txt") -> Log:
     (folder / name).write_text(table)
     (folder / "mapping.toml").write_text(mapping)
-    return Log.read(folder / name, mapping=folder / "mapping.toml")
+    return Log.read(folder / name, mapping=folder / "mapping.toml", robot=OF_2_5_OHM)
 
 
 def csv_of(names: str, *columns: np.ndarray) -> str:
@@ -195,7 +197,9 @@ def test_a_bad_mapping_ends_in_a_sentence(tmp_path, mapping, sentence):
 
 def test_the_michigan_log_reads_through_a_mapping(shared_data, tmp_path):
     (tmp_path / "mapping.toml").write_text(ROB311)
-    log = Log.read(shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml")
+    log = Log.read(
+        shared_data / "rob311" / "main_control_1.txt", mapping=tmp_path / "mapping.toml", robot="rob311"
+    )
     assert len(log) == 5124
     assert log.sample_time == pytest.approx(0.0115, abs=2e-4)  # "11.5 ms" of the data's README
     # the largest lean of the file is -35.6 degrees

@@ -11,6 +11,7 @@ from ballbot.log import proposal as proposal_module
 from ballbot.log.mapping import DutyTable, parse_mapping
 from ballbot.log.mapping_search.motion import Stated, _continued
 from ballbot.log.proposal import MOST_LINES, Proposal, answer_lines, contradictions, evaluate, propose
+from ballbot.robot import Robot
 from campaigns.foreign_logs import Habits
 from tests.support.foreign_log_examples import (
     COURSE,
@@ -60,6 +61,64 @@ def test_the_log_that_the_mapping_makes_is_the_robots(tmp_path, habits):
         assert np.hypot(log[a], log[b]).std() == pytest.approx(true, rel=0.1)
     assert len(answer_lines(found)) <= MOST_LINES
     assert answer_lines(found)[0].startswith("run.txt: balancing")
+
+
+def exchanged(*, tilts: bool, gyro: str | None = "rad/s") -> Habits:
+    """Return the habits of a team whose first two encoders are exchanged and whose IMU is along the robot's axes."""
+    return replace(COURSE, order=(1, 0, 2), tilts=tilts, gyro_unit=gyro)
+
+
+@pytest.mark.parametrize("gyro", [None, "rad/s"])
+@pytest.mark.parametrize("tilts", [False, True])
+def test_tilts_that_do_not_turn_and_exchanged_wheels_are_found_without_a_turn(tmp_path, tilts, gyro):
+    found = found_for(tmp_path, exchanged(tilts=tilts, gyro=gyro))
+    assert found.motion.tilts.sequence == ("XYZ" if tilts else "ZYX")
+    assert (found.frame.turn, found.frame.order) == (0.0, (2, 1, 3))
+    log, truth = found.log, swaying_log()
+    assert log is not None
+    ahead = np.array([np.interp(log.t, truth.t, truth[name]) for name in ("theta", "phi", "psi")])
+    lean = (log["theta"] + 1j * log["phi"]) * np.exp(-1j * log["psi"])
+    true = (ahead[0] + 1j * ahead[1]) * np.exp(-1j * ahead[2])
+    gain = np.vdot(true - true.mean(), lean - lean.mean()) / np.vdot(true - true.mean(), true - true.mean())
+    # of a lean that is late by the sensors' delay, which the mapping does not remove, and has noise
+    assert abs(gain) == pytest.approx(1.0, abs=0.1)
+    assert abs(np.angle(gain)) < np.radians(3.0)
+
+
+def test_tilts_without_the_yaw_that_they_need_are_asked_for(tmp_path):
+    found = found_for(tmp_path, replace(COURSE, tilts=True, yaw=False))
+    assert "[attitude] sequence" in [one.key for one in found.questions]
+    assert found.log is None
+
+
+def test_a_sequence_that_the_log_leaves_open_is_asked_for_with_both_turns(tmp_path):
+    found = found_for(tmp_path, replace(COURSE, duration=4.0))
+    (question,) = (one for one in found.questions if one.key == "[attitude] sequence")
+    assert [words[:3] for words in question.answers] == ["ZYX", "XYZ"]
+    assert "for the second write turn = " in question.evidence
+    assert '\nsequence = "ZYX"' in found.text
+
+
+def motors(**drive: float) -> Robot:
+    return small_robot().replace(drive=replace(small_robot().drive, **drive))
+
+
+def test_torques_of_another_motor_name_the_resistance_that_would_fit(tmp_path):
+    """The duties are of motors of 2.18 ohm: by a file of 1.3 ohm the torques are that much too large."""
+    file = write_foreign(tmp_path / "run.txt", foreign_columns())
+    found = evaluate(propose(file, motors(resistance=1.3), Stated(command="duty")))
+    (said,) = (one.text for one in found.findings if one.code == "scale")
+    fits = float(said.partition("a resistance of ")[2].partition(" ohm")[0])
+    # as much as masses and friction leave of the scale in such a log
+    assert fits == pytest.approx(2.18, rel=0.15)
+
+
+def test_duties_of_motors_of_unknown_resistance_are_refused_with_one_that_would_fit(tmp_path):
+    file = write_foreign(tmp_path / "run.txt", foreign_columns())
+    found = evaluate(propose(file, motors(resistance=0.0), Stated(command="duty")))
+    assert found.log is None
+    assert "under [drive] of the robot file" in found.refusal
+    assert any("a resistance of 2." in one.text for one in found.findings)
 
 
 @pytest.mark.parametrize(("period", "step"), [(256.0, 1.0), (360.0, 0.01), (2.0 * np.pi, 0.01)])

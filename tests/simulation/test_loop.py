@@ -29,7 +29,9 @@ from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
 from tests.support.control_examples import FRICTION, alten, four_wheeled
 
-ROBOT = alten(FRICTION)
+_PRESET = alten(FRICTION)
+#: on windings so weak that a battery limits the torques
+ROBOT = _PRESET.replace(drive=replace(_PRESET.drive, resistance=20.0))
 START = np.array([0.01, -0.02, 0.02, -0.01, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
 SENSORS = ROBOT.sensors
 FAULTS = SensorFaults(gyro_bias=0.002, gyro_bias_walk=1e-4, lean_error=0.003, latency=0.01)
@@ -69,8 +71,7 @@ def assert_same(one: Log, other: Log, *, atol: float) -> None:
         np.testing.assert_allclose(one[name], other[name], atol=atol, err_msg=name)
 
 
-#: so weak that it limits the torques
-WEAK = Supply(winding_resistance=20.0, internal_resistance=5.0)
+WEAK = Supply(internal_resistance=5.0)
 NOISY = Imperfections(sensors=SENSORS, torque_noise=0.01, delay=1, sensor_faults=FAULTS)
 
 

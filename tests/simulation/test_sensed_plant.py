@@ -307,7 +307,7 @@ def test_a_scenarios_drive_pushes_and_timing_are_the_loops():
         Scenario.nominal(Robot.load("alten")),
         timing=Timing(delay=2, jitter=0.001),
         current_loop=CurrentLoop(bandwidth=80.0),
-        supply=Supply(winding_resistance=0.6, internal_resistance=0.15),
+        supply=Supply(internal_resistance=0.15),
         payload=Payload(mass=2.0, position=(0.05, -0.02, 0.6)),
         pushes=(push,),
     )

@@ -13,7 +13,8 @@ from ballbot.twin import Scenario, twin_mjcf
 from ballbot.twin.driveline import TwinDriveline
 from ballbot.twin.engine import Engine
 
-ALTEN = Robot.load("alten")
+_PRESET = Robot.load("alten")
+ALTEN = _PRESET.replace(drive=replace(_PRESET.drive, resistance=0.6))
 IDEAL = Scenario.ideal(ALTEN)
 ROTOR = 27.6**2 * (2.42e-6 + 1.6e-7)  # Appendix III
 INERTIA = 1e-3 + ROTOR

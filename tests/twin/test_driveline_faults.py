@@ -76,13 +76,13 @@ def test_current_loop_lags() -> None:
 
 
 def test_battery_limits_torque_and_speed_and_sags() -> None:
-    R, R_i = 0.6, 0.3
-    engine, driveline = wheels_in_the_air(ideal(supply=Supply(winding_resistance=R, internal_resistance=0.0)))
+    R, R_i = ALTEN.drive.resistance, 0.3
+    engine, driveline = wheels_in_the_air(ideal(supply=Supply(internal_resistance=0.0)))
     top = turn(engine, driveline, np.array([1.0, -1.0, 1.0]), 8000)[-1]
     np.testing.assert_allclose(np.abs(top), 24 * 303 * 2 * np.pi / 60 / 27.6, rtol=2e-3)  # Appendix I
     strong = ALTEN.replace(drive=replace(ALTEN.drive, torque_limit=100.0))
     for inner, volts in ((0.0, 24.0), (R_i, None)):
-        scenario = ideal(supply=Supply(winding_resistance=R, internal_resistance=inner))
+        scenario = ideal(supply=Supply(internal_resistance=inner))
         engine = Engine(twin_mjcf(strong, scenario, mounting="stand"))
         driveline = TwinDriveline(strong, scenario, engine)
         driveline.command(np.full(3, 20.0))

@@ -20,6 +20,7 @@ def align(
     *,
     out: options.Out,
     mapping: options.Mapping = None,
+    robot: options.MotorsOf = None,
     accept: options.Accept = None,
 ) -> None:
     """Compare a log's sensors with motion capture of the same run; clocks and frames may differ.
@@ -40,7 +41,7 @@ def align(
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
     """
-    run, cameras = Log.read(log, mapping=mapping), Log.read(mocap)
+    run, cameras = Log.read(log, mapping=mapping, robot=robot), Log.read(mocap)
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:

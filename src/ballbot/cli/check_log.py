@@ -101,7 +101,7 @@ def _check(
     file: Path, robot: Robot | None, mapping: Path | None, result: CommandResult, *, source: str | None
 ) -> None:
     """Show a log and its problems; raise InputError if one is an error."""
-    checked = CheckedLog.of(file, Log.read(file, mapping=mapping), robot)
+    checked = CheckedLog.of(file, Log.read(file, mapping=mapping, robot=robot), robot)
     page = log_check_report(checked, robot)
     errors = [finding for finding in checked.findings if finding.severity == "error"]
     command = next((_COMMANDS[use] for use in checked.uses if use in _COMMANDS), "")

@@ -191,9 +191,9 @@ def parse_seeds(text: str) -> list[int]:
     return list(seeds)
 
 
-def read_logs(paths: Sequence[Path], mapping: Path | None) -> dict[str, Log]:
+def read_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
     """Return the logs by their names, see `named_files`; InputError without logs, or if a log cannot be read."""
-    return {name: Log.read(path, mapping=mapping) for name, path in named_files(paths).items()}
+    return {name: Log.read(path, mapping=mapping, robot=robot) for name, path in named_files(paths).items()}
 
 
 def read_balancing_logs(paths: Sequence[Path], mapping: Path | None, robot: Robot) -> dict[str, Log]:
@@ -206,7 +206,7 @@ def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
 
     Raise InputError if it cannot be read, or has neither a position nor the columns to compute it from.
     """
-    log = Log.read(path, mapping=mapping)
+    log = Log.read(path, mapping=mapping, robot=robot)
     try:
         return with_position(log, robot)
     except InputError as error:

@@ -10,7 +10,13 @@ from ballbot.log.formats import written_format
 
 
 def convert(
-    log: Path, out: Path, /, *, mapping: options.Mapping = None, force: options.Force = False
+    log: Path,
+    out: Path,
+    /,
+    *,
+    mapping: options.Mapping = None,
+    robot: options.MotorsOf = None,
+    force: options.Force = False,
 ) -> None:
     """Write a log in another file format, that of the suffix of OUT: .csv, .parquet, .mat or .mcap.
 
@@ -29,7 +35,7 @@ def convert(
     """
     written_format(out)  # raises InputError before the log is read
     check_new_file(out, force=force)
-    read = Log.read(log, mapping=mapping)
+    read = Log.read(log, mapping=mapping, robot=robot)
     read.write(out)
     show_written(
         out,

@@ -109,7 +109,7 @@ def identify(
             window=window,
             options=IdentificationOptions(
                 excluded_states=names_listed(exclude_states),
-                back_emf=back_emf_of(mapping or ()),
+                back_emf=back_emf_of(mapping or (), described),
                 sweep=of_sweep,
                 search=search,
             ),

@@ -59,7 +59,8 @@ def identify_driveline(
     speed_limit
         Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
     """
-    described, read = Robot.load(robot), Log.read(log, mapping=mapping)
+    described = Robot.load(robot)
+    read = Log.read(log, mapping=mapping, robot=described)
     sweeps = sweeps_of(described, read, limit=speed_limit)
     of_sweep = in_files([(log, sweep_findings(described, sweeps))])
     of_log = bench_findings(described, {str(log): read})
@@ -103,7 +104,8 @@ def identify_upside_down(
     logs
         One or more logs with u1, u2 .. and ball_omega_x, _y, _z in the robot's frame.
     """
-    described, named = Robot.load(robot), read_logs(logs, mapping)
+    described = Robot.load(robot)
+    named = read_logs(logs, mapping, described)
     by_path = dict(zip(map(str, logs), named.values(), strict=True))
     of_ball = in_files(
         (path, upside_down_findings(described, log)) for path, log in zip(logs, named.values(), strict=True)
@@ -154,8 +156,8 @@ def identify_geometry(
             f"--balancing is given {numbers[0]} and --motion-capture {numbers[1]}. Give one motion capture for each "
             "balancing log, in the same order."
         )
-    of_ball = list(read_logs(on_wheels, mapping).values()) if on_wheels else []
-    of_runs = list(read_logs(runs, mapping).values()) if runs else []
+    of_ball = list(read_logs(on_wheels, mapping, described).values()) if on_wheels else []
+    of_runs = list(read_logs(runs, mapping, described).values()) if runs else []
     named = dict(zip(map(str, (*on_wheels, *runs)), (*of_ball, *of_runs), strict=True))
     # the radii are estimated, so that encoders may differ from them
     encoders = in_files(

@@ -94,6 +94,13 @@ Mapping = Annotated[
     ),
 ]
 
+MotorsOf = Annotated[
+    str | None,
+    Parameter(
+        help="A preset's name or a robot file, whose motors' resistance a mapping of duties or voltages needs."
+    ),
+]
+
 WholeNumber = Annotated[int, Parameter(converter=_whole_number)]
 SeedNumber = Annotated[int, Parameter(converter=_whole_number, validator=lambda _, seed: check_seed(seed))]
 Seed = Annotated[SeedNumber, Parameter(help="Random seed. The same seed gives the same result.")]

@@ -74,8 +74,8 @@ def spin(
         x, y, radius = numbers_listed(circle, "--circle", count=3, wanted=wanted)
         outline = (x, y, radius)
     curve = seam_named(seam)
-    run = Log.read(log, mapping=mapping) if log is not None else None
     described = Robot.load(robot) if robot is not None else None
+    run = Log.read(log, mapping=mapping, robot=described) if log is not None else None
     findings = bench_findings(described, {str(log): run}) if described and run else ()
     stop_or_show(findings, accept=accept, others="`ballbot check-log`")
     film = open_video(video, frame_rate=frame_rate)

@@ -98,9 +98,9 @@ def view(
             )
             return
         notice("A live view needs: pip install 'ballbot[view]'")
-    logs = read_parts(paths, mapping=mapping, start=start, end=end)
     given = None if robot is None else Robot.load(robot)
     owners = robots or {name: given or robot_beside(path) for name, path in paths.items()}
+    logs = read_parts(paths, owners, mapping=mapping, start=start, end=end)
     page = replay_page(logs, owners, title=every(logs) if logs else ", ".join(robots), layout=layout)
     path = save or Path(tempfile.mkdtemp(prefix="ballbot-")) / "replay.html"
     write_text(path, page)

@@ -30,7 +30,7 @@ from ballbot.errors import InputError
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names
-from ballbot.log.mapping import DutyTable, read_mapping
+from ballbot.log.mapping import DutyTable, motor_resistance, read_mapping
 from ballbot.log.pose import measured_wheel_speeds
 from ballbot.robot import Robot
 
@@ -53,14 +53,14 @@ def standstill_torques(log: Log, robot: Robot, back_emf: float) -> Log:
     return log.with_columns({name: log[name] + back_emf * speeds[:, i] for i, name in enumerate(names)})
 
 
-def back_emf_of(mappings: Sequence[str | Path]) -> float:
+def back_emf_of(mappings: Sequence[str | Path], robot: Robot) -> float:
     """Return b_e [N m s/rad] of the motors in mapping files, zero without duties; InputError if they differ."""
-    drives = [read_mapping(mapping).input for mapping in mappings]
-    values = {round(drive.back_emf if isinstance(drive, DutyTable) else 0.0, 12) for drive in drives}
+    drives = [(read.input, motor_resistance(read, robot)) for read in map(read_mapping, mappings)]
+    values = {round(drive.back_emf(R) if isinstance(drive, DutyTable) else 0.0, 12) for drive, R in drives}
     if len(values) > 1:
         raise InputError(
             f"The motors of the mappings have back-EMF damping of {', '.join(f'{b:g}' for b in sorted(values))} N m "
-            "s/rad; logs of one robot must have the same supply voltage, resistance and motor constants."
+            "s/rad; logs of one robot must have the same motor constants."
         )
     return values.pop() if values else 0.0
 

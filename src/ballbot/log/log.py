@@ -36,6 +36,7 @@ from ballbot.log.formats import read_columns, write_columns
 from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
+from ballbot.robot import RobotLike
 from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
 
 if TYPE_CHECKING:
@@ -98,10 +99,16 @@ class Log:
         return (Log, (dict(self.columns), self.ended, self.changes))
 
     @staticmethod
-    def read(path: str | Path, *, mapping: str | Path | LogMapping | None = None) -> Log:
+    def read(
+        path: str | Path,
+        *,
+        mapping: str | Path | LogMapping | None = None,
+        robot: RobotLike | None = None,
+    ) -> Log:
         """Read a log from a file (docs/logs.md) with Ballbot's column names, or, with a mapping, any names and layout.
 
-        A mapping is a TOML file (see `ballbot.log.mapping`) or its content. InputError if file or mapping cannot be
+        A mapping is a TOML file (see `ballbot.log.mapping`) or its content; one of duties or voltages needs the robot,
+        which has the resistance of its motors. InputError if file or mapping cannot be
         read or do not make a log. Cells without a value become NaN.
 
         >>> import tempfile
@@ -117,7 +124,7 @@ class Log:
         columns = read_columns(path, layout, used=used, notes=notes)
         changes = [note("file", sentence) for sentence in notes]
         try:
-            columns = columns if by is None else apply_mapping(by, columns, changes=changes)
+            columns = columns if by is None else apply_mapping(by, columns, robot=robot, changes=changes)
             return Log(columns, changes=tuple(changes))
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
@@ -153,7 +160,12 @@ class Log:
         return frame
 
     @staticmethod
-    def from_pandas(frame: DataFrame, *, mapping: str | Path | LogMapping | None = None) -> Log:
+    def from_pandas(
+        frame: DataFrame,
+        *,
+        mapping: str | Path | LogMapping | None = None,
+        robot: RobotLike | None = None,
+    ) -> Log:
         """Return the log in a pandas DataFrame with Ballbot's column names, or, with a mapping, any names.
 
         The time is a column t, an index named t, or an index of dates or durations; dates count from the first row.
@@ -166,7 +178,7 @@ class Log:
         """
         columns, changes = _columns_of(frame), list[Finding]()
         if mapping is not None:
-            columns = apply_mapping(read_mapping(mapping), columns, changes=changes)
+            columns = apply_mapping(read_mapping(mapping), columns, robot=robot, changes=changes)
         elif "t" not in columns:
             raise InputError(
                 "The frame has no time: it needs a column t [s], an index named t, or an index of dates or durations. "

@@ -54,12 +54,12 @@ An example with everything in it::
     supply_voltage = 11.1         # [V]
     torque_constant = 0.01        # [N m/A], motor side
     back_emf_constant = 0.01      # [V s/rad], motor side
-    resistance = 2.0              # [ohm]
     gear_ratio = 70.0
     dead_band = 0.0314            # duty that the firmware adds in the duty's direction; not stated, less dry friction
     duty_limit = 1.0              # the largest duty that reaches the motor; 1 by default
 
-A current needs torque_constant, gear_ratio and, if it is not 1, efficiency.
+The resistance of the motors, which a duty or a voltage needs, is the robot file's. A current needs torque_constant,
+gear_ratio and, if it is not 1, efficiency.
 
 A column of the log is a column of the file times a factor (unit, scale, sign) plus an offset, the derivative of another
 column of the log, the integral of a wheel's speed, or a part of an IMU's attitude. The motors' columns become wheel
@@ -117,6 +117,7 @@ from ballbot.log.imu_angles import (
 from ballbot.log.row_order import check_time, increasing_rows, later_runs, rows_with_times
 from ballbot.log.signals import new_messages, sampling_times, unwrapped, without_holes, without_resets
 from ballbot.log.wrapping import continuous_headings
+from ballbot.robot import RobotLike, as_robot
 from ballbot.schema import validate_table
 
 Table = Mapping[str, Floats]  #: a file's columns (M,) by the file's names
@@ -226,7 +227,7 @@ class TorqueTable(MotorsTable):
     kind: Literal["torque"]
     unit: str | None = None
 
-    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, _wheel_speed: Floats, _resistance: float) -> Floats:
         """Return u [N m] = the value itself."""
         return value
 
@@ -240,7 +241,7 @@ class CurrentTable(MotorsTable):
     gear_ratio: PositiveFloat
     efficiency: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    def torque(self, value: Floats, _wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, _wheel_speed: Floats, _resistance: float) -> Floats:
         """Return u [N m] = n k_t efficiency i."""
         return self.gear_ratio * self.torque_constant * self.efficiency * value
 
@@ -257,25 +258,23 @@ class DutyTable(MotorsTable):
     supply_voltage: PositiveFloat
     torque_constant: PositiveFloat
     back_emf_constant: PositiveFloat
-    resistance: PositiveFloat
     gear_ratio: PositiveFloat
     dead_band: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     duty_limit: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
 
-    @property
-    def back_emf(self) -> float:
-        """Damping n^2 k_t k_e / R by the back-EMF [N m s/rad], at the wheel."""
-        return self.gear_ratio**2 * self.torque_constant * self.back_emf_constant / self.resistance
+    def back_emf(self, resistance: float) -> float:
+        """Return the damping n^2 k_t k_e / R by the back-EMF [N m s/rad], at the wheel."""
+        return self.gear_ratio**2 * self.torque_constant * self.back_emf_constant / resistance
 
     def acting(self, value: Floats) -> Floats:
         """Return the duty at the motor: d + dead_band sgn(d), within the limit."""
         added = (self.dead_band or 0.0) * np.sign(value)
         return np.clip(value + added, -self.duty_limit, self.duty_limit)
 
-    def torque(self, value: Floats, wheel_speed: Floats) -> Floats:
+    def torque(self, value: Floats, wheel_speed: Floats, resistance: float) -> Floats:
         """Return u [N m] = n k_t (d V - k_e n w) / R of the duty d at the motor."""
         back_emf = self.back_emf_constant * self.gear_ratio * wheel_speed
-        current = (value * self.supply_voltage - back_emf) / self.resistance
+        current = (value * self.supply_voltage - back_emf) / resistance
         return self.gear_ratio * self.torque_constant * current
 
 
@@ -520,14 +519,21 @@ _ROUNDING = 1e-9
 
 @np.errstate(over="ignore", invalid="ignore")  # a scale may turn a cell into an infinity
 def apply_mapping(
-    mapping: LogMapping, table: Table, *, even_from: float | None = None, changes: list[Finding] | None = None
+    mapping: LogMapping,
+    table: Table,
+    *,
+    robot: RobotLike | None = None,
+    even_from: float | None = None,
+    changes: list[Finding] | None = None,
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
     Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a finding
     for each row or column that is omitted or continued. InputError if the file lacks a column that the mapping names,
-    its time does not increase, or no row is left.
+    its time does not increase, no row is left, or torques come from duties without the `robot` that has the motors'
+    resistance.
     """
+    resistance = motor_resistance(mapping, robot)
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
@@ -556,13 +562,24 @@ def apply_mapping(
         if speed is None and isinstance(drive, DutyTable):
             raise InputError("Torque from a duty needs the speed of the wheel: map [wheels] angle or speed.")
         if drive is not None:
-            columns[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed)
+            columns[name] = drive.torque(columns[name], np.zeros(1) if speed is None else speed, resistance)
     t, spans = columns["t"], mapping.time.keep or ((-np.inf, np.inf),)
     kept = np.any([(t >= start) & (t < end) for start, end in spans], axis=0)
     if not kept.any():
         raise InputError(f"[time] keep selects no row of the file, which runs from {t[0]:g} to {t[-1]:g} s.")
     times = columns.pop("t")[kept]
     return {"t": times, **{name: mark_missing(values[kept]) for name, values in columns.items()}}
+
+
+def motor_resistance(mapping: LogMapping, robot: RobotLike | None) -> float:
+    """Return R [ohm] of a robot's motors if a mapping's duties need it, else inf; InputError if it is not known."""
+    if not isinstance(mapping.input, DutyTable):
+        return math.inf
+    if robot is None:
+        raise InputError(
+            f"Torques from a {mapping.input.kind} need the robot with its motors: give --robot or robot=."
+        )
+    return as_robot(robot).drive.known_resistance(f"A mapping of a {mapping.input.kind}")
 
 
 def timed_rows(mapping: LogMapping, table: Table, notes: list[str]) -> tuple[Columns, Floats]:

@@ -233,7 +233,7 @@ def causal_states(
         end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
         if moment - t[first] >= _LEAST_PAST:
             rows = {name: values[first:end] for name, values in table.items()}
-            past = Log(apply_mapping(everything, rows, even_from=float(t[0])))
+            past = Log(apply_mapping(everything, rows, robot=robot, even_from=float(t[0])))
             states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
     return states
 

@@ -26,6 +26,7 @@ from ballbot.log.mapping_search.commands import (
     KINDS,
     CommandDrive,
     CommandOrder,
+    assumed_resistance,
     drive_of,
     likely_dead_band,
     needs_of,
@@ -41,15 +42,13 @@ from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
-from ballbot.robot import Robot
+from ballbot.robot import Drive, Robot
 from ballbot.schema import toml_line
 
 #: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
-#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9
+#: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9. Also the directions by which a
+#: doubtful sequence of angles matters
 CLEAR_TURN = math.radians(4.0)
-#: whether roll and pitch turn with the heading is asked for, where the log leaves it open, if it turns the lean by more
-#: than this (standard deviation) [rad], a quarter of what a lean may be turned in the campaign
-CLEAR_TILTS = math.radians(3.0)
 #: the turn is the angle of the lean's response to the wheels; if its size is this many times the robot's, or the
 #: inverse, the turn is asked for, because what changes the size changes the angle. 1.0 to 1.4 on real logs of one robot
 CLEAR_GAIN = 1.5
@@ -229,15 +228,17 @@ def _questions(proposal: Proposal, motion: SensedMotion) -> Iterator[Question]:
 
 
 def _tilt_questions(proposal: Proposal, tilts: Tilts) -> Iterator[Question]:
-    if tilts.odds > math.log(CONFIDENT / (1.0 - CONFIDENT)) or tilts.apart < CLEAR_TILTS:
+    with_yaw = len(proposal.roles.attitude) > 2
+    # an IMU that knows no heading seldom gives tilts that do not turn with it
+    enough = math.log(CONFIDENT / (1.0 - CONFIDENT)) if with_yaw else 0.0
+    if tilts.odds >= enough or tilts.apart < CLEAR_TURN:
         return
-    frame, words = proposal.frame, ("ZYX: they turn with the heading", "XYZ: they are tilts that do not")
-    by = frame.axis_signs[2] * (tilts.heading if tilts.sequence == "ZYX" else -tilts.heading)
-    other = f"for the second write turn = {math.degrees(frame.turn + by):.1f}"
-    if len(proposal.roles.attitude) == 2:
-        other = "the second needs a column with the yaw"
-    evidence = f"the lean differs by {math.degrees(tilts.apart):.0f} deg, as the heading turns; {other}"
-    words = words if tilts.sequence == "ZYX" else words[::-1]
+    frame, way = proposal.frame, 1 if tilts.sequence == "ZYX" else -1
+    words = ("ZYX: they turn with the heading", "XYZ: they are tilts that do not")[::way]
+    turn = frame.turn + way * frame.axis_signs[2] * tilts.heading
+    other = f"write turn = {math.degrees(turn):.1f}" if with_yaw else "name a column with the yaw"
+    differs = f"the lean differs by {math.degrees(tilts.apart):.0f} deg, as the heading turns"
+    evidence = f"{differs}; for the second {other}"
     yield Question("[attitude] sequence", "how roll and pitch follow the yaw", words, evidence)
 
 
@@ -321,10 +322,22 @@ def _findings(proposal: Proposal, motion: SensedMotion) -> Iterator[Finding]:
         if tested.lag > 0.01 + tested.lag_error:
             seems = f"The lean seems {1e3 * tested.lag:.0f} ms late, as play makes it, too"
             yield note("timing", f"{seems}: write [attitude] delay if the IMU has one.", *roles.attitude)
-    ratio = proposal.drive.ratio if proposal.drive is not None else math.nan
-    if math.isfinite(ratio) and not 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO:
-        sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need."
-        yield warning("scale", sentence, *roles.commands)
+    if proposal.drive is not None:
+        yield from _torque_finding(proposal.drive, proposal.robot.drive, roles.commands)
+
+
+def _torque_finding(drive: CommandDrive, motor: Drive, columns: Sequence[str]) -> Iterator[Finding]:
+    """Yield a warning on torques that are not those that the motion needs, with the motor that would give them."""
+    volts, ratio = drive.kind in ("voltage", "duty"), drive.ratio
+    stated = bool(motor.resistance) or not volts
+    if not math.isfinite(ratio) or (stated and 1.0 / NOTABLE_RATIO < ratio < NOTABLE_RATIO):
+        return
+    sentence = f"The torques are {ratio:.2f} times those that the motion and the robot's masses need"
+    if drive.kind != "torque":
+        resistance = f"a resistance of {ratio * assumed_resistance(motor):.3g} ohm or " if volts else ""
+        constant = f"a torque constant of {1e3 * motor.torque_constant / ratio:.3g} mN m/A"
+        sentence += f": {resistance}{constant} in the robot file would make them agree"
+    yield warning("scale", f"{sentence}. Friction identified from this log scales with them.", *columns)
 
 
 def contradictions(proposals: Sequence[Proposal], surest: Proposal) -> Iterator[tuple[Proposal, str]]:
@@ -398,7 +411,8 @@ def evaluate(proposal: Proposal, *, common: Proposal | None = None) -> Proposal:
 def mapped(proposal: Proposal) -> Log:
     """Return the log that a proposal makes; one without a drive takes the commands for torques."""
     text = mapping_text(replace(proposal, questions=()))
-    log = Log(apply_mapping(parse_mapping(text, source="the mapping"), proposal.base.cut))
+    mapping = parse_mapping(text, source="the mapping")
+    log = Log(apply_mapping(mapping, proposal.base.cut, robot=proposal.robot))
     return with_odometry(log, proposal.robot) if proposal.roles.attitude else log
 
 
@@ -528,9 +542,7 @@ def _attitude_lines(proposal: Proposal) -> list[str]:
         lines.append(_line("sign", frame.axis_signs[: len(roles.attitude)], "of roll, pitch and yaw"))
     sequence = proposal.motion.tilts.sequence if proposal.motion else "ZYX"
     if sequence == "XYZ" or any(question.key == "[attitude] sequence" for question in proposal.questions):
-        lines.append(
-            _line("sequence", sequence, "whether roll and pitch turn with the heading, ZYX, or not, XYZ")
-        )
+        lines.append(_line("sequence", sequence, "roll and pitch turn with the heading, ZYX, or do not, XYZ"))
     if tested is not None:
         error = "" if tested.phase_error is None else f" +- {math.degrees(tested.phase_error):.1f}"
         reason = f"measured {math.degrees(frame.measured_turn):.1f}{error}"
@@ -590,7 +602,7 @@ def _input_lines(proposal: Proposal) -> list[str]:
     if any(question.key == "[input] zero" for question in proposal.questions):
         lines += ["# zero = ..  # the number that stands for no command", "# direction = [..]"]
     delay, reason = 0.0, ""
-    if drive:
+    if drive and math.isfinite(drive.delay_error):
         delay = round(drive.delay, 4) if drive.delay > CLEAR_DELAY * drive.delay_error else 0.0
         reason = f"by the wheels' accelerations {1e3 * drive.delay:.0f} +- {1e3 * drive.delay_error:.0f} ms"
     return [*lines, _line("from", columns), _line("sign", signs, evidence), _line("delay", delay, reason)]
@@ -610,14 +622,12 @@ def _kind_lines(
         dead_band = _line("dead_band", 0.0, "a voltage has none")
     elif band is not None:
         dead_band = _line("dead_band", float(band), "an estimate; 0 if the firmware adds none")
-    stall = drive.gear_ratio * drive.torque_constant * drive.supply_voltage / drive.torque_limit
     return [
         *lines,
         dead_band,
         _line("supply_voltage", drive.supply_voltage, source),
         *motor,
         _line("back_emf_constant", 1.0 / drive.speed_constant, f"{source}: 1 / speed constant"),
-        _line("resistance", float(f"{stall:.6g}"), "assumed: full duty at standstill gives the torque limit"),
     ]
 
 

@@ -127,6 +127,13 @@ class Drive:
     )
     torque_constant: float = parameter("k_t, at the motor's shaft", "N m/A", written_in="mN m/A", most=10.0)
     speed_constant: float = parameter("of the motor without load", "rad/s/V", written_in="rpm/V")
+    resistance: float = parameter(
+        "R, of a winding, from terminal to terminal; 0: unknown",
+        "ohm",
+        default=0.0,
+        least=0.0,
+        usual=(0.0, 50.0),
+    )
     supply_voltage: float = parameter("of the batteries", "V", most=1000.0, usual=(3.0, 120.0))
     torque_limit: float = parameter("largest torque commanded at a wheel", "N m", most=1000.0)
     backlash: float = parameter(
@@ -137,6 +144,16 @@ class Drive:
     def top_speed(self) -> float:
         """The speed [rad/s] of a wheel without load at full supply, where back-EMF is its voltage (Appendix I)."""
         return self.supply_voltage * self.speed_constant / self.gear_ratio
+
+    def known_resistance(self, user: str) -> float:
+        """Return R [ohm]; raise InputError if it is not known, which this user needs."""
+        if self.resistance > 0.0:
+            return self.resistance
+        line = 'resistance = { value = .., unit = "ohm", source = "measured" }'
+        raise InputError(
+            f"{user} needs the resistance of the motors' windings, stall voltage over stall current in data sheets: "
+            f"write {line} under [drive] of the robot file."
+        )
 
     @property
     def reflected_inertia(self) -> float:

@@ -75,13 +75,12 @@ class Push:
 
 @parameter_class
 class Supply:
-    """A battery and the motors' windings: the voltage left after the back-EMF drives the current.
+    """A battery, and the motors' windings of the robot file: the voltage left after the back-EMF drives the current.
 
     T_max = n k_t (V - k_e n w) / R, T_min = -n k_t (V + k_e n w) / R, with V = V_0 - R_i I and the battery's
     current I = sum (T w + R i^2) / V_0. Without it the supply sets a fixed speed limit.
     """
 
-    winding_resistance: float = parameter("of a motor", "ohm")
     internal_resistance: float = parameter("of the battery", "ohm", least=0.0)
 
 
@@ -133,6 +132,7 @@ class DriveLimits:
         self._full = drive.supply_voltage
         self._ampere = drive.gear_ratio * drive.torque_constant  # [N m/A] at the wheel
         self._back = drive.gear_ratio / drive.speed_constant  # [V s/rad] at the wheel
+        self._winding = drive.known_resistance("A supply") if supply else 0.0  # [ohm]
 
     def within(self, torques: NDArray[np.float64], speeds: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the torques (n,) [N m] that the motors can give of those commanded at motor speeds (n,) [rad/s]."""
@@ -148,11 +148,11 @@ class DriveLimits:
         self, supply: Supply, torques: NDArray[np.float64], speeds: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         current = torques / self._ampere
-        power = float(torques @ speeds + supply.winding_resistance * (current @ current))
+        power = float(torques @ speeds + self._winding * (current @ current))
         # a loaded battery has V = V_0 - R_i P / V_0; braking motors charge it
         voltage = max(self._full - supply.internal_resistance * power / self._full, 0.0)
-        most = self._ampere * voltage / supply.winding_resistance
-        back_emf = self._ampere * self._back / supply.winding_resistance * speeds
+        most = self._ampere * voltage / self._winding
+        back_emf = self._ampere * self._back / self._winding * speeds
         return np.clip(torques, -most - back_emf, most - back_emf)
 
 
@@ -376,7 +376,7 @@ def loop_record(
             "limited": 2,
             "voltage": drive.supply_voltage,
             "sag": imperfections.supply.internal_resistance / drive.supply_voltage,
-            "winding": imperfections.supply.winding_resistance,
+            "winding": drive.known_resistance("A supply"),
             "ampere": drive.gear_ratio * drive.torque_constant,
             "back": drive.gear_ratio / drive.speed_constant,
         }

@@ -97,9 +97,9 @@ class Scenario:
         "Motor drivers with a lag.", default=None, example=CurrentLoop(bandwidth=100.0)
     )
     supply: Supply | None = table(
-        "A battery and windings in place of a fixed speed limit.",
+        "A battery and the robot's windings in place of a fixed speed limit.",
         default=None,
-        example=Supply(winding_resistance=0.6, internal_resistance=0.15),
+        example=Supply(internal_resistance=0.15),
     )
     payload: Payload | None = table(
         "A payload, which shifts the centre of mass.",
@@ -279,6 +279,8 @@ def check_scenario(scenario: Scenario, robot: Robot) -> None:
         raise InputError(
             f"carpet.ends is {carpet.ends:g} s; it must be later than begins, {carpet.begins:g} s."
         )
+    if scenario.supply:
+        robot.drive.known_resistance("The scenario's supply")
     _check_friction(scenario, robot)
     _check_rates(scenario)
 

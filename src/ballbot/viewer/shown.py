@@ -46,10 +46,15 @@ def robots_and_logs(words: Sequence[str]) -> tuple[dict[str, Robot], dict[str, P
 
 
 def read_parts(
-    paths: Mapping[str, Path], *, mapping: Path | None, start: float | None, end: float | None
+    paths: Mapping[str, Path],
+    owners: Mapping[str, Robot],
+    *,
+    mapping: Path | None,
+    start: float | None,
+    end: float | None,
 ) -> dict[str, Log]:
     """Return the rows of logs from a start to an end [s]; InputError if a log cannot be read or has no such row."""
-    logs = {name: Log.read(path, mapping=mapping) for name, path in paths.items()}
+    logs = {name: Log.read(path, mapping=mapping, robot=owners[name]) for name, path in paths.items()}
     if start is None and end is None:
         return logs
     for name, log in logs.items():

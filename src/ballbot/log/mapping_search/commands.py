@@ -45,7 +45,7 @@ from ballbot.log.mapping_search.names import INPUT_OF_UNIT, UNIT_OF_INPUT, Input
 from ballbot.log.mapping_search.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
 from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
-from ballbot.robot import Robot
+from ballbot.robot import Drive, Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
 #: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
@@ -327,8 +327,9 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, f
     if needs is None:
         return 0.0, 0.0
     moved, driving = needs
-    full, torque = float(drive.torque(np.ones(1), np.zeros(1))[0]), driving.torque
-    duty_sign = np.sign(log.torques + drive.back_emf * log.wheel_speeds)
+    resistance, torque = robot.drive.resistance, driving.torque
+    full = float(drive.torque(np.ones(1), np.zeros(1), resistance)[0])
+    duty_sign = np.sign(log.torques + drive.back_emf(resistance) * log.wheel_speeds)
     against = moved.filtered(log, duty_sign, late=0.5 * log.sample_time) - driving.friction[:, :, 0]
     size = np.maximum(torque.std(axis=0), LEAST_TORQUE * np.sqrt(torque.var(axis=0).mean()))
     dry = []
@@ -338,6 +339,12 @@ def likely_dead_band(log: Log, robot: Robot, drive: DutyTable) -> tuple[float, f
         dry.append(factors[0] + 0.5 * factors[2])
     likely = max(LEAST_BAND, BAND_OF_FRICTION * float(np.median(dry)) / full)
     return likely, likely * full * float((against.std(axis=0) / size).max())
+
+
+def assumed_resistance(motor: Drive) -> float:
+    """Return R [ohm]; if nobody states it, the one with which full duty at standstill gives the torque limit."""
+    stall = motor.gear_ratio * motor.torque_constant * motor.supply_voltage / motor.torque_limit
+    return motor.resistance or stall
 
 
 def _scale_of(
@@ -356,12 +363,13 @@ def _scale_of(
             f"--command says {kind}. Correct one of them."
         )
     drive, ratios, alike = base.robot.drive, dict[InputKind, tuple[float, float]](), ()
-    # torque [N m] at standstill of one N m, A, V or full duty, which gives the torque limit
+    ampere = drive.gear_ratio * drive.torque_constant
+    # torque [N m] at standstill of one N m, A, V or full duty
     standstill: dict[InputKind, float] = {
         "torque": 1.0,
-        "current": drive.gear_ratio * drive.torque_constant,
-        "voltage": drive.torque_limit / drive.supply_voltage,
-        "duty": drive.torque_limit,
+        "current": ampere,
+        "voltage": ampere / assumed_resistance(drive),
+        "duty": ampere * drive.supply_voltage / assumed_resistance(drive),
     }
     for candidate, torque in standstill.items():
         scales = _scales(candidate, base)

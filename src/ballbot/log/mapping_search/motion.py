@@ -310,13 +310,13 @@ def _signals(
 def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) -> Tilts:
     """Return whether roll and pitch turn with the yaw (M, 3) [rad], by the law of the lean and by a gyro.
 
-    Each sequence is tried with a yaw of either handedness.
+    Each sequence is tried with a yaw of either handedness, and the widest filter: headings turn slowly.
     """
     kept, sigmas = new_messages(sampled), (1.0, -1.0)
     attitude = np.column_stack([attitude[:, :2], np.unwrap(attitude[:, 2])])
     still = [np.column_stack([turning_tilts(attitude, sigma), attitude[:, 2]]) for sigma in sigmas]
     smoothed = (
-        smooth(even_rows(base.t), sampled[kept], values[kept], width=WIDTHS[1])
+        smooth(even_rows(base.t), sampled[kept], values[kept], width=WIDTHS[-1])
         for values in (angles, attitude, *still)
     )
     wheels, turning, *tilts = smoothed
@@ -326,7 +326,7 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
     evidence = [left_by_readings(base.robot, readings, wheels, usable)]
     if base.roles.gyro:
-        rates = smooth(even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[1])
+        rates = smooth(even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1])
         named = base.roles.unit(base.roles.gyro)
         left = [_left_of_gyro(reading, rates.value, named, usable) for _, reading in readings]
         evidence.append((left, usable.astype(np.float64)))

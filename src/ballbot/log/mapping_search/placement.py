@@ -583,26 +583,18 @@ def frame_of(robot: Robot, tested: LeanTest | None, shows: float = 0.0) -> Senso
     turns = range(count if _evenly_spaced(robot) else 1)
     forms = [((1, 1, 1), best.positions, best.phase)]
     if same < 1.0 - CONFIDENT:  # one handedness is usual, and is taken if the log leaves it open
-        mirrored = (
-            tuple((1 - position) % count + 1 for position in best.positions),
-            -best.phase - 2.0 * beta[0],
-        )
-        forms = [((1, 1, -1), best.positions, best.phase), ((1, -1, 1), *mirrored)][: len(turns)]
+        mirrored = tuple((1 - position) % count + 1 for position in best.positions)
+        forms = [((1, 1, -1), best.positions, best.phase)]
+        forms += [((1, -1, 1), mirrored, -best.phase - 2.0 * beta[0])] if len(turns) > 1 else []
     known = heading is not None and heading.confidence >= CONFIDENT
     seen = advantage_confidence(abs(tested.handedness)) if heading is None else 0.5
     by_wheels = seen if tested.headings > TURNING_BY_WHEELS else max(seen, EQUAL_DIRECTIONS)
     error = tested.phase_error if tested.phase_error is not None else ROUNDED
-    frames = []
+    frames = list[SensorFrame]()
+    # without a heading both directions in which all wheels count make nearly the same log
+    counts = -heading.correlation if heading and known else tested.handedness if seen >= CONFIDENT else 0.0
     for (axes, positions, phase), k, way in product(forms, turns, (1, -1)):
-        # without a heading both directions in which all wheels count make nearly the same log
-        shown = (
-            -axes[2] * heading.correlation
-            if heading and known
-            else tested.handedness
-            if seen >= CONFIDENT
-            else 0.0
-        )
-        if way * shown < 0.0:
+        if way * counts * (axes[2] if known else 1) < 0.0:
             continue
         turn = -float(np.angle(way * np.exp(1j * (phase - 2.0 * np.pi * k / count))))
         near = GRID * round(turn / GRID)
