@@ -52,7 +52,6 @@ sign = -1
 supply_voltage = 11.1
 torque_constant = 0.01
 back_emf_constant = 0.01
-resistance = 2.0
 gear_ratio = 70.0
 dead_band = 0.03
 """
@@ -166,7 +165,7 @@ def torques_of(command: dict[str, float], speeds: np.ndarray) -> np.ndarray:
     """Return the torques [N m] of the motors of `MAPPING` under a command, at wheel speeds [rad/s]."""
     duty = -0.01 * np.array([command["m1"], command["m3"], command["m2"]])
     acting = np.clip(duty + 0.03 * np.sign(duty), -1.0, 1.0)
-    return 70.0 * 0.01 / 2.0 * (11.1 * acting - 0.01 * 70.0 * speeds)
+    return 70.0 * 0.01 / ROBOT.drive.resistance * (11.1 * acting - 0.01 * 70.0 * speeds)
 
 
 ATTITUDE = MAPPING[MAPPING.index("[attitude]") : MAPPING.index("[wheels]")]
@@ -217,7 +216,7 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
         load(tmp_path / "course"),
         load(given / "loop"),
     )
-    seen = apply_mapping(mapping, table)
+    seen = apply_mapping(mapping, table, robot=ROBOT)
     loops = plain.Loop(), mapped.Loop()
     for loop in loops:
         loop.skip_self_test()
@@ -229,7 +228,7 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
         for column, value in command.items():
             table[column][k] = value
     assert loops[0].stop == loops[1].stop == ""
-    found = apply_mapping(mapping, table)
+    found = apply_mapping(mapping, table, robot=ROBOT)
     zeros = {"current and direction": 12.0}.get(name, 0.0)
     for i, u in enumerate(torques.T, start=1):
         # within the dead band a command is none

@@ -26,6 +26,7 @@ from ballbot.log.mapping import (
     TorqueTable,
     WheelsTable,
     WheelTable,
+    motor_resistance,
 )
 from ballbot.robot import Robot
 
@@ -86,7 +87,8 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
 
     step = step_of(robot)
     quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion)
-    by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0])).tolist()
+    resistance = motor_resistance(mapping, robot)
+    by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0]), resistance).tolist()
     constants: dict[str, object] = {
         "TIME_UNIT": sources["t"].factor,
         "WHEELS": columns(wheels, step),
