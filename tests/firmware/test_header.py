@@ -21,7 +21,7 @@ from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 
-LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005)
+LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005, torque_limit=1.0)
 
 needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 

@@ -1,5 +1,6 @@
 """The emulated robot: the firmware in lock-step with a plant, from the handshake to a new controller."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,12 +11,14 @@ from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import compilers
+from ballbot.firmware.export import export_controller
 from ballbot.firmware.records import SelfTestOutcome, parameter_record
 from ballbot.link.emulated import CompiledRobot, EmulatedRobot, emulated_robot
 from ballbot.link.messages import AnswerResult, Capability, ControllerPlace, State
 from ballbot.link.session import Session, stop_reason
 from ballbot.link.transport import LinkError
-from ballbot.simulation.imperfections import Imperfections
+from ballbot.robot.components import scaled_friction
+from ballbot.simulation.imperfections import Imperfections, Later
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin.scenario_file import load_scenario
 from tests.support.compiled_firmware import weights_of
@@ -127,7 +130,7 @@ def test_parameters_are_read_and_written_while_disarmed_only():
     session = connected(robot)
     assert session.read_parameters().tobytes() == parameters().tobytes()
     changed = parameters().copy()
-    changed["law"]["torque_limit"] *= 0.5
+    changed["law"]["torque_limit"] *= 0.9
     assert session.self_test() is SelfTestOutcome.PASSED
     assert session.arm(lambda: True) is AnswerResult.OK
     with pytest.raises(LinkError, match="armed or its self-test runs"):
@@ -136,6 +139,44 @@ def test_parameters_are_read_and_written_while_disarmed_only():
     session.write_parameters(changed)
     assert session.read_parameters().tobytes() == changed.tobytes()
     assert session.arm(lambda: True) is AnswerResult.SELF_TEST  # once more, with the new numbers
+
+
+def test_refused_parameters_are_named_with_value_and_bound():
+    session, changed = connected(emulated()), parameters().copy()
+    changed["safety"]["turning_torque"] = 99.0
+    with pytest.raises(
+        LinkError, match=r"safety\.turning_torque is 99; it must be at most .*law\.torque_limit"
+    ):
+        session.write_parameters(changed)
+    changed = parameters().copy()
+    changed["sample_time"] = 0.01
+    with pytest.raises(LinkError, match="another number of wheels or another sample time"):
+        session.write_parameters(changed)
+
+
+@pytest.mark.parametrize("mass", [1.7194, 2.5])
+def test_robot_of_little_grip_takes_its_controller_and_finds_a_wheel_that_sticks(mass):
+    """The controller's torque limit is a tenth of the motors'; from standing, the integral pushes the wheel."""
+    robot = Robot.load("rob311")
+    robot = robot.replace(body=replace(robot.body, mass=mass))
+    controller = precise_controller(robot)
+    assert controller.torque_limit < 0.12 * robot.drive.torque_limit
+    true = scaled_friction(FRICTION, 0.1)
+    jammed = replace(true, coulomb=(100.0, *true.coulomb[1:]))
+    later = (Later(time=1.0, model=Model(robot.replace(friction=jammed))),)
+    plant = SensedPlant(
+        Model(robot.replace(friction=true)), Imperfections(sensors=robot.sensors, later=later)
+    )
+    record = export_controller(controller).parameters
+    firmware = CompiledRobot(export_controller(nominal_controller(robot)).parameters)
+    session = connected(EmulatedRobot(plant, firmware, sample_time=H))
+    session.write_parameters(record)
+    assert session.self_test() is SelfTestOutcome.PASSED
+    assert session.arm(lambda: True) is AnswerResult.OK
+    assert all(state.armed for state in states(session, 1.0)[-100:])
+    found = states(session, 3.0)[-1]
+    assert stop_reason(found) is StopReason.STUCK
+    assert found.stop_wheel == 1
 
 
 def test_policy_alone_balances_a_robot_whose_firmware_has_its_weights_and_no_other():

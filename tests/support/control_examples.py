@@ -74,7 +74,7 @@ def example_parts(wheel_count: int) -> Parts:
             dead_band=0.001,
         ),
         disturbance_observer=DisturbanceObserver(frequency=3.0, limit=0.4),
-        lean_limit=LeanLimit(lean=0.6, turn=2.0),
+        lean_limit=LeanLimit(lean=0.3, turn=2.0),
         notch=Notch(frequency=33.0, width=0.5, depth=0.2),
         prediction=DelayPrediction(delay=0.012),
     )

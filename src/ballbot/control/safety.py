@@ -42,7 +42,9 @@ from ballbot.arrays import positive_number, real_array, whole_number
 from ballbot.control.interface import LARGEST_STATE, Feedback, estimator_of
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
+from ballbot.mechanics.held_ball import wheel_mobility
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 #: lean [rad] beyond which the wheels lose the ball and the model ends
 _MAX_LEAN = 1.2
@@ -92,31 +94,60 @@ class SafetyLimits:
                 positive_number(getattr(self, name), f"{name} of the safety limits")
 
     @classmethod
-    def on_robot(cls, robot: Robot, *, sample_time: float, lean: float = 0.35) -> SafetyLimits:
+    def on_robot(
+        cls,
+        robot: Robot,
+        *,
+        sample_time: float,  # of the loop [s]
+        lean: float = 0.35,  # [rad]; `ballbot limits` finds the lean that a robot recovers from
+        torque_limit: float | None = None,  # of the controller [N m]; by default the motors'
+    ) -> SafetyLimits:
         """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
 
-        A sample may be late by as much as a bridged gap lasts; a wheel must turn under twice its break-away torque, or
-        a quarter of the torque limit if that is more. `ballbot limits` finds the lean [rad] that a robot recovers from;
-        InputError if it is not above zero and at most 1.2 rad. The sample time is in [s].
+        A sample may be late by as much as a bridged gap lasts. A wheel must turn under twice its break-away torque, or
+        a quarter of the torque limit if that is more; but never only under more than the middle between break-away and
+        limit. It may take as long as a wheel that turns round within a count of its encoder.
+
+        InputError if the lean is not above zero and at most 1.2 rad, or a wheel does not break away under the limit.
         """
         if lean > _MAX_LEAN:
             raise InputError(
                 f"lean of the safety limits is {lean:g} rad; it must be at most {_MAX_LEAN:g} rad, beyond which no "
                 "wheel holds the ball."
             )
-        torque = max(_TURNING * max(robot.friction.breakaway), 0.25 * robot.drive.torque_limit)
+        limit = robot.drive.torque_limit if torque_limit is None else torque_limit
+        friction = max(robot.friction.breakaway)
+        if friction >= limit:
+            raise InputError(
+                f"The controller's torque limit is {limit:.3g} N m, and a wheel of {robot.name} breaks away under "
+                f"{friction:.3g} N m: no wheel would turn, nor could one that is stuck be found. Design a controller "
+                "with a higher torque limit."
+            )
+        friction = friction or min(UNKNOWN_FRICTION * robot.drive.torque_limit, _MOST_UNKNOWN * limit)
+        turning = min(max(_TURNING * friction, 0.25 * limit), 0.5 * (friction + limit))
+        # from one count into the next and back, under the least torque that counts
+        acceleration = float(wheel_mobility(robot).diagonal().min()) * (turning - friction)
+        count = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+        turned_round = 2.0 * math.sqrt(2.0 * count / acceleration)
+        unchanged = max(_STUCK_TIME, _MARGIN * turned_round)
         return cls(
             lean=lean,
             max_interval=(cls.max_missing + 1.5) * sample_time,
-            max_unchanged=max(3, math.ceil(_STUCK_TIME / sample_time - 1e-9)),
-            turning_torque=min(torque, robot.drive.torque_limit),
+            max_unchanged=max(3, math.ceil(unchanged / sample_time - 1e-9)),
+            turning_torque=turning,
         )
 
 
 #: longest time for which a sensor of a real robot may repeat itself [s]; an IMU of 100 Hz does so for 0.01 s
 _STUCK_TIME = 0.1
-#: ratio to the break-away torque at which a wheel must turn
+#: ratio to the break-away torque at which a wheel must turn, since the other wheels' friction adds through the ball
 _TURNING = 2.0
+#: ratio to the time in which a sound wheel turns round, for friction and inertia that the file does not have exactly
+_MARGIN = 1.5
+#: break-away torque of a wheel whose file states no friction, over its motor's limit; geared motors have 3 to 15 %
+UNKNOWN_FRICTION = 0.15
+#: most of a controller's torque limit that it can be: the robot balances with the rest
+_MOST_UNKNOWN = 0.75
 
 
 class SafeController:

@@ -89,8 +89,9 @@ def export_controller(
     """Return a controller and its robot as firmware.
 
     InputError if the loop with the robot has no stability margin, the others differ in more than their gains, the gains
-    share no Lyapunov function, single precision cannot hold the controller, its policy is too large, or the lean is not
-    above zero and at most 1.2 rad.
+    share no Lyapunov function, single precision cannot hold the controller, its policy is too large, the lean is not
+    above zero and at most 1.2 rad, the torque limit does not overcome the friction, or the firmware would refuse a
+    parameter (`ballbot.firmware.bounds`).
     """
     refuse_without_margin(controller)
     controller = tunable(controller, others, robot=described)
@@ -101,7 +102,12 @@ def export_controller(
             f"The reference shaping has a frequency of {max(shaping.frequency, shaping.yaw_frequency):g} rad/s; "
             f"firmware can have up to {_LARGEST_FREQUENCY:g} rad/s."
         )
-    limits = SafetyLimits.on_robot(controller.robot, sample_time=controller.sample_time, lean=lean)
+    limits = SafetyLimits.on_robot(
+        controller.robot,
+        sample_time=controller.sample_time,
+        lean=lean,
+        torque_limit=controller.torque_limit,
+    )
     record = parameter_record(controller, limits)
     comment = (
         f"Robot: {controller.robot.name}, {len(controller.gain)} wheels. Controller: every "

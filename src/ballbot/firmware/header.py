@@ -31,8 +31,9 @@ from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.control.tuning import MAX_GAINS
 from ballbot.errors import InputError
 from ballbot.files import write_text
+from ballbot.firmware.bounds import BOUNDS, FIRST_BOUND, Refusal, bounds_in_c
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
-from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
+from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, PARAMETERS, digest_words
 
 #: the C sources
 SOURCES = Path(__file__).parent / "c"
@@ -60,6 +61,8 @@ def types_header() -> str:
     """Return the text of ballbot_types.h."""
     structs = "\n".join(struct_text(schema) for schema in _schemas(FIRMWARE))
     words = ", ".join(map(str, digest_words(FIRMWARE.digest)))
+    refusals = "\n".join(f"    BALLBOT_REFUSED_{one.name} = {one.value}," for one in Refusal)
+    bounds = ", \\\n".join(f"        ({condition})" for condition in bounds_in_c(PARAMETERS))
     return f"""\
 /* The records of Ballbot as structs: parameters, state and sensor readings.
  *
@@ -89,6 +92,20 @@ def types_header() -> str:
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
 
 {structs}
+/* Why parameters are refused; from BALLBOT_REFUSED_BOUND on it is the row of the bounds below. */
+enum ballbot_refusal {{
+    BALLBOT_REFUSED_NOT = 0,
+{refusals}
+    BALLBOT_REFUSED_BOUND = {FIRST_BOUND}
+}};
+
+/* Whether parameters keep each of their bounds (ballbot/firmware/bounds.py). */
+#define BALLBOT_BOUNDS {len(BOUNDS)}
+#define BALLBOT_BOUNDS_KEPT(parameters) \\
+    {{ \\
+{bounds} \\
+    }}
+
 #endif
 """
 

@@ -164,6 +164,8 @@ def rehearse(
     reference, torques = np.zeros(10, np.float32), np.zeros(MAX_WHEELS, np.float32)
     wanted, answer = board.place(reference), board.place(torques)
     board.call("ballbot_init", state, parameters)
+    if not board.read(state, blank)["run"]["known"][0]:
+        raise InputError("The firmware refuses these parameters, so that its load cannot be measured.")
     board.call("ballbot_skip_self_test", state)
     board.call("ballbot_arm", state)
     given = 0

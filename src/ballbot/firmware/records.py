@@ -25,6 +25,7 @@ from ballbot.control.records import (
 )
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation.interface import EstimatorName
+from ballbot.firmware.bounds import check_bounds
 from ballbot.firmware.estimators import (
     READING,
     KalmanMemory,
@@ -35,7 +36,7 @@ from ballbot.firmware.estimators import (
     onboard_record,
     step_of,
 )
-from ballbot.robot import Robot
+from ballbot.firmware.self_test import SelfTestRecord, self_test_record
 
 #: numbers in which the digest is exported
 DIGEST_WORDS = 8
@@ -97,7 +98,12 @@ class SelfTestState:
     result: int = field(metadata=whole())
     #: that the result is about, from 1; 0 for none
     wheel: int = field(metadata=whole())
+    #: whose turn it is, from 0
+    pushed: int = field(metadata=whole())
+    #: of its turn
     sample: int = field(metadata=whole())
+    #: samples of its push forward; 0 until that has ended
+    forward: int = field(metadata=whole())
     #: of the encoders when the push began
     counts: Ints = field(metadata=whole(MAX_WHEELS))
 
@@ -148,7 +154,7 @@ PARAMETERS = Schema(
         "estimator": Number(unit="1", whole=True),
         "sample_time": Number(unit="s"),
         "encoder_step": Number(unit="rad"),
-        "self_test_torque": Number(unit="N m"),
+        "self_test": schema_of(SelfTestRecord),
         "law": LAW,
         "safety": schema_of(SafetyRecord),
         "onboard": schema_of(OnboardRecord),
@@ -180,7 +186,8 @@ def digest_words(digest: str) -> tuple[int, ...]:
 def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np.void]:
     """Return a controller's parameters (1,) of `PARAMETERS` in single precision.
 
-    InputError if single precision cannot hold a number, or a limit is infinite.
+    InputError if single precision cannot hold a number, a limit is infinite, a number is beyond its bound
+    (`ballbot.firmware.bounds`), or the self-test cannot move a wheel.
     """
     robot, sample_time = controller.robot, controller.sample_time
     record = PARAMETERS.zeros()
@@ -189,14 +196,11 @@ def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np
     record["estimator"] = ESTIMATORS[controller.estimator]
     record["sample_time"] = sample_time
     record["encoder_step"] = step_of(robot)
-    record["self_test_torque"] = self_test_torque(robot)
     record["law"] = controller.record
+    fill_record(record["self_test"], self_test_record(robot, sample_time=sample_time))
     fill_record(record["safety"], SafetyRecord(**asdict(limits)))
     fill_record(record["onboard"], onboard_record(robot, sample_time=sample_time))
     fill_record(record["kalman"], kalman_record(robot, sample_time=sample_time))
-    return converted(record, PARAMETERS)
-
-
-def self_test_torque(robot: Robot) -> float:
-    """Return the torque [N m] of the self-test's pushes: 1 N m, or twice the break-away torque if that is more."""
-    return min(max(1.0, 2.0 * max(robot.friction.breakaway)), robot.drive.torque_limit)
+    single = converted(record, PARAMETERS)
+    check_bounds(single)
+    return single

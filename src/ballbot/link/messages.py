@@ -67,7 +67,8 @@ class AnswerResult(IntEnum):
     BUTTON = 5  #: this robot needs its own button as well
     RANGE = 6  #: beyond the parameters
     CHECKSUM = 7  #: the parameters that were written have another CRC-32; `value` is that CRC-32
-    PARAMETERS = 8  #: the robot does not accept these parameters
+    #: the robot does not accept these parameters; `value` says why (`ballbot.firmware.bounds.refusal_clause`)
+    PARAMETERS = 8
     VALUES = 9  #: a value is not finite or out of range
     DISARMED = 10  #: only while the controller on the robot balances
     GAINS = 11  #: the weights are no mixture of the robot's gains

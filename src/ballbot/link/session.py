@@ -26,6 +26,7 @@ from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.control.tuning import MAX_GAINS, Setting
 from ballbot.errors import InputError
+from ballbot.firmware.bounds import refusal_clause
 from ballbot.firmware.records import PARAMETERS, SelfTestOutcome
 from ballbot.link.frames import Frame, FrameReader, LayerCounts, encode, is_newer, message_of
 from ballbot.link.messages import (
@@ -65,8 +66,9 @@ from ballbot.link.transport import LinkError, Transport
 KEEP_INTERVAL = WATCHDOG / 5.0
 #: for which a person may take to bring the robot into a position [s]
 MOVING_TIME = 60.0
-#: for an answer, after which a command is sent again; for a session; and, by the robot's clock, for motors' tests [s]
-_ANSWER_TIME, _OPENING_TIME, _TEST_TIME = 0.1, 2.0, 3.0
+#: for an answer, after which a command is sent again; for a session; and, by the robot's clock, for motors' tests [s]:
+#: three times the longest push of each of four wheels
+_ANSWER_TIME, _OPENING_TIME, _TEST_TIME = 0.1, 2.0, 12.0
 #: how often a command is sent before it counts as lost
 _ATTEMPTS = 5
 _WORD = np.dtype("<i4")
@@ -78,8 +80,7 @@ _REASONS = {
     AnswerResult.BUTTON: "its own button was not pressed",
     AnswerResult.RANGE: "the place is beyond its parameters",
     AnswerResult.CHECKSUM: "the parameters that it received are not those that were sent",
-    AnswerResult.PARAMETERS: "the parameters are not allowed; a learned policy's need a firmware with its weights, "
-    "which `ballbot export` writes",
+    AnswerResult.PARAMETERS: "the parameters are not allowed",
     AnswerResult.VALUES: "a value is not finite or out of range",
     AnswerResult.DISARMED: "its own controller does not balance it",
     AnswerResult.GAINS: "the weights are no mixture of its gains",
@@ -258,10 +259,8 @@ class Session:
         """Send a command; raise LinkError if the robot refuses it."""
         answer, resent = self._request(message)
         obeyed = resent and answer.result == AnswerResult.ACTIVE and isinstance(message, SelfTest)
-        if answer.result != AnswerResult.OK and not obeyed:  # the answer to the first was lost
-            raise LinkError(
-                f"The robot refuses the command {type(message).__name__}: {reason(answer.result)}."
-            )
+        if not obeyed:  # or else the answer to the first was lost
+            _check_obeyed(type(message).__name__, answer)
 
     def self_test(
         self,
@@ -405,12 +404,21 @@ class Session:
             count = min(PARAMETER_WORDS, len(words) - first)
             part[:count] = words[first : first + count]
             self._demand(Write(offset=first, count=count, words=part))
-        self._demand(Commit(crc=crc32.iso_hdlc(record.tobytes())))
+        answer, _ = self._request(Commit(crc=crc32.iso_hdlc(record.tobytes())))
+        if answer.result == AnswerResult.PARAMETERS:
+            raise LinkError(f"The robot refuses these parameters: {refusal_clause(record, answer.value)}.")
+        _check_obeyed("Commit", answer)
 
     def close(self) -> None:
         """Close the transport. An armed robot stops 50 ms later; disarm it first."""
         self.welcome = None
         self.transport.close()
+
+
+def _check_obeyed(command: str, answer: Answer) -> None:
+    """Raise LinkError if a robot refuses a command."""
+    if answer.result != AnswerResult.OK:
+        raise LinkError(f"The robot refuses the command {command}: {reason(answer.result)}.")
 
 
 def reason(result: int) -> str:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array
 from ballbot.mechanics.geometry import body_rates_matrix
+from ballbot.mechanics.held_ball import held_ball_inertia
 from ballbot.robot import Robot, Sensors
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
@@ -195,10 +196,7 @@ def _ball_under_hand(robot: Robot, hold: Hold) -> ClampedBall | None:
     ball = ClampedBall.of_robot(robot)
     if hold == "upside_down":
         return ball
-    rolling = (
-        robot.ball.mass + robot.body.mass
-    ) * robot.ball.radius**2  # both roll over the floor with the ball
-    return ClampedBall(A=ball.A, inertia=ball.inertia + np.diag([rolling, rolling, 0.0]))
+    return ClampedBall(A=ball.A, inertia=held_ball_inertia(robot))
 
 
 def sweep_at(times: NDArray[np.float64], wheel_count: int) -> NDArray[np.float64]:

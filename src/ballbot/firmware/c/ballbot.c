@@ -1,6 +1,5 @@
 #include "ballbot.h"
 
-#include <float.h>
 #include <stddef.h>
 
 #include "attitude.h"
@@ -12,38 +11,32 @@
 #include "law.h"
 #include "parts/parts.h"
 
-/* Allowed sample times: from one tick of the clock to a second [s]. */
-#define SHORTEST_SAMPLE_TIME 1e-6f
-#define LONGEST_SAMPLE_TIME 1.0f
 /* Lean from which no robot recovers [rad]. With a larger limit the robot is held: it does not balance, and the IMU's axes are not
  * checked. */
 #define LARGEST_LEAN 1.2f
 
-/* Return whether every limit of a torque or a time is valid; a NaN is not. */
-static bool are_bounds(const struct ballbot_parameters *parameters)
+int32_t ballbot_refused(const struct ballbot_parameters *parameters)
 {
-    const struct ballbot_safety_record *safety = &parameters->safety;
-    const float limit = parameters->law.torque_limit;
+    static const int32_t words[] = BALLBOT_SCHEMA_WORDS;
+    const bool kept[BALLBOT_BOUNDS] = BALLBOT_BOUNDS_KEPT(parameters);
 
-    return parameters->sample_time >= SHORTEST_SAMPLE_TIME && parameters->sample_time <= LONGEST_SAMPLE_TIME &&
-           limit > 0.0f && limit <= FLT_MAX && ballbot_magnitude(parameters->self_test_torque) <= limit &&
-           safety->lean > 0.0f && safety->max_interval > 0.0f && safety->max_missing >= 0;
+    for (size_t k = 0; k < sizeof words / sizeof words[0]; ++k) {
+        if (words[k] != parameters->schema[k]) {
+            return (int32_t)BALLBOT_REFUSED_SCHEMA;
+        }
+    }
+    for (int32_t k = 0; k < BALLBOT_BOUNDS; ++k) {
+        if (!kept[k]) {
+            return (int32_t)BALLBOT_REFUSED_BOUND + k;
+        }
+    }
+    return (int32_t)(ballbot_policy_is_known(&parameters->law.policy, parameters->wheel_count) ? BALLBOT_REFUSED_NOT :
+                                                                                                 BALLBOT_REFUSED_POLICY);
 }
 
 bool ballbot_are_allowed(const struct ballbot_parameters *parameters)
 {
-    static const int32_t words[] = BALLBOT_SCHEMA_WORDS;
-    bool same = true;
-
-    for (size_t k = 0; k < sizeof words / sizeof words[0]; ++k) {
-        same = same && words[k] == parameters->schema[k];
-    }
-    return same && are_bounds(parameters) && parameters->wheel_count >= 3 && parameters->wheel_count <= BALLBOT_MAX_WHEELS &&
-           parameters->law.tuning.others >= 0 && parameters->law.tuning.others < BALLBOT_MAX_GAINS &&
-           (parameters->estimator == BALLBOT_ONBOARD || parameters->estimator == BALLBOT_KALMAN) &&
-           parameters->law.prediction.count >= 0 && parameters->law.prediction.count <= BALLBOT_MAX_PAST - 2 &&
-           parameters->law.prediction.samples >= 0 && parameters->law.prediction.samples <= BALLBOT_MAX_PAST - 2 &&
-           ballbot_policy_is_known(&parameters->law.policy, parameters->wheel_count);
+    return ballbot_refused(parameters) == (int32_t)BALLBOT_REFUSED_NOT;
 }
 
 /* Fill a struct of numbers with zeros. */
@@ -194,10 +187,12 @@ static bool admitted(struct ballbot_state *state, const struct ballbot_parameter
 {
     const float imu[BALLBOT_IMU_VALUES] = { reading->gyro[0],     reading->gyro[1],     reading->gyro[2],
                                             reading->attitude[0], reading->attitude[1], reading->attitude[2] };
+    static const float none[BALLBOT_MAX_WHEELS] = { 0.0f };
     const float *found = state->run.estimate;
 
+    /* the self-test itself finds a wheel that does not turn */
     ballbot_safety_watch(&parameters->safety, &state->safety, parameters->wheel_count, imu, reading->wheel_counts,
-                         reading->encoders_valid != 0, state->run.torques);
+                         reading->encoders_valid != 0, (state->run.armed != 0) ? state->run.torques : none);
     return ballbot_safety_admit(&parameters->safety, &state->safety, interval, measured, ballbot_is_state(found), found[2],
                                 found[3]);
 }

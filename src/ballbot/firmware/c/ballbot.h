@@ -23,9 +23,12 @@
 /* Numbers of `estimator` in the parameters. */
 enum ballbot_estimator { BALLBOT_ONBOARD = 0, BALLBOT_KALMAN = 1 };
 
-/* Return whether the parameters have this library's schema, a number of wheels that it knows, valid limits, and no policy
- * whose weights are not the library's.
+/* Return why parameters are refused (enum ballbot_refusal): another schema than this library's, a bound, or a policy whose
+ * weights are not the library's; 0 if they are not.
  */
+int32_t ballbot_refused(const struct ballbot_parameters *parameters);
+
+/* Return whether the parameters are not refused. */
 bool ballbot_are_allowed(const struct ballbot_parameters *parameters);
 
 /* Start disarmed, at x = y = 0, and return ballbot_are_allowed of the parameters.

@@ -18,12 +18,20 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "4574e5ad274036ca14881a7a79a347a694aa6abf08d6e229fa1fb96a7796aaab"
+#define BALLBOT_SCHEMA_DIGEST "0063ce60ca21f0ed95db1fb2bf92026eabdae1c56f0b35038bfa762e370fa36c"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 1165288877, 658519754, 344463994, 2040743846, 346712767, 148300329, 2048899434, 2006362795 }
+#define BALLBOT_SCHEMA_WORDS { 6540896, 1243738349, 366682034, 1066533486, 735764933, 1863005443, 200963630, 923771756 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
+
+/* A push of the self-test. */
+struct ballbot_self_test_record {
+    float torque; /* [N m] */
+    int32_t ramp;
+    int32_t counts;
+};
+typedef char ballbot_self_test_record_has_no_padding[(sizeof(struct ballbot_self_test_record) == 3u * sizeof(float)) ? 1 : -1];
 
 /* The friction that is compensated, and the mode of compensation. */
 struct ballbot_compensation_record {
@@ -228,13 +236,13 @@ struct ballbot_parameters {
     int32_t estimator;
     float sample_time; /* [s] */
     float encoder_step; /* [rad] */
-    float self_test_torque; /* [N m] */
+    struct ballbot_self_test_record self_test;
     struct ballbot_law law;
     struct ballbot_safety_record safety;
     struct ballbot_onboard_record onboard;
     struct ballbot_kalman_record kalman;
 };
-typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1512u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_parameters_has_no_padding[(sizeof(struct ballbot_parameters) == 1514u * sizeof(float)) ? 1 : -1];
 
 /* Whether torques are given, and the last update. */
 struct ballbot_run_state {
@@ -275,10 +283,12 @@ typedef char ballbot_safety_state_has_no_padding[(sizeof(struct ballbot_safety_s
 struct ballbot_self_test_state {
     int32_t result;
     int32_t wheel;
+    int32_t pushed;
     int32_t sample;
+    int32_t forward;
     int32_t counts[BALLBOT_MAX_WHEELS];
 };
-typedef char ballbot_self_test_state_has_no_padding[(sizeof(struct ballbot_self_test_state) == 7u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_self_test_state_has_no_padding[(sizeof(struct ballbot_self_test_state) == 9u * sizeof(float)) ? 1 : -1];
 
 /* How far the check of the IMU's axes is. */
 struct ballbot_imu_check_state {
@@ -433,7 +443,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 884u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 886u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
@@ -448,5 +458,37 @@ struct ballbot_reading_record {
     float fix_heading_deviation; /* [rad] */
 };
 typedef char ballbot_reading_record_has_no_padding[(sizeof(struct ballbot_reading_record) == 20u * sizeof(float)) ? 1 : -1];
+
+/* Why parameters are refused; from BALLBOT_REFUSED_BOUND on it is the row of the bounds below. */
+enum ballbot_refusal {
+    BALLBOT_REFUSED_NOT = 0,
+    BALLBOT_REFUSED_SCHEMA = 1,
+    BALLBOT_REFUSED_POLICY = 2,
+    BALLBOT_REFUSED_ROBOT = 3,
+    BALLBOT_REFUSED_BOUND = 4
+};
+
+/* Whether parameters keep each of their bounds (ballbot/firmware/bounds.py). */
+#define BALLBOT_BOUNDS 17
+#define BALLBOT_BOUNDS_KEPT(parameters) \
+    { \
+        ((parameters)->wheel_count >= 3 && (parameters)->wheel_count <= 4), \
+        ((parameters)->estimator >= 0 && (parameters)->estimator <= 1), \
+        ((parameters)->sample_time >= 1e-06f && (parameters)->sample_time <= 1.0f), \
+        ((parameters)->encoder_step >= 1e-09f && (parameters)->encoder_step <= 6.2831855f), \
+        ((parameters)->law.torque_limit >= 1e-06f && (parameters)->law.torque_limit <= 1000.0f), \
+        ((parameters)->self_test.torque >= 1e-06f && (parameters)->self_test.torque <= 1000.0f), \
+        ((parameters)->self_test.ramp >= 1 && (parameters)->self_test.ramp <= 100000), \
+        ((parameters)->self_test.counts >= 1 && (parameters)->self_test.counts <= 1073741824), \
+        ((parameters)->safety.lean >= 0.001f), \
+        ((parameters)->safety.lean >= (parameters)->law.lean_limit.lean), \
+        ((parameters)->safety.max_interval >= (parameters)->sample_time), \
+        ((parameters)->safety.max_missing >= 0), \
+        ((parameters)->safety.max_unchanged >= 0), \
+        ((parameters)->safety.turning_torque >= 0.0f && (parameters)->safety.turning_torque <= (parameters)->law.torque_limit), \
+        ((parameters)->law.tuning.others >= 0 && (parameters)->law.tuning.others <= 2), \
+        ((parameters)->law.prediction.count >= 0 && (parameters)->law.prediction.count <= 20), \
+        ((parameters)->law.prediction.samples >= 0 && (parameters)->law.prediction.samples <= 20) \
+    }
 
 #endif

@@ -1,8 +1,9 @@
 /* Self-test before the first balance: each wheel is pushed forward and back, and its encoder must turn as it is pushed.
  *
- * It takes half a second. One wheel after the other gets the torque forward for a fifth of its turn at the test and
- * backward for another fifth, the others none. A motor or an encoder with the wrong sign, or cables in the wrong order, would turn
- * the balance's feedback into a push away from upright; here they move a wheel by a degree or two. Hold the robot
+ * One wheel after the other gets a torque that rises until the wheel which turns most has made the counts of
+ * `self_test` in the parameters. Then the same push follows backward, from its end to its beginning, and a rest of the same
+ * length. It takes about a second. A motor or an encoder with the wrong sign, or cables in the wrong order, would turn
+ * the balance's feedback into a push away from upright; here they move a wheel by some degrees. Hold the robot
  * meanwhile, or let it stand upright by itself.
  */
 #ifndef BALLBOT_SELF_TEST_H

@@ -23,8 +23,8 @@ struct robot {
 bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities, uint32_t starts);
 
 /* Begin the self-test. The first one since the start checks the IMU's axes: move the robot by hand (imu_check.h), and call this again
- * when ballbot_self_test_of gives BALLBOT_TEST_IMU_PASSED. Then the motors are enabled and each wheel is tested, half a second in
- * all. Hold the robot.
+ * when ballbot_self_test_of gives BALLBOT_TEST_IMU_PASSED. Then the motors are enabled and each wheel is tested, about a second
+ * in all. Hold the robot.
  */
 void robot_test(struct robot *robot);
 

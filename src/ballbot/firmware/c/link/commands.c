@@ -119,14 +119,19 @@ static void commit(struct ballbot_link *link, struct ballbot_state *state, struc
 {
     const struct ballbot_parameters *written = &link->written;
     const uint32_t crc = ballbot_crc32((const uint8_t *)written, sizeof *written);
+    int32_t refused = ballbot_refused(written);
     struct ballbot_message_commit wanted;
 
     ballbot_copy_bytes(&wanted, frame->body, sizeof wanted);
+    if (refused == (int32_t)BALLBOT_REFUSED_NOT &&
+        (written->wheel_count != parameters->wheel_count || written->sample_time < parameters->sample_time ||
+         written->sample_time > parameters->sample_time)) {
+        refused = (int32_t)BALLBOT_REFUSED_ROBOT;
+    }
     if ((uint32_t)wanted.crc != crc) {
         ballbot_link_answer(link, frame, BALLBOT_RESULT_CHECKSUM, crc);
-    } else if (!ballbot_are_allowed(written) || written->wheel_count != parameters->wheel_count ||
-               written->sample_time < parameters->sample_time || written->sample_time > parameters->sample_time) {
-        ballbot_link_answer(link, frame, BALLBOT_RESULT_PARAMETERS, 0);
+    } else if (refused != (int32_t)BALLBOT_REFUSED_NOT) {
+        ballbot_link_answer(link, frame, BALLBOT_RESULT_PARAMETERS, (uint32_t)refused);
     } else {
         const bool imu_checked = state->imu_check.passed == 1; /* the IMU is the same */
 
