@@ -336,7 +336,7 @@ def test_mapping_without_python_is_refused(given, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("compiler", "sentence"),
     [
-        (None, "there is no `cc`; install gcc."),
+        (None, "ballbot_loop needs a C compiler: there is no `cc`; install gcc."),
         ("echo broken >&2; exit 1", "cc refuses the sources of ballbot_loop: broken"),
     ],
 )
