@@ -72,7 +72,7 @@ CASES: tuple[Case, ...] = (
     _command("check_log_foreign", "check-log foreign/log.csv --robot alten", code=2),
     _command(
         "check_log_mapping",
-        "check-log foreign/log.csv --robot alten --mapping files/mapping.toml",
+        "check-log foreign/log.csv --robot foreign/robot.toml --mapping files/mapping.toml",
         code=2,  # as identify_foreign: its torques are taken for duties, and are late
         sampled=True,
     ),
@@ -111,7 +111,7 @@ CASES: tuple[Case, ...] = (
     _command("identify_sweep", f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json"),
     _command(
         "identify_foreign",
-        f"identify alten foreign/log.csv --mapping files/mapping.toml {_FEW}",
+        f"identify foreign/robot.toml foreign/log.csv --mapping files/mapping.toml {_FEW}",
         code=2,  # its torques are taken for duties, and are late
     ),
     _command("identify_driveline", "identify-driveline alten record_sweep/log.csv"),

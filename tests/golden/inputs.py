@@ -3,10 +3,13 @@
 import csv
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ballbot.robot import Robot
 
 
 def axis_record(folder: Path) -> None:
@@ -48,7 +51,12 @@ def swing(folder: Path) -> None:
 
 
 def foreign_log(folder: Path) -> None:
-    """Write log.csv: the log of record_square in degrees, with other names, signs and order of wheels."""
+    """Write log.csv: the log of record_square in degrees, with other names, signs and order of wheels.
+
+    robot.toml is its robot, with the resistance of motors whose full duty at standstill gives the torque limit.
+    """
+    robot = Robot.load("alten")
+    robot.replace(drive=replace(robot.drive, resistance=3.4776)).write(folder / "robot.toml")
     with (folder.parent / "record_square/log.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     degree = 180.0 / math.pi
