@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "0063ce60ca21f0ed95db1fb2bf92026eabdae1c56f0b35038bfa762e370fa36c"
+#define BALLBOT_SCHEMA_DIGEST "20d6120f4737a2d7c1d913e1cba1cae1e70babd78cacbf0003c81c18fb254326"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 6540896, 1243738349, 366682034, 1066533486, 735764933, 1863005443, 200963630, 923771756 }
+#define BALLBOT_SCHEMA_WORDS { 550900239, 1194828503, 1104745441, 1268894433, 1728818135, 212647680, 63446040, 2066039590 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -311,17 +311,17 @@ struct ballbot_torque_history {
 };
 typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
 
-/* Weights of the other gains, and what compensation, torque limit and lean limit are reduced by; zeros: nothing. */
+/* Weights of the other gains, and what the compensation is reduced by; zeros: nothing. */
 struct ballbot_tuning_state {
-    float wanted[5]; /* [1] */
-    float former[5]; /* [1] */
-    float now[5]; /* [1] */
+    float wanted[3]; /* [1] */
+    float former[3]; /* [1] */
+    float now[3]; /* [1] */
     float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
     float integral[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */
     float asked[2][4]; /* [rad/m] */
     float turn_rate; /* [s] */
 };
-typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 76u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 70u * sizeof(float)) ? 1 : -1];
 
 /* Of x, y and psi: four lags each, p, v, the last r, r' and r''. */
 struct ballbot_shaping_state {
@@ -404,7 +404,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 562u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 556u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -443,7 +443,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 886u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 880u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
@@ -458,6 +458,21 @@ struct ballbot_reading_record {
     float fix_heading_deviation; /* [rad] */
 };
 typedef char ballbot_reading_record_has_no_padding[(sizeof(struct ballbot_reading_record) == 20u * sizeof(float)) ? 1 : -1];
+
+/* A reading without any value. Whatever lies beyond a sensor's range is missing. */
+#define BALLBOT_MISSING 1e+30f
+#define BALLBOT_NO_READING \
+    { \
+    .encoders_valid = 0, \
+    .wheel_counts = { 0, 0, 0, 0 }, \
+    .wheel_speeds = { 1e+30f, 1e+30f, 1e+30f, 1e+30f }, /* [rad/s] */ \
+    .gyro = { 1e+30f, 1e+30f, 1e+30f }, /* [rad/s] */ \
+    .attitude = { 1e+30f, 1e+30f, 1e+30f }, /* [rad] */ \
+    .fix_position = { 1e+30f, 1e+30f }, /* [m] */ \
+    .fix_heading = 1e+30f, /* [rad] */ \
+    .fix_position_deviation = 1e+30f, /* [m] */ \
+    .fix_heading_deviation = 1e+30f, /* [rad] */ \
+    }
 
 /* Why parameters are refused; from BALLBOT_REFUSED_BOUND on it is the row of the bounds below. */
 enum ballbot_refusal {
