@@ -20,7 +20,9 @@ from ballbot.control.presets import nominal_controller
 from ballbot.firmware.estimators import READING, whole_counts
 from ballbot.firmware.export import export_controller
 from ballbot.log.mapping import apply_mapping, parse_mapping
+from ballbot.simulation.held_robot import HeldRobot
 from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Twin
 from tests.support.compiled_firmware import Firmware, library
@@ -52,7 +54,6 @@ sign = -1
 supply_voltage = 11.1
 torque_constant = 0.01
 back_emf_constant = 0.01
-resistance = 2.0
 gear_ratio = 70.0
 dead_band = 0.03
 """
@@ -162,11 +163,18 @@ def as_logged(attitude: np.ndarray, gyro: np.ndarray, wheels: np.ndarray) -> dic
     return imu | {"enc_1": first, "enc_3": -second, "enc_2": third}
 
 
+def logged(seen: Measurement) -> dict[str, float]:
+    """Return what the robot of `MAPPING` logs of a measurement."""
+    attitude = seen.state[2:5] if seen.attitude is None else seen.attitude
+    row = as_logged(attitude[None], seen.gyro[None], seen.wheel_angles[None])
+    return {name: float(value[0]) for name, value in row.items()}
+
+
 def torques_of(command: dict[str, float], speeds: np.ndarray) -> np.ndarray:
     """Return the torques [N m] of the motors of `MAPPING` under a command, at wheel speeds [rad/s]."""
     duty = -0.01 * np.array([command["m1"], command["m3"], command["m2"]])
     acting = np.clip(duty + 0.03 * np.sign(duty), -1.0, 1.0)
-    return 70.0 * 0.01 / 2.0 * (11.1 * acting - 0.01 * 70.0 * speeds)
+    return 70.0 * 0.01 / ROBOT.drive.resistance * (11.1 * acting - 0.01 * 70.0 * speeds)
 
 
 ATTITUDE = MAPPING[MAPPING.index("[attitude]") : MAPPING.index("[wheels]")]
@@ -217,7 +225,7 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
         load(tmp_path / "course"),
         load(given / "loop"),
     )
-    seen = apply_mapping(mapping, table)
+    seen = apply_mapping(mapping, table, robot=ROBOT)
     loops = plain.Loop(), mapped.Loop()
     for loop in loops:
         loop.skip_self_test()
@@ -229,7 +237,7 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
         for column, value in command.items():
             table[column][k] = value
     assert loops[0].stop == loops[1].stop == ""
-    found = apply_mapping(mapping, table)
+    found = apply_mapping(mapping, table, robot=ROBOT)
     zeros = {"current and direction": 12.0}.get(name, 0.0)
     for i, u in enumerate(torques.T, start=1):
         # within the dead band a command is none
@@ -258,9 +266,7 @@ def test_robot_that_speaks_duty_and_degrees_balances(given, tmp_path, plant):
     assert loop.arm()
     lean = []
     for _ in range(round(4.0 / module.SAMPLE_TIME)):
-        attitude = seen.state[2:5] if seen.attitude is None else seen.attitude
-        row = as_logged(attitude[None], seen.gyro[None], seen.wheel_angles[None])
-        command = loop.update(1e3 * seen.t, {name: float(value[0]) for name, value in row.items()})
+        command = loop.update(1e3 * seen.t, logged(seen))
         seen = robot.step(torques_of(command, seen.wheel_speeds), module.SAMPLE_TIME)
         lean.append(math.hypot(*seen.truth[2:4]))
         assert seen.ended is None
@@ -268,6 +274,40 @@ def test_robot_that_speaks_duty_and_degrees_balances(given, tmp_path, plant):
     assert max(lean[-200:]) < 0.03  # the start has 0.035
     loop.disarm()
     assert set(loop.update(1e3 * seen.t + 5.0, dict.fromkeys(module.COLUMNS)).values()) == {0.0}
+
+
+#: theta, phi, psi [rad] to which a hand moves the robot
+POSITIONS = {
+    "hold upright": (0.0, 0.0, 0.0),
+    "tilt forward": (0.0, math.radians(15.0), 0.0),
+    "tilt left": (-math.radians(15.0), 0.0, 0.0),
+    "turn left": (0.0, 0.0, math.radians(45.0)),
+}
+
+
+@pytest.mark.parametrize(("reversed_motor", "result"), [(None, ("passed", 0)), ("m3", ("torque sign", 2))])
+def test_self_test_moves_through_its_positions_and_names_a_wrong_motor(
+    given, tmp_path, reversed_motor, result
+):
+    assert export(given, tmp_path / "course", MAPPING) == 0
+    module, hand = load(tmp_path / "course"), HeldRobot(ROBOT)
+    loop, seen, words = module.Loop(), hand.reset(seed=1), [""]
+    loop.start_self_test()
+    assert not loop.arm()
+    while loop.self_test in ("running", *POSITIONS) and seen.t < 60.0:
+        command = loop.update(1e3 * seen.t, logged(seen))
+        if loop.self_test == "imu passed":
+            loop.start_self_test()
+        if loop.self_test != words[-1]:
+            words.append(loop.self_test)
+            if loop.self_test in POSITIONS:
+                hand.tilt(POSITIONS[loop.self_test])
+        if reversed_motor:
+            command[reversed_motor] *= -1.0
+        seen = hand.step(torques_of(command, seen.wheel_speeds), module.SAMPLE_TIME)
+    assert set(words) >= {*POSITIONS, "running"}
+    assert (loop.self_test, loop.wheel) == result
+    assert loop.arm() == (result[0] == "passed")
 
 
 @pytest.mark.parametrize(
@@ -296,7 +336,7 @@ def test_mapping_without_python_is_refused(given, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("compiler", "sentence"),
     [
-        (None, "there is no `cc`; install gcc."),
+        (None, "ballbot_loop needs a C compiler: there is no `cc`; install gcc."),
         ("echo broken >&2; exit 1", "cc refuses the sources of ballbot_loop: broken"),
     ],
 )

@@ -24,8 +24,7 @@ from ballbot.log.mapping import (
     DutyTable,
     LogMapping,
     TorqueTable,
-    WheelsTable,
-    WheelTable,
+    motor_resistance,
 )
 from ballbot.robot import Robot
 
@@ -41,25 +40,20 @@ def python_module(controller: Controller, mapping: LogMapping | None) -> str:
 
     InputError if the mapping is of another robot, or lacks a column that a reading needs, or its commands.
     """
+    n = controller.robot.wheel_count
+    if mapping is None:
+        names = ("t", *ATTITUDE_NAMES, *_GYRO_NAMES, *wheel_angle_names(n))
+        columns = {name: ColumnTable(source=name) for name in names}
+        mapping = LogMapping(columns=columns, input=TorqueTable(kind="torque", sources=torque_names(n)))
     words = tuple(outcome.name.lower().replace("_", " ") for outcome in SelfTestOutcome)
-    numbers: dict[str, object] = {"SAMPLE_TIME": controller.sample_time, "SELF_TEST": words}
-    numbers |= _columns(mapping or _own_mapping(controller.robot), controller.robot)
+    numbers = {"SAMPLE_TIME": controller.sample_time, "SELF_TEST": words}
+    numbers |= _columns(mapping, controller.robot)
     text = read_text(PYTHON_PROJECT / MODULE)
     for name, value in numbers.items():
         line = re.compile(rf"^({name}: .*?) = .*?(  # .*)$", re.MULTILINE)
         text, count = line.subn(lambda found, value=value: f"{found[1]} = {value!r}{found[2]}", text)
         assert count == 1, name
     return text
-
-
-def _own_mapping(robot: Robot) -> LogMapping:
-    """Return the mapping of Ballbot's own logs."""
-    n = robot.wheel_count
-    return LogMapping(
-        columns={name: ColumnTable(source=name) for name in ("t", *ATTITUDE_NAMES, *_GYRO_NAMES)},
-        wheels=WheelsTable(angle=WheelTable(sources=wheel_angle_names(n))),
-        input=TorqueTable(kind="torque", sources=torque_names(n)),
-    )
 
 
 def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
@@ -82,12 +76,15 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
 
     def columns(names: Sequence[str], unit: float = 1.0) -> tuple[tuple[str, float, float], ...]:
         found = [sources[name] for name in names if name in sources]
-        return tuple((source.column, source.factor / unit, source.offset / unit) for source in found)
+        return tuple((source.column, source.factor / unit, source.offset / unit + 0.0) for source in found)
 
     step = step_of(robot)
     quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion)
-    by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0])).tolist()
+    resistance = motor_resistance(mapping, robot)
+    by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0]), resistance).tolist()
+    read = (*columns(wheels), *columns(gyro), *(quaternion or columns(angles)))
     constants: dict[str, object] = {
+        "COLUMNS": tuple(name for name, _, _ in read),
         "TIME_UNIT": sources["t"].factor,
         "WHEELS": columns(wheels, step),
         "WRAP": abs(sources["wheel1"].factor / step) * (mapping.wheels.angle.wrap or 0.0),
@@ -104,5 +101,4 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
     }
     if isinstance(drive, DutyTable):
         constants |= {"DEAD_BAND": drive.dead_band or 0.0, "LIMIT": drive.duty_limit}
-    read = (*columns(wheels), *columns(gyro), *(quaternion or columns(angles)))
-    return constants | {"COLUMNS": tuple(name for name, _, _ in read)}
+    return constants

@@ -5,9 +5,6 @@
 #include "ballbot_parameters.h"
 #include "encoders.h"
 
-/* In place of a value that is missing: beyond any sensor's. */
-#define MISSING 1e30f
-
 struct ballbot_loop {
     struct ballbot_state state; /* first: functions of ballbot.h take the same address */
     struct ballbot_encoders encoders;
@@ -29,9 +26,12 @@ bool ballbot_loop_start(struct ballbot_loop *loop)
 void ballbot_loop_update(struct ballbot_loop *loop, uint32_t time, const int32_t counts[], const float imu[6],
                          const float reference[10], float torques[BALLBOT_MAX_WHEELS])
 {
-    struct ballbot_reading_record reading = { .gyro = { imu[0], imu[1], imu[2] }, .attitude = { imu[3], imu[4], imu[5] },
-                                              .fix_position = { MISSING, MISSING }, .fix_heading = MISSING };
+    struct ballbot_reading_record reading = BALLBOT_NO_READING;
 
+    for (int i = 0; i < 3; ++i) {
+        reading.gyro[i] = imu[i];
+        reading.attitude[i] = imu[3 + i];
+    }
     ballbot_take_encoders(&loop->encoders, &ballbot_parameters, counts, &reading);
     (void)ballbot_update(&loop->state, &ballbot_parameters, &reading, time, reference, torques);
 }

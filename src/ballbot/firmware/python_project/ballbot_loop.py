@@ -66,9 +66,7 @@ def _library() -> ctypes.CDLL:
             try:
                 done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
             except FileNotFoundError:
-                raise ImportError(
-                    "ballbot_loop needs a C compiler, and there is no `cc`; install gcc."
-                ) from None
+                raise ImportError("ballbot_loop needs a C compiler: there is no `cc`; install gcc.") from None
             if done.returncode:
                 raise ImportError(f"cc refuses the sources of ballbot_loop: {done.stderr.strip()}")
             os.replace(made, target)  # at once: another process may look for it
@@ -77,7 +75,7 @@ def _library() -> ctypes.CDLL:
 
 _C = _library()
 _C.ballbot_loop_size.restype = ctypes.c_size_t
-_C.ballbot_loop_start.restype = _C.ballbot_arm.restype = ctypes.c_bool
+_C.ballbot_loop_start.restype = _C.ballbot_arm.restype = _C.ballbot_is_active.restype = ctypes.c_bool
 _C.ballbot_stop_word.restype = ctypes.c_char_p
 
 
@@ -101,7 +99,7 @@ class Loop:
 
     def arm(self) -> bool:
         """Forget a stop, and balance from the next update on; return False unless the self-test has passed."""
-        return bool(_C.ballbot_arm(self._memory))
+        return _C.ballbot_arm(self._memory)
 
     def disarm(self) -> None:
         """Command nothing until armed again; end a self-test that is running."""
@@ -110,7 +108,7 @@ class Loop:
     @property
     def active(self) -> bool:
         """Whether the motors are to be enabled: armed without a stop, or a self-test drives them."""
-        return bool(_C.ballbot_is_active(self._memory))
+        return _C.ballbot_is_active(self._memory)
 
     @property
     def stop(self) -> str:
@@ -127,9 +125,7 @@ class Loop:
         """The wheel, from 1, that a stop or the self-test's result is about; 0 if it is about none."""
         return _C.ballbot_loop_wheel(self._memory)
 
-    def update(
-        self, time: float, reading: Reading, reference: Sequence[float] | None = None
-    ) -> dict[str, float]:
+    def update(self, time: float, reading: Reading, reference: Sequence[float] = ()) -> dict[str, float]:
         """Take the sample of a time; return the motors' command.
 
         The reference is x, y, theta, phi, psi and their rates [m, rad, s], those that it lacks zero: x, y, 0, 0, psi
@@ -137,10 +133,10 @@ class Loop:
         """
         passed, self._time = TIME_UNIT * time - self._time, TIME_UNIT * time
         gyro = _values(reading, GYRO)
-        if math.isfinite(gyro[2] * passed):
+        if passed > 0.0 and math.isfinite(gyro[2]):
             self._heading += gyro[2] * passed
         imu = (ctypes.c_float * 6)(*_turned(gyro), *_attitude(reading, self._heading))
-        wanted = None if reference is None else (ctypes.c_float * 10)(*reference)
+        wanted = (ctypes.c_float * 10)(*reference) if len(reference) else None
         torques, microseconds = (ctypes.c_float * 4)(), ctypes.c_uint32(round(1e6 * self._time) % 2**32)
         _C.ballbot_loop_update(self._memory, microseconds, self._counts(reading), imu, wanted, torques)
         active, command = self.active, {}
