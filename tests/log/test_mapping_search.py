@@ -72,6 +72,7 @@ def exchanged(*, tilts: bool, gyro: str | None = "rad/s") -> Habits:
 @pytest.mark.parametrize("tilts", [False, True])
 def test_tilts_that_do_not_turn_and_exchanged_wheels_are_found_without_a_turn(tmp_path, tilts, gyro):
     found = found_for(tmp_path, exchanged(tilts=tilts, gyro=gyro))
+    assert found.motion
     assert found.motion.tilts.sequence == ("XYZ" if tilts else "ZYX")
     assert (found.frame.turn, found.frame.order) == (0.0, (2, 1, 3))
     log, truth = found.log, swaying_log()

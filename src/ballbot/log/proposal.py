@@ -143,13 +143,13 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
         lean = lean_units(base.raw_attitude[:, :2], roles.unit(roles.attitude))[0]
         frame = frame_of(robot, None)
         return Proposal(base=base, lean=lean, motion=None, frame=frame, what=what, findings=tuple(notes))
-    tested, signals = motion.tested, motion.signals
+    tested, signals, gyro = motion.tested, motion.signals, motion.gyro
     proposal = Proposal(
         base=base,
         what=what,
         motion=motion,
         lean=motion.units[0] if base.roles.attitude else None,
-        frame=frame_of(robot, tested, motion.handedness),
+        frame=frame_of(robot, tested, motion.tilts.handedness + (gyro.handedness if gyro else 0.0)),
         keep=(row_spans(signals.rows, signals.usable & ~tested.pushed) if tested else ()) or None,
     )
     if roles.commands:

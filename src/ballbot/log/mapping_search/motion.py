@@ -181,11 +181,6 @@ class SensedMotion:
     tested: LeanTest | None
     tilts: Tilts
 
-    @property
-    def handedness(self) -> float:
-        """Logarithm of the odds that lean and yaw have one handedness, by the gyro and the tilts."""
-        return self.tilts.handedness + (self.gyro.handedness if self.gyro else 0.0)
-
 
 def motion_of_file(base: Columned) -> SensedMotion:
     """Return the likeliest units and what the sensors show with them."""
@@ -326,7 +321,9 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
     evidence = [left_by_readings(base.robot, readings, wheels, usable)]
     if base.roles.gyro:
-        rates = smooth(even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1])
+        rates = smooth(
+            even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1]
+        )
         named = base.roles.unit(base.roles.gyro)
         left = [_left_of_gyro(reading, rates.value, named, usable) for _, reading in readings]
         evidence.append((left, usable.astype(np.float64)))
