@@ -69,7 +69,8 @@ def check_motors(log: Log, motion: Motion, robot: Robot) -> list[Finding]:
 
     logged, power = left(), mean(driving.torque)
     noise = np.median(logged) + n * (FRICTION_ERROR * breakaway) ** 2 + SCALE_ERROR**2 * power
-    lasting, found = 0.5 * EVERY * INTERVAL / BLOCK * rows, []
+    turned = np.bincount(block, weights=driving.turning.max(axis=1))  # a robot that stands shows nothing
+    lasting, found = 0.5 * EVERY * INTERVAL / BLOCK * turned, []
     pairs: list[tuple[tuple[int, ...], float]] = [(pair, 1.0) for pair in combinations(range(n), 2)]
     for motors, factor in [*(((i,), factor) for i in range(n) for factor in FACTORS), *pairs]:
         remaining = left(motors, factor)

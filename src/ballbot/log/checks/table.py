@@ -19,7 +19,7 @@ _WITHIN = (
     "{fault}: this explains {percent:.0f} % of the difference between the logged torques and those that the motion "
     "then needs. Check the columns, the motor, its driver and its cables, and use only the other rows."
 )
-#: evidence of a fault within a log: at most 2.0 of the 310 sound logs that it was chosen on (campaigns/motor_faults.py)
+#: evidence of a fault within a log: at most 1.5 of the 449 sound logs that it was chosen on (campaigns/motor_faults.py)
 _FAULT: Mapping[Severity, float] = {"error": 4.0}
 CHECKS: Mapping[str, tuple[Mapping[Severity, float], str]] = {
     # single rows: {rows} over the limit, the first with its {place} and {value}, and the {largest} statistic
