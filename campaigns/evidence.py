@@ -56,6 +56,7 @@ CAMPAIGNS = {
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_fuzz": "campaigns.firmware_fuzz",
+    "tune_sequences": "campaigns.tune_sequences",
 }
 
 _HEAD = """# Evidence

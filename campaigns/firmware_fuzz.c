@@ -132,7 +132,8 @@ static void fail(const char *what)
 
 static void check_torques(void)
 {
-    const float limit = robot.parameters.law.torque_limit;
+    /* the self-test has a torque of its own, which a wheel that breaks away hard needs */
+    const float limit = robot.state.run.armed != 0 ? robot.parameters.law.torque_limit : robot.parameters.self_test.torque;
     const bool active = ballbot_is_active(&robot.state);
 
     if (enabled != active) {
@@ -219,10 +220,30 @@ static void sample(struct input *input)
     }
 }
 
+/* A setting within what the robot has exported, or with one number of any bits. */
+static struct ballbot_message_tune tune(struct input *input, bool wrong)
+{
+    const struct ballbot_tuning_record *own = &robot.parameters.law.tuning;
+    struct ballbot_message_tune setting = { .compensation = own->compensation * (float)take(input, 1) / 255.0f };
+    float left = 1.0f;
+
+    for (int k = 1; k <= own->others && k < BALLBOT_MAX_GAINS; ++k) {
+        setting.weights[k] = left * (float)take(input, 1) / 255.0f;
+        left -= setting.weights[k];
+    }
+    setting.weights[0] = left;
+    if (wrong) {
+        const uint32_t number = take(input, 1) % (BALLBOT_MAX_GAINS + 1u);
+
+        *((number < BALLBOT_MAX_GAINS) ? &setting.weights[number] : &setting.compensation) = any_float(input);
+    }
+    return setting;
+}
+
 /* Put a frame of the protocol into what the robot receives, with its checks in order but for what the input chooses. */
 static void frame(struct input *input)
 {
-    static const uint8_t types[] = { 1, 2, 3, 4, 4, 5, 6, 7, 8, 9, 10, 11 };
+    static const uint8_t types[] = { 1, 2, 3, 4, 4, 5, 6, 7, 8, 9, 10, 11, 12, 12, 13 };
     static const int32_t firmware[] = BALLBOT_SCHEMA_WORDS;
     static const int32_t messages[] = BALLBOT_MESSAGE_WORDS;
     static const size_t lengths[] = { 0,
@@ -236,6 +257,8 @@ static void frame(struct input *input)
                                       sizeof(struct ballbot_message_read),
                                       sizeof(struct ballbot_message_write),
                                       sizeof(struct ballbot_message_commit),
+                                      0,
+                                      sizeof(struct ballbot_message_tune),
                                       0 };
     const uint32_t kind = take(input, 1);
     const uint8_t type = types[kind % sizeof types];
@@ -260,6 +283,10 @@ static void frame(struct input *input)
 
             memcpy(&body[4 * k], &value, sizeof value);
         }
+    } else if (type == 12) {
+        struct ballbot_message_tune setting = tune(input, (kind & 0x40u) != 0u);
+
+        memcpy(body, &setting, sizeof setting);
     } else if (type == 10 && (kind & 0x40u)) {
         const uint32_t crc = ballbot_crc32((const uint8_t *)&robot.link.written, sizeof robot.link.written);
 

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ballbot.control.controller import Controller
+from ballbot.control.presets import nominal_controller
 from ballbot.control.records import Schema
 from ballbot.errors import InputError
 from ballbot.firmware.build import NUMERICS, source_files, weights_folder
@@ -70,8 +72,12 @@ def real_words(schema: Schema = STATE, first: int = 0) -> list[int]:
 
 
 def records_header() -> str:
-    """Return the parameters of every preset and part, and the real words of the state, as C."""
+    """Return the parameters of every preset and part and of mixed gains, and the real words of the state, as C."""
     records = [export_controller(make()).parameters for make in controllers().values()]
+    own = nominal_controller("alten", compensation="partial")
+    records.append(
+        export_controller(own, [Controller(own.robot, 0.9 * own.gain, compensation="partial")]).parameters
+    )
     words = [record.view(np.uint32).tolist() for record in records]
     rows = ",\n".join("{ " + ", ".join(f"{word}u" for word in row) + " }" for row in words)
     return (
@@ -143,9 +149,9 @@ def campaign(seconds: int = SECONDS) -> Section:
         title="The firmware under a coverage-guided fuzzer",
         before="libFuzzer chooses a controller (presets and every part, three and four wheels), up to three changed "
         "parameters of any bits, and then actions: samples with sensors and times of any kind, bytes and frames from "
-        "the host, changed numbers of the state, arming, self-test. After each sample: every torque is finite and "
-        "within the limit, zero unless the robot is armed or tests itself, a fault of the sample has stopped the "
-        "robot, "
+        "the host of every kind, changed numbers of the state, arming, self-test. After each sample: every torque is "
+        "finite and within the limit, zero unless the robot is armed or tests itself, a fault of the sample has "
+        "stopped the robot, "
         "and a stop is latched. Compiled with the address and the undefined-behaviour sanitizer.",
         columns=["time [s]", "inputs", "edges of the code reached", "inputs kept", "failures"],
         rows=[[f"{done.seconds:.0f}", f"{done.inputs:,}", f"{done.branches:,}", f"{done.corpus:,}", "0"]],

@@ -58,6 +58,7 @@ REFUSALS = [
     ("limits alten --twin --scenario storm --out out", "no scenario or scenario file 'storm'"),
     ("limits alten a=none b=none c=none d=none e=none f=none g=none --out out", "There are 7 controllers"),
     # a live robot and a live view
+    ("run --emulated --tune", "terminal to type them, or a file"),
     ("run sweep alten", "--out"),
     ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
     ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened"),

@@ -22,16 +22,16 @@ from tests.link.test_emulated import balancing, emulated
 ROBOT = Robot.load("alten")
 STIFFER = Controller(ROBOT, design_gain(ROBOT, state_weights=[60, 60, 500, 500, 10, 60, 60, 20, 20, 3]).gain)
 CYCLE = (
-    ("gain 1", ((0.0, 1.0), 1.0, 1.0)),
-    ("torque 0.5", ((0.0, 1.0), 0.5, 1.0)),
-    ("gain 0.5 0.5", ((0.5, 0.5), 0.5, 1.0)),
-    ("back", ((0.0, 1.0), 0.5, 1.0)),
-    ("gain 0", ((1.0, 0.0), 0.5, 1.0)),
-    ("torque 1", ((1.0, 0.0), 1.0, 1.0)),
-    ("lean 0.5", ((1.0, 0.0), 1.0, 0.5)),
-    ("gain 0.3", ((0.7, 0.3), 1.0, 0.5)),
-    ("compensation 0.2", ((0.7, 0.3), 1.0, 0.5)),
-    ("lean 1", ((0.7, 0.3), 1.0, 1.0)),
+    ("gain 1", ((0.0, 1.0), 1.0)),
+    ("compensation 0.5", ((0.0, 1.0), 0.5)),
+    ("gain 0.5 0.5", ((0.5, 0.5), 0.5)),
+    ("back", ((0.0, 1.0), 0.5)),
+    ("gain 0", ((1.0, 0.0), 0.5)),
+    ("compensation 1", ((1.0, 0.0), 1.0)),
+    ("gain 0.3", ((0.7, 0.3), 1.0)),
+    ("compensation 0", ((0.7, 0.3), 0.0)),
+    ("gain 0.6", ((0.4, 0.6), 0.0)),
+    ("compensation 1", ((0.4, 0.6), 1.0)),
 )
 
 
@@ -48,14 +48,14 @@ def test_hundred_changes_without_a_fall(tmp_path, capsys):
     assert results["ended"] == "time"
     assert len(results["changes"]) == 100
     for k, change in enumerate(results["changes"]):
-        weights, torque, lean = CYCLE[k % 10][1]
+        weights, compensation = CYCLE[k % 10][1]
         assert change["t"] == pytest.approx(1.0 + 0.1 * k, abs=0.011)
         assert change["setting"]["weights"] == pytest.approx(weights)
-        assert (change["setting"]["torque_limit"], change["setting"]["lean_limit"]) == (torque, lean)
+        assert change["setting"]["compensation"] == compensation
     assert "Changes of the controller" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     printed = capsys.readouterr().out
     assert "it is 1 away. Its spectral radius would be" in printed
-    assert "There is no command 'jump'; they are gain, compensation, torque, lean, back." in printed
+    assert "There is no command 'jump'; they are gain, compensation, back." in printed
     log = Log.read(tmp_path / "run" / "log.csv")
     assert np.abs(log["theta"]).max() < 0.1
     assert len(log) == 12.0 / ROBOT.sensors.sample_time
@@ -66,7 +66,7 @@ def test_robot_takes_changes_only_while_its_own_controller_balances():
     assert balancing(emulated(), controller=ControllerPlace.HOST).tune(Setting())[0] is AnswerResult.DISARMED
     session = balancing(emulated())
     assert session.tune(Setting(weights=(0.9, 0.1)))[0] is AnswerResult.GAINS  # it has one gain
-    result, time = session.tune(Setting(torque_limit=0.25))
+    result, time = session.tune(Setting(compensation=0.25))
     assert result is AnswerResult.OK
     assert session.tune(None)[0] is AnswerResult.OK
     assert session.state.time - 0.02e6 <= time <= session.state.time
@@ -105,8 +105,9 @@ def told(lines):
         ("gain 6 -5", r"it is 5 away\. Its spectral radius would be 1\.\d+: unstable"),
         ("gain 0.2 0.3 0.5", "3 weights are given; the controller has 2 gains"),
         ("gain", "must be a command and numbers"),
-        ("lean far", "must be a command and numbers"),
-        ("torque 1.2", r"share of the torque limit is 1\.2"),
+        ("compensation far", "must be a command and numbers"),
+        ("compensation 1.2", r"share of the compensation is 1\.2"),
+        ("torque 0.9", "There is no command 'torque'"),
         ("gian 0.3", "did you mean 'gain'"),
     ],
 )
@@ -119,13 +120,13 @@ def test_wrong_command_is_one_sentence(line, words):
 
 def test_change_has_the_time_of_the_robot():
     said, changes = told(["gain 0.25", ""])
-    assert said == ["3.00 s: gain 0.75 0.25, compensation 1, torque limit 1, lean limit 1"]
+    assert said == ["3.00 s: gain 0.75 0.25, compensation 1"]
     assert changes[0].t == pytest.approx(3.0 + 10e-6)
 
 
 def test_same_setting_again_leaves_the_former_one():
-    _, changes = told(["torque 0.5", "gain 0", "back"])
-    assert [change.setting.torque_limit for change in changes] == [0.5, 0.5, 1.0]
+    _, changes = told(["compensation 0.5", "gain 0", "back"])
+    assert [change.setting.compensation for change in changes] == [0.5, 0.5, 1.0]
 
 
 @pytest.mark.parametrize("text", ["gain 0.3", "1 gain 0.3\n0.5 back", "nan back"])

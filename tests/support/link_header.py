@@ -9,7 +9,7 @@ from dataclasses import replace
 from enum import IntEnum
 
 from ballbot.control.records import Schema
-from ballbot.control.tuning import LEAST_LIMIT, ROUNDING
+from ballbot.control.tuning import ROUNDING
 from ballbot.files import write_text
 from ballbot.firmware.header import SOURCES, struct_text
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
@@ -71,8 +71,7 @@ def messages_header() -> str:
 #define BALLBOT_LINK_STATE_INTERVAL {LONGEST_STATE_INTERVAL:g}f
 /* Longest ramp of the torque limit after arming [s]. */
 #define BALLBOT_LINK_LONGEST_RAMP {LONGEST_RAMP:.1f}f
-/* Least share of a limit that can be asked for, and by how much the weights' sum may be off. */
-#define BALLBOT_LINK_LEAST_LIMIT {LEAST_LIMIT}f
+/* By how much the sum of a setting's weights may be off. */
 #define BALLBOT_LINK_ROUNDING {ROUNDING:g}f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD {OVERHEAD}u

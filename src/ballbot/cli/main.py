@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import suppress
 
-from cyclopts import CycloptsError
+from cyclopts import CycloptsError, MissingArgumentError
 
 from ballbot.cli import ARGV, OUTPUT, Output, Waiting
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, START, build_app
@@ -50,7 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(str(error))
     except CycloptsError as error:
         known = [command.name for command in COMMANDS if command.name in tokens[:1]]
-        return _refuse(f"{' '.join([*str(error).split(), 'Try: ballbot', *known, '--help'])}")
+        return _refuse(
+            f"{' '.join([*str(error).split(), *_meaning(error), 'Try: ballbot', *known, '--help'])}"
+        )
     except ModuleNotFoundError as error:
         if error.name not in _EXTRAS:
             raise
@@ -65,6 +67,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         _close_standard_output()
         what = "standard output" if error.filename is None else repr(os.fspath(error.filename))
         return _refuse(f"{what} cannot be used: {error.strerror or error}.")
+
+
+def _meaning(error: CycloptsError) -> list[str]:
+    """Return the words of the first sentence of the help of an option that lacks its value."""
+    argument = error.argument if isinstance(error, MissingArgumentError) else None
+    text = (argument and argument.parameter.help) or ""
+    return f"{text.partition('. ')[0].rstrip('.')}.".split() if text else []
 
 
 def _run(tokens: list[str]) -> int:

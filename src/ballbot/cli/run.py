@@ -51,6 +51,11 @@ Example: ballbot run wiring --emulated
 
 run = App(name="run", help=ABOUT)
 
+_TUNE = (
+    "Changes of the controller while it balances: terminal to type them, or a file with a time [s] and a command in "
+    "each row. gain 0.3 gives the second gain this weight (or give a weight for each gain); compensation 0.8 is a "
+    "share of what was exported; back is the setting before."
+)
 #: of an emulated robot whose file is not given
 _EMULATED_ROBOT = "alten"
 
@@ -139,7 +144,7 @@ def balance(
     link: LinkOptions = _LINK,
     controller: Path | None = None,
     mixed: options.Mixed = None,
-    tune: str | None = None,
+    tune: Annotated[str | None, Parameter(help=_TUNE)] = None,
     lean: options.LeanLimit = 0.35,
     reference: str = "hold",
     duration: options.Positive = 30.0,
@@ -162,10 +167,6 @@ def balance(
     controller
         A controller file; needs --robot. It is sent if the robot has another one. If not given, the robot's own
         controller runs.
-    tune
-        Changes of the controller while it balances: terminal to type them, or a file with a time [s] and a command in
-        each row. gain 0.3 gives the second gain this weight (or give a weight for each gain); compensation 0.8, torque
-        0.9 and lean 0.5 are shares of what was exported; back is the setting before.
     reference
         hold, square, change_pose, circle, figure_eight, a file with t, ref_x, ref_y and ref_psi; keyboard (arrow keys,
         comma and full stop turn, e ends). It begins where the robot stands.

@@ -236,7 +236,7 @@ class Controller:
     def tune(self, setting: Setting | None) -> None:
         """Change to another setting while it runs, or back to the former one (None); see `ballbot.control.tuning`.
 
-        InputError if the setting is not within its gains, compensation and limits.
+        InputError if the setting is not within its gains and compensation.
         """
         take_setting(self.record["tuning"][0], self.memory["tuning"][0], setting)
 

@@ -9,11 +9,11 @@ Then sqrt(z^T P z) shrinks by g or more in every sample, whatever mixture of the
 the loop is affine in the gain, and a norm is convex. The margins of each fixed gain do not show that. (S. Boyd,
 L. El Ghaoui, E. Feron & V. Balakrishnan, "Linear matrix inequalities in system and control theory", SIAM 1994, ch. 5.)
 
-The robots are the described one, with torques a tenth weaker and stronger, and some drawn from its standard deviations;
-each with the loop's own delay and with up to one sample more. P is searched by the method of centers (S. Boyd &
-L. El Ghaoui, Linear Algebra and its Applications 188-189 (1993) 63-111) on the loops that grow most. The proof is not
-the search but `growths`: a Cholesky factor of P and the norms of all loops. As in `ballbot.control.linear`, friction,
-limits, and the lags of estimator and motors are not included.
+The robots are the described one, with torques a tenth weaker and stronger, and some drawn from its standard deviations,
+or from default ones if its file states none; each with the loop's own delay and with up to one sample more. P is
+searched by the method of centers (S. Boyd & L. El Ghaoui, Linear Algebra and its Applications 188-189 (1993) 63-111) on
+the loops that grow most. The proof is not the search but `growths`: a Cholesky factor of P and the norms of all loops.
+As in `ballbot.control.linear`, friction, limits, and the lags of estimator and motors are not included.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from ballbot.control.overcompensation import certain_friction, compensation_marg
 from ballbot.control.tuning import MAX_GAINS, add_gains
 from ballbot.errors import InputError
 from ballbot.robot import Robot
-from ballbot.robot.variations import draw_robots, uncertain
+from ballbot.robot.variations import draw_robots, uncertain, with_default_errors
 
 #: robots drawn from the standard deviations, and factors of the torques of the described one
 _DRAWN, _FACTORS = 12, (0.9, 1.0, 1.1)
@@ -92,6 +92,7 @@ class GainSet:
     loops: Matrix  #: (r, k, m, m) of each robot with each gain
     P: Matrix  #: (m, m), of the Lyapunov function
     sample_time: float  #: [s]
+    deviations: str  #: of which robots are drawn: the robot file's or default ones
 
     @property
     def growth(self) -> float:
@@ -108,8 +109,8 @@ class GainSet:
         loops, gains, growth = *self.loops.shape[:2], self.growth
         if growth < 1.0:
             return (
-                f"The {gains} gains share a Lyapunov function over {loops} uncertain robots and delays: any mixture is "
-                "stable, however fast it changes."
+                f"The {gains} gains share a Lyapunov function over {loops} uncertain robots and delays, drawn from "
+                f"{self.deviations}: any mixture is stable, however fast it changes."
             )
         weights = np.linspace(0.0, 1.0, _MIXTURES)
         fixed = max(
@@ -129,8 +130,9 @@ def gain_set(controller: Controller) -> GainSet:
     """Return the loops of a controller's gains, and the Lyapunov function under which they grow least."""
     robot = controller.robot
     robots = [(robot, factor) for factor in _FACTORS]
-    if uncertain(robot):
-        robots += [(drawn, 1.0) for drawn in draw_robots(robot, _DRAWN, seed=1)]
+    stated = bool(uncertain(robot))
+    drawn_from = robot if stated else with_default_errors(robot)
+    robots += [(drawn, 1.0) for drawn in draw_robots(drawn_from, _DRAWN, seed=1)]
     own = [robot_loop(each) for each in (controller, *controller.others)]
     loops = []
     for one, factor in robots:
@@ -141,7 +143,12 @@ def gain_set(controller: Controller) -> GainSet:
             broken = [loop.broken(delay, room=own[0].pending + 1) for loop in changed]
             loops += [[A + B @ C for A, B, C in broken]]
     reduced = _reduced(np.array(loops))
-    return GainSet(loops=reduced, P=_lyapunov(reduced), sample_time=controller.sample_time)
+    return GainSet(
+        loops=reduced,
+        P=_lyapunov(reduced),
+        sample_time=controller.sample_time,
+        deviations="the file's deviations" if stated else "default deviations, as the file states none",
+    )
 
 
 def certified(controller: Controller) -> GainSet:

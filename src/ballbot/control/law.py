@@ -40,7 +40,7 @@ from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, with
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
-from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, torque_limit_of, tune
+from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
 from ballbot.estimation.heading import TURN, compiled_turns_after
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
@@ -164,7 +164,7 @@ def _heading_error(a, state, moved, wanted):
 @inlined
 def _filter_and_limit(law, memory, torques, learned):
     """Filter, limit and remember the torques, `learned` ones among them; return whether one exceeded the limit."""
-    history, limit = memory.history, torque_limit_of(law, memory)
+    history, limit = memory.history, law.torque_limit
     limited = False
     for i in range(len(torques)):
         history.disturbance_compensation[0, i] = 0.0  # the observer adds to it

@@ -1,9 +1,10 @@
-"""Changes while the robot balances: a mixture of gains, less compensation, lower limits.
+"""Changes while the robot balances: a mixture of gains, and less compensation.
 
 A `Setting` is relative to the controller as it was made: weights of its own gain and of the others that it has, and
-shares of compensation, torque limit and lean limit. The law moves from the setting in use to the one that is asked for
-along a straight line, at most 1/`CHANGE_TIME` a second in each number, so that no torque jumps and every setting on the
-way is a mixture, too. The lean that errors command is mixed like the gain; it is exact for each gain by itself.
+a share of its compensation. Its limits stay: a robot at speed could not be caught with lower ones. The law moves from
+the setting in use to the one that is asked for along a straight line, at most 1/`CHANGE_TIME` a second in each number,
+so that no torque jumps and every setting on the way is a mixture, too. The lean that errors command is mixed like the
+gain; it is exact for each gain by itself.
 
 In the memory every number is a difference from the controller as it was made, so that zeros are the start of a run.
 """
@@ -22,13 +23,11 @@ from ballbot.mechanics.engine.compiled import inlined
 MAX_GAINS = 3
 #: in which a weight or a share changes from 0 to 1 [s]
 CHANGE_TIME = 1.0
-#: least share of a limit that can be asked for: with less the robot could not be caught
-LEAST_LIMIT = 0.25
 #: by which rounding may move the sum of the weights from 1
 ROUNDING = 1e-5
-#: indices in a setting, after the weights of the other gains
-_COMPENSATION, _TORQUE, _LEAN = range(MAX_GAINS - 1, MAX_GAINS + 2)
-_NUMBERS = MAX_GAINS + 2
+#: index in a setting, after the weights of the other gains
+_COMPENSATION = MAX_GAINS - 1
+_NUMBERS = MAX_GAINS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,7 +49,7 @@ class TuningRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TuningState:
-    """Weights of the other gains, and what compensation, torque limit and lean limit are reduced by; zeros: nothing."""
+    """Weights of the other gains, and what the compensation is reduced by; zeros: nothing."""
 
     wanted: NDArray[np.float64] = field(metadata=number("1", _NUMBERS))
     #: the setting before the last change
@@ -95,39 +94,22 @@ def compensated_share(memory):
     return 1.0 - memory.tuning.now[_COMPENSATION]
 
 
-@inlined
-def torque_limit_of(law, memory):
-    """Return the torque limit in use."""
-    return law.torque_limit * (1.0 - memory.tuning.now[_TORQUE])
-
-
-@inlined
-def lean_limit_of(law, memory):
-    """Return the lean limit in use."""
-    return law.lean_limit.lean * (1.0 - memory.tuning.now[_LEAN])
-
-
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """What a controller can change to while the robot balances; by default, itself as it was made."""
 
     weights: tuple[float, ...] = (1.0,)  #: of its own gain and of the others, with a sum of 1
     compensation: float = 1.0  #: share of its compensation
-    torque_limit: float = 1.0  #: share of its torque limit
-    lean_limit: float = 1.0  #: share of its lean limit
 
     def words(self) -> str:
         """Return the setting as a clause."""
         weights = " ".join(f"{weight:.3g}" for weight in self.weights)
-        return (
-            f"gain {weights}, compensation {self.compensation:.3g}, torque limit {self.torque_limit:.3g}, "
-            f"lean limit {self.lean_limit:.3g}"
-        )
+        return f"gain {weights}, compensation {self.compensation:.3g}"
 
     def numbers(self) -> list[float]:
         """Return the setting as `TuningState` has it."""
         others = [*self.weights[1:], *([0.0] * (MAX_GAINS - len(self.weights)))]
-        return [*others, 1.0 - self.compensation, 1.0 - self.torque_limit, 1.0 - self.lean_limit]
+        return [*others, 1.0 - self.compensation]
 
 
 def check_setting(own: np.void, setting: Setting) -> None:
@@ -149,11 +131,6 @@ def check_setting(own: np.void, setting: Setting) -> None:
         raise InputError(
             f"The share of the compensation is {setting.compensation:.3g}; it must be 0 to {most:.3g}, the certain one."
         )
-    for name, share in (("torque", setting.torque_limit), ("lean", setting.lean_limit)):
-        if not LEAST_LIMIT <= share <= 1.0:
-            raise InputError(
-                f"The share of the {name} limit is {share:.3g}; it must be {LEAST_LIMIT:g} to 1 of the exported one."
-            )
 
 
 def take_setting(own: np.void, state: np.void, setting: Setting | None) -> None:

@@ -28,7 +28,7 @@ class Refusal(IntEnum):
 #: what `ballbot_refused` returns for the first row of the table
 FIRST_BOUND = 4
 
-_SENTENCES = {
+_SENTENCES: dict[int, str] = {
     Refusal.SCHEMA: "they are of another version; export them again",
     Refusal.POLICY: "a learned policy's need a firmware with its weights, which `ballbot export` writes",
     Refusal.ROBOT: "they are for another number of wheels or another sample time",
@@ -73,14 +73,14 @@ def member(schema: Schema, field: str) -> Number:
     return member(found, rest) if isinstance(found, Schema) else found
 
 
-def _value(record: NDArray[np.void], bound: float | str) -> np.generic:
+def _value(record: NDArray[np.void], bound: float | str) -> float:
     """Return a parameter's value, or a bound as the firmware has it."""
     if not isinstance(bound, str):
-        return np.float32(bound)
+        return float(np.float32(bound))
     value = record[0]
     for name in bound.split("."):
         value = value[name]
-    return value
+    return float(value)
 
 
 def violated_bound(record: NDArray[np.void]) -> int | None:
@@ -108,7 +108,7 @@ def refusal_clause(record: NDArray[np.void], code: int) -> str:
     """Return why a robot refuses parameters (1,), by what `ballbot_refused` gave."""
     if 0 <= code - FIRST_BOUND < len(BOUNDS):
         return bound_clause(record, code - FIRST_BOUND)
-    return _SENTENCES[Refusal(code)] if code in iter(Refusal) else "it gives no reason"
+    return _SENTENCES.get(code, "it gives no reason")
 
 
 def check_bounds(record: NDArray[np.void]) -> None:

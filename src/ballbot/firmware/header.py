@@ -32,6 +32,7 @@ from ballbot.control.tuning import MAX_GAINS
 from ballbot.errors import InputError
 from ballbot.files import write_text
 from ballbot.firmware.bounds import BOUNDS, FIRST_BOUND, Refusal, bounds_in_c
+from ballbot.firmware.estimators import READING
 from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, PARAMETERS, digest_words
 
@@ -42,6 +43,8 @@ PARAMETERS_HEADER = "ballbot_parameters.h"
 WEIGHTS_HEADER = "ballbot_policy_weights.h"
 #: units of a policy's hidden layers for which firmware has stack
 MAX_HIDDEN = 64
+#: stands for a value that a sensor did not give: beyond any sensor's, without the NaN that fast math breaks
+MISSING = 1e30
 #: of a member
 _BYTES = 4
 #: lengths that have a name in C
@@ -61,6 +64,10 @@ def types_header() -> str:
     """Return the text of ballbot_types.h."""
     structs = "\n".join(struct_text(schema) for schema in _schemas(FIRMWARE))
     words = ", ".join(map(str, digest_words(FIRMWARE.digest)))
+    missing = READING.zeros().astype(READING.dtype("single"))
+    for name, field in READING.fields.items():
+        missing[name] = 0 if isinstance(field, Schema) or field.whole else MISSING
+    no_reading = "".join(_members(missing[0], READING, indent=1)).replace("\n", " \\\n")
     refusals = "\n".join(f"    BALLBOT_REFUSED_{one.name} = {one.value}," for one in Refusal)
     bounds = ", \\\n".join(f"        ({condition})" for condition in bounds_in_c(PARAMETERS))
     return f"""\
@@ -92,6 +99,12 @@ def types_header() -> str:
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
 
 {structs}
+/* A reading without any value. Whatever lies beyond a sensor's range is missing. */
+#define BALLBOT_MISSING {MISSING:g}f
+#define BALLBOT_NO_READING \\
+    {{ \\
+{no_reading}    }}
+
 /* Why parameters are refused; from BALLBOT_REFUSED_BOUND on it is the row of the bounds below. */
 enum ballbot_refusal {{
     BALLBOT_REFUSED_NOT = 0,

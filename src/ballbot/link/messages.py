@@ -73,7 +73,6 @@ class AnswerResult(IntEnum):
     DISARMED = 10  #: only while the controller on the robot balances
     GAINS = 11  #: the weights are no mixture of the robot's gains
     COMPENSATION = 12  #: more compensation than is certain, or less than none
-    LIMITS = 13  #: a limit beyond the exported one, or below a quarter of it
 
 
 class ControllerPlace(IntEnum):
@@ -181,8 +180,6 @@ class Tune(Message, kind=12):
     weights: NDArray[np.float32] = field(metadata=number("1", MAX_GAINS))  #: of its gains, with a sum of 1
     #: share of its compensation, 0 to the one that is certain
     compensation: float = field(metadata=number("1"))
-    torque_limit: float = field(metadata=number("1"))  #: share of its torque limit, `LEAST_LIMIT` to 1
-    lean_limit: float = field(metadata=number("1"))  #: share of its lean limit, `LEAST_LIMIT` to 1
 
 
 class StepBack(Message, kind=13):

@@ -85,7 +85,6 @@ _REASONS = {
     AnswerResult.DISARMED: "its own controller does not balance it",
     AnswerResult.GAINS: "the weights are no mixture of its gains",
     AnswerResult.COMPENSATION: "it would be more compensation than is certain, or less than none",
-    AnswerResult.LIMITS: "a limit would be above the exported one, or below a quarter of it",
 }
 
 
@@ -366,12 +365,7 @@ class Session:
         if setting is not None:
             weights = np.zeros(MAX_GAINS, np.float32)
             weights[: len(setting.weights)] = setting.weights
-            message = Tune(
-                weights=weights,
-                compensation=setting.compensation,
-                torque_limit=setting.torque_limit,
-                lean_limit=setting.lean_limit,
-            )
+            message = Tune(weights=weights, compensation=setting.compensation)
         answer, _ = self._request(message)
         return AnswerResult(answer.result), answer.value % 2**32
 

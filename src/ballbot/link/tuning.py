@@ -2,7 +2,6 @@
 
     gain 0.3               of two gains the second with 0.3; or a weight for each gain, with a sum of 1: gain 0.7 0.3
     compensation 0.8       share of the compensation that was exported
-    torque 0.9, lean 0.5   share of the torque limit, of the lean limit
     back                   the setting before the last change
 
 A change that is refused is answered in a sentence, here or by the robot; the run goes on.
@@ -29,8 +28,7 @@ from ballbot.link.session import Session, reason
 
 #: the source of changes that are typed
 TERMINAL = "terminal"
-#: commands that take a share, and their field in a `Setting`
-_SHARES = {"compensation": "compensation", "torque": "torque_limit", "lean": "lean_limit"}
+_COMMANDS = ("gain", "compensation", "back")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,18 +136,18 @@ class Tuner:
             numbers = tuple(map(float, texts))
         except ValueError:
             numbers = ()
-        if command not in ("gain", "back", *_SHARES):
+        if command not in _COMMANDS:
             raise InputError(
-                f"There is no command {command!r}; {suggest(command, ['gain', *_SHARES, 'back'], otherwise='they are')}"
+                f"There is no command {command!r}; {suggest(command, _COMMANDS, otherwise='they are')}"
             )
-        if command in _SHARES and len(numbers) == 1:
-            wanted = replace(self._setting, **{_SHARES[command]: numbers[0]})
+        if command == "compensation" and len(numbers) == 1:
+            wanted = replace(self._setting, compensation=numbers[0])
         elif command == "gain" and numbers:
             weights = (1.0 - numbers[0], *numbers) if len(numbers) == 1 else numbers
             wanted = replace(self._setting, weights=weights)
         else:
             raise InputError(
-                f"{' '.join(words)!r} must be a command and numbers, such as gain 0.3 or lean 0.5."
+                f"{' '.join(words)!r} must be a command and numbers, such as gain 0.3 or compensation 0.8."
             )
         try:
             check_setting(self._own, wanted)

@@ -31,6 +31,11 @@ from ballbot.robot.parameters import (
     table,
 )
 
+#: errors of values that state none, relative: lengths by a ruler or a caliper, masses by a scale with a cable or a
+#: battery more or less, a centre of mass found by balancing, inertias from CAD without screws and cables, and rotors
+#: and gears by data sheets, whose tolerances are 10 to 20 %
+_LENGTH, _MASS, _HEIGHT, _INERTIA, _DATA_SHEET = 0.01, 0.02, 0.03, 0.1, 0.1
+
 InertiaPoint = Literal["ball_center", "center_of_mass"]
 
 
@@ -38,23 +43,23 @@ InertiaPoint = Literal["ball_center", "center_of_mass"]
 class Ball:
     """The ball: a sphere whose inertia is the same about every axis."""
 
-    radius: float = parameter("r_b, outer radius", "m", most=1.0, usual=(0.03, 0.5))
-    mass: float = parameter("m_b, mass of the ball", "kg", most=200.0)
-    inertia: float = parameter("j_b, about the ball's centre", "kg m^2")
+    radius: float = parameter("r_b, outer radius", "m", most=1.0, usual=(0.03, 0.5), error=_LENGTH)
+    mass: float = parameter("m_b, mass of the ball", "kg", most=200.0, error=_MASS)
+    inertia: float = parameter("j_b, about the ball's centre", "kg m^2", error=_INERTIA)
 
 
 @parameter_class
 class Body:
     """Everything that leans: frame, motors and the locked wheels."""
 
-    mass: float = parameter("m_r, with motors and wheels", "kg", most=2000.0)
-    center_of_mass: float = parameter("l, its height above the ball's centre", "m", most=3.0)
+    mass: float = parameter("m_r, with motors and wheels", "kg", most=2000.0, error=_MASS)
+    center_of_mass: float = parameter("l, its height above the ball's centre", "m", most=3.0, error=_HEIGHT)
     inertia: tuple[float, float, float, float, float, float] = components(
         'The body\'s inertia, wheels locked, about "ball_center" or about "center_of_mass".',
         {
-            "xx": Parameter("j_rx, about the axis that points forward", "kg m^2", most=2e4),
-            "yy": Parameter("j_ry, about the axis that points left", "kg m^2", most=2e4),
-            "zz": Parameter("j_rz, about the axis that points up", "kg m^2", most=2e4),
+            "xx": Parameter("j_rx, about the axis that points forward", "kg m^2", most=2e4, error=_INERTIA),
+            "yy": Parameter("j_ry, about the axis that points left", "kg m^2", most=2e4, error=_INERTIA),
+            "zz": Parameter("j_rz, about the axis that points up", "kg m^2", most=2e4, error=_INERTIA),
             **{
                 axes: Parameter(
                     f"element of the matrix, minus the integral of {axes[0]} {axes[1]} dm",
@@ -105,8 +110,8 @@ class Rollers:
 class Wheels:
     """The omni-wheels: three or four of them, at any azimuth, all of one tilt."""
 
-    radius: float = parameter("r_w, to the middle of a roller's outside", "m", most=1.0)
-    inertia: float = parameter("j_w, one wheel about its axle", "kg m^2", least=0.0, most=1.0)
+    radius: float = parameter("r_w, to the middle of a roller's outside", "m", most=1.0, error=_LENGTH)
+    inertia: float = parameter("j_w, one wheel about its axle", "kg m^2", least=0.0, most=1.0, error=_INERTIA)
     tilt: float = parameter("alpha, from the ball's zenith to the contact point", "rad", written_in="deg")
     azimuths: tuple[float, ...] = parameter(
         "beta_i, from forward towards the left", "rad", written_in="deg", least=-math.inf, most=2.0 * math.pi
@@ -120,10 +125,20 @@ class Drive:
 
     gear_ratio: float = parameter("n, motor turns a wheel turn", usual=(1.0, 200.0))
     motor_inertia: float = parameter(
-        "j_m, the rotor, on the motor's side", "kg m^2", written_in="g cm^2", least=0.0, most=0.1
+        "j_m, the rotor, on the motor's side",
+        "kg m^2",
+        written_in="g cm^2",
+        least=0.0,
+        most=0.1,
+        error=_DATA_SHEET,
     )
     gear_inertia: float = parameter(
-        "j_g, the gearbox, on the motor's side", "kg m^2", written_in="g cm^2", least=0.0, most=0.1
+        "j_g, the gearbox, on the motor's side",
+        "kg m^2",
+        written_in="g cm^2",
+        least=0.0,
+        most=0.1,
+        error=_DATA_SHEET,
     )
     torque_constant: float = parameter("k_t, at the motor's shaft", "N m/A", written_in="mN m/A", most=10.0)
     speed_constant: float = parameter("of the motor without load", "rad/s/V", written_in="rpm/V")

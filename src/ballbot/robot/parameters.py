@@ -48,6 +48,7 @@ class Parameter:
     #: least and greatest value of robots of 5 to 50 kg, SI units: within them an estimate is sought, and a value beyond
     #: them is unusual; infinite where no such range is stated
     usual: tuple[float, float] = (-math.inf, math.inf)
+    error: float = 0.0  #: relative standard deviation of a value of which none is stated; 0 counts as exact
     name: str = ""  #: dotted, as in a file: "ball.radius"
     field: str = ""  #: dotted, as in the dataclass; differs from the name for the parts of an inertia
     place: int | str | None = None  #: of the part within such a field, or its name
@@ -82,9 +83,10 @@ def parameter(
     least: float | None = None,  # -inf if it may be negative; above zero if not given
     most: float = math.inf,
     usual: tuple[float, float] = (-math.inf, math.inf),
+    error: float = 0.0,
 ) -> Any:  # as `dataclasses.field`
     """Return a field that is a `Parameter`, with that default."""
-    stated = Parameter(meaning, unit, written_in=written_in, most=most, usual=usual)
+    stated = Parameter(meaning, unit, written_in=written_in, most=most, usual=usual, error=error)
     if least is not None:
         stated = replace(stated, least=least, least_is_allowed=True)
     return field(default=default, metadata={"parameter": stated})

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.errors import InputError
-from ballbot.robot.components import BY_NAME, deviation_labels
+from ballbot.robot.components import BY_NAME, deviation_labels, parameters_of_robot
 from ballbot.robot.parameters import Value, numbers_of, value_of
 from ballbot.robot.robot import Robot, with_values
 
@@ -46,6 +46,16 @@ def uncertain(robot: Robot) -> list[Uncertain]:
         for label, name, place, deviation in deviation_labels(robot.standard_deviations)
         if (known := even.get(label, deviation)) > 0.0
     ]
+
+
+def with_default_errors(robot: Robot) -> Robot:
+    """Return a robot with the errors that its parameters have by default (`Parameter.error`), in place of its own."""
+    errors: dict[str, Value] = {}
+    for parameter in parameters_of_robot(robot):
+        value = value_of(robot, parameter)
+        if parameter.error and isinstance(value, float):
+            errors[parameter.name] = parameter.error * abs(value)
+    return robot.annotated(standard_deviations=errors)
 
 
 def correlations(robot: Robot) -> NDArray[np.float64]:

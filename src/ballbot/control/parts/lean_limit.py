@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, both_rows_times
 from ballbot.control.records import number, whole
-from ballbot.control.tuning import lean_limit_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
@@ -40,16 +39,16 @@ def limit_error(law, memory, e):
     own = law.lean_limit
     if own.on == 0:
         return e, False
-    near, p, h = _fractions(own, memory.tuning, lean_limit_of(law, memory), e)
+    near, p, h = _fractions(own, memory.tuning, e)
     less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
     return less, near * p * h < 1.0
 
 
 @inlined
-def _fractions(own, tuned, lean, e):
+def _fractions(own, tuned, e):
     """Return the shares kept of the position, then of position and speed together, and of the heading."""
-    near = _fraction(lean, *_commanded(own, tuned, (e[0], e[1], 0.0, 0.0)))
-    p = _fraction(lean, *_commanded(own, tuned, (near * e[0], near * e[1], e[5], e[6])))
+    near = _fraction(own.lean, *_commanded(own, tuned, (e[0], e[1], 0.0, 0.0)))
+    p = _fraction(own.lean, *_commanded(own, tuned, (near * e[0], near * e[1], e[5], e[6])))
     return near, p, _fraction(own.turn, e[4] + (own.turn_rate + tuned.turn_rate) * e[9], 0.0)
 
 

@@ -35,7 +35,6 @@ from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, SmoothReference, row_times, turned
 from ballbot.control.records import MAX_WHEELS, number, whole
-from ballbot.control.tuning import torque_limit_of
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
 
@@ -147,7 +146,7 @@ def _left(law, memory, a):
         most = max(most, abs(memory.disturbance_observer.estimate[i] + lost))
     own = memory.shaping
     own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
-    return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / torque_limit_of(law, memory))
+    return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / law.torque_limit)
 
 
 @inlined

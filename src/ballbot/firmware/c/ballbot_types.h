@@ -18,9 +18,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "055feb2cab22489d08f24c9a68f55561f9cd8ddc9ba6d9d675418abc74195c0b"
+#define BALLBOT_SCHEMA_DIGEST "aec93920f7298f69600c67c76c784295cd98b6970633413b21c2745e45e68073"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 90172204, 723667101, 150097050, 1760908641, 2043514332, 463919574, 1967229628, 1947819019 }
+#define BALLBOT_SCHEMA_WORDS { 784939296, 1999212393, 1611425735, 1819820693, 1301853847, 104022331, 566391902, 1172734067 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -312,17 +312,17 @@ struct ballbot_torque_history {
 };
 typedef char ballbot_torque_history_has_no_padding[(sizeof(struct ballbot_torque_history) == 352u * sizeof(float)) ? 1 : -1];
 
-/* Weights of the other gains, and what compensation, torque limit and lean limit are reduced by; zeros: nothing. */
+/* Weights of the other gains, and what the compensation is reduced by; zeros: nothing. */
 struct ballbot_tuning_state {
-    float wanted[5]; /* [1] */
-    float former[5]; /* [1] */
-    float now[5]; /* [1] */
+    float wanted[3]; /* [1] */
+    float former[3]; /* [1] */
+    float now[3]; /* [1] */
     float gain[BALLBOT_MAX_WHEELS][10]; /* [N m per state] */
     float integral[BALLBOT_MAX_WHEELS][3]; /* [N m/(m s)] */
     float asked[2][4]; /* [rad/m] */
     float turn_rate; /* [s] */
 };
-typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 76u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_tuning_state_has_no_padding[(sizeof(struct ballbot_tuning_state) == 70u * sizeof(float)) ? 1 : -1];
 
 /* Of x, y and psi: four lags each, p, v, the last r, r' and r''. */
 struct ballbot_shaping_state {
@@ -405,7 +405,7 @@ struct ballbot_memory {
     struct ballbot_prediction_state prediction;
     struct ballbot_policy_state policy;
 };
-typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 562u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_memory_has_no_padding[(sizeof(struct ballbot_memory) == 556u * sizeof(float)) ? 1 : -1];
 
 /* What the on-board state remembers. */
 struct ballbot_onboard_memory {
@@ -444,7 +444,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 886u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 880u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {
@@ -459,6 +459,21 @@ struct ballbot_reading_record {
     float fix_heading_deviation; /* [rad] */
 };
 typedef char ballbot_reading_record_has_no_padding[(sizeof(struct ballbot_reading_record) == 20u * sizeof(float)) ? 1 : -1];
+
+/* A reading without any value. Whatever lies beyond a sensor's range is missing. */
+#define BALLBOT_MISSING 1e+30f
+#define BALLBOT_NO_READING \
+    { \
+    .encoders_valid = 0, \
+    .wheel_counts = { 0, 0, 0, 0 }, \
+    .wheel_speeds = { 1e+30f, 1e+30f, 1e+30f, 1e+30f }, /* [rad/s] */ \
+    .gyro = { 1e+30f, 1e+30f, 1e+30f }, /* [rad/s] */ \
+    .attitude = { 1e+30f, 1e+30f, 1e+30f }, /* [rad] */ \
+    .fix_position = { 1e+30f, 1e+30f }, /* [m] */ \
+    .fix_heading = 1e+30f, /* [rad] */ \
+    .fix_position_deviation = 1e+30f, /* [m] */ \
+    .fix_heading_deviation = 1e+30f, /* [rad] */ \
+    }
 
 /* Why parameters are refused; from BALLBOT_REFUSED_BOUND on it is the row of the bounds below. */
 enum ballbot_refusal {

@@ -2,9 +2,6 @@
 
 #include <stddef.h>
 
-/* In place of a speed that is missing: a value beyond any sensor's. */
-#define MISSING_SPEED 1e30f
-
 /* Largest count of missed samples; beyond it a float skips whole numbers. */
 #define MOST_MISSED 0x1000000
 
@@ -22,7 +19,7 @@ void ballbot_take_encoders(struct ballbot_encoders *encoders, const struct ballb
     reading->encoders_valid = (counts != NULL) ? 1 : 0;
     for (int32_t i = 0; i < parameters->wheel_count && i < BALLBOT_MAX_WHEELS; ++i) {
         if (counts == NULL) {
-            reading->wheel_speeds[i] = MISSING_SPEED;
+            reading->wheel_speeds[i] = BALLBOT_MISSING;
             continue;
         }
         const int32_t steps = encoders->started ? gone(counts[i], encoders->counts[i]) : 0;

@@ -86,7 +86,7 @@ static bool filter_and_limit(const struct ballbot_law *law, struct ballbot_memor
                              int32_t n, bool learned)
 {
     struct ballbot_torque_history *history = &memory->history;
-    const float limit = law->torque_limit * ballbot_share(memory->tuning.now[BALLBOT_TUNING_TORQUE]);
+    const float limit = law->torque_limit;
     bool limited = false;
 
     for (int32_t i = 0; i < n; ++i) {

@@ -2,8 +2,6 @@
 
 #include "ballbot_hardware.h"
 
-/* In place of a value that the IMU did not give: beyond any sensor's. */
-#define MISSING 1e30f
 /* Bytes that are read at a time, and how often in a sample at most. */
 #define CHUNK 128
 #define CHUNKS 8
@@ -23,12 +21,11 @@ static void enable_motors(struct robot *robot, bool enabled)
 bool robot_start(struct robot *robot, const struct ballbot_parameters *parameters, int32_t capabilities, uint32_t starts)
 {
     static const struct ballbot_encoders no_counts = { .started = false };
-    static const struct ballbot_reading_record no_fix = { .fix_position = { MISSING, MISSING },
-                                                          .fix_heading = MISSING };
+    static const struct ballbot_reading_record nothing = BALLBOT_NO_READING;
 
     robot->parameters = *parameters;
     robot->encoders = no_counts;
-    robot->reading = no_fix;
+    robot->reading = nothing;
     ballbot_link_init(&robot->link, parameters, capabilities, starts);
     enable_motors(robot, false);
     return ballbot_init(&robot->state, &robot->parameters);
@@ -92,8 +89,8 @@ static void read_sensors(struct robot *robot)
 
     if (!ballbot_read_imu(reading->gyro, reading->attitude)) {
         for (int i = 0; i < 3; ++i) {
-            reading->gyro[i] = MISSING;
-            reading->attitude[i] = MISSING;
+            reading->gyro[i] = BALLBOT_MISSING;
+            reading->attitude[i] = BALLBOT_MISSING;
         }
     }
     const bool counted = ballbot_read_encoders(counts);

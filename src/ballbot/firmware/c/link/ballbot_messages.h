@@ -12,8 +12,8 @@
 /* Version of the protocol, in every frame. */
 #define BALLBOT_LINK_VERSION 1u
 /* SHA-256 of types, names, order, lengths and units of all messages, as numbers of 31 bits. */
-#define BALLBOT_MESSAGE_WORDS { 692639786, 349843183, 153546653, 564130996, 965229131, 1987875498, 1583641698, 1113738576 }
-/* a948d82a94da2eef8926ef9da19ff4b4b9883a4bf67c92aa5e64746242624d50 */
+#define BALLBOT_MESSAGE_WORDS { 580939643, 1049930199, 595704149, 1334773361, 458370793, 1678788134, 895614518, 759129543 }
+/* a2a06f7bbe94a9d72381b955cf8f06719b522ee964104626b561fe36ad3f65c7 */
 
 /* Longest time without a valid frame [us]. */
 #define BALLBOT_LINK_WATCHDOG 50000u
@@ -23,8 +23,7 @@
 #define BALLBOT_LINK_STATE_INTERVAL 0.02f
 /* Longest ramp of the torque limit after arming [s]. */
 #define BALLBOT_LINK_LONGEST_RAMP 60.0f
-/* Least share of a limit that can be asked for, and by how much the weights' sum may be off. */
-#define BALLBOT_LINK_LEAST_LIMIT 0.25f
+/* By how much the sum of a setting's weights may be off. */
 #define BALLBOT_LINK_ROUNDING 1e-05f
 /* Bytes of a payload without a body, of the longest payload, and of its frame without the zero. */
 #define BALLBOT_FRAME_OVERHEAD 12u
@@ -86,8 +85,7 @@ enum ballbot_result {
     BALLBOT_RESULT_VALUES = 9,
     BALLBOT_RESULT_DISARMED = 10,
     BALLBOT_RESULT_GAINS = 11,
-    BALLBOT_RESULT_COMPENSATION = 12,
-    BALLBOT_RESULT_LIMITS = 13
+    BALLBOT_RESULT_COMPENSATION = 12
 };
 
 /* Which controller an armed robot obeys: its own or the host's. */
@@ -155,10 +153,8 @@ typedef char ballbot_message_commit_has_no_padding[(sizeof(struct ballbot_messag
 struct ballbot_message_tune {
     float weights[BALLBOT_MAX_GAINS]; /* [1] */
     float compensation; /* [1] */
-    float torque_limit; /* [1] */
-    float lean_limit; /* [1] */
 };
-typedef char ballbot_message_tune_has_no_padding[(sizeof(struct ballbot_message_tune) == 6u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_message_tune_has_no_padding[(sizeof(struct ballbot_message_tune) == 4u * sizeof(float)) ? 1 : -1];
 
 /* Answer a `Hello`; the frame repeats its random number. */
 struct ballbot_message_welcome {

@@ -144,12 +144,6 @@ static void commit(struct ballbot_link *link, struct ballbot_state *state, struc
     }
 }
 
-/* Return whether a share of a limit may be asked for; a NaN may not. */
-static bool is_limit(float share)
-{
-    return share >= BALLBOT_LINK_LEAST_LIMIT && share <= 1.0f;
-}
-
 /* Return why a setting is refused, if it is. */
 static enum ballbot_result refused_setting(const struct ballbot_tuning_record *own, const struct ballbot_message_tune *asked)
 {
@@ -166,10 +160,8 @@ static enum ballbot_result refused_setting(const struct ballbot_tuning_record *o
     if (ballbot_magnitude(sum - 1.0f) > BALLBOT_LINK_ROUNDING) {
         return BALLBOT_RESULT_GAINS;
     }
-    if (!(asked->compensation >= 0.0f && asked->compensation <= own->compensation)) {
-        return BALLBOT_RESULT_COMPENSATION;
-    }
-    return (is_limit(asked->torque_limit) && is_limit(asked->lean_limit)) ? BALLBOT_RESULT_OK : BALLBOT_RESULT_LIMITS;
+    return (asked->compensation >= 0.0f && asked->compensation <= own->compensation) ? BALLBOT_RESULT_OK :
+                                                                                       BALLBOT_RESULT_COMPENSATION;
 }
 
 /* Take a setting that is not refused; the same again, when an answer was lost, leaves the former one. */
@@ -182,8 +174,6 @@ static void take_setting(struct ballbot_tuning_state *tuning, const struct ballb
         wanted[k - 1] = asked->weights[k];
     }
     wanted[BALLBOT_TUNING_COMPENSATION] = 1.0f - asked->compensation;
-    wanted[BALLBOT_TUNING_TORQUE] = 1.0f - asked->torque_limit;
-    wanted[BALLBOT_TUNING_LEAN] = 1.0f - asked->lean_limit;
     for (int k = 0; k < BALLBOT_TUNING_NUMBERS; ++k) {
         same = same && ballbot_magnitude(wanted[k] - tuning->wanted[k]) <= 0.0f;
     }

@@ -25,8 +25,7 @@ static float lean_fraction(const struct ballbot_lean_limit_record *own, const st
 {
     const float errors[4] = { x, y, v_x, v_y };
 
-    return fraction(own->lean * ballbot_share(tuned->now[BALLBOT_TUNING_LEAN]),
-                    commanded(own->asked[0], errors) + commanded(tuned->asked[0], errors),
+    return fraction(own->lean, commanded(own->asked[0], errors) + commanded(tuned->asked[0], errors),
                     commanded(own->asked[1], errors) + commanded(tuned->asked[1], errors));
 }
 

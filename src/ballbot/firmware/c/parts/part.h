@@ -40,13 +40,11 @@ struct ballbot_sample {
     bool error_limited;          /* whether a part reduced it */
 };
 
-/* Numbers of a setting, and where those after the weights of the other gains stand. */
-#define BALLBOT_TUNING_NUMBERS (BALLBOT_MAX_GAINS + 2)
+/* Numbers of a setting, and where the one after the weights of the other gains stands. */
+#define BALLBOT_TUNING_NUMBERS BALLBOT_MAX_GAINS
 #define BALLBOT_TUNING_COMPENSATION (BALLBOT_MAX_GAINS - 1)
-#define BALLBOT_TUNING_TORQUE BALLBOT_MAX_GAINS
-#define BALLBOT_TUNING_LEAN (BALLBOT_MAX_GAINS + 1)
 
-/* Return the share that a reduction leaves, 0 to 1: whatever a memory holds, no limit is above the exported one. */
+/* Return the share that a reduction leaves, 0 to 1: whatever a memory holds, no compensation is above the exported one. */
 static inline float ballbot_share(float reduction)
 {
     const float share = 1.0f - reduction;

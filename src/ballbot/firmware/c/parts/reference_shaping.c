@@ -72,7 +72,6 @@ void ballbot_shaping_restart(struct ballbot_memory *memory, const struct ballbot
 static float left(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading a)
 {
     const float *sums = memory->integral.sums;
-    const float limit = law->torque_limit * ballbot_share(memory->tuning.now[BALLBOT_TUNING_TORQUE]);
     const struct ballbot_pair I = ballbot_to_heading(a, sums[0], sums[1]);
     struct ballbot_shaping_state *state = &memory->shaping;
     float most = 0.0f;
@@ -86,7 +85,7 @@ static float left(const struct ballbot_law *law, struct ballbot_memory *memory, 
         most = ballbot_larger(most, ballbot_magnitude(lost));
     }
     state->lost += (most - state->lost) / (LASTING * law->shaping.rate + 1.0f);
-    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * state->lost / limit);
+    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * state->lost / law->torque_limit);
 }
 
 /* Return the length of the axes' part of a vector. */

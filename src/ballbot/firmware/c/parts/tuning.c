@@ -1,4 +1,4 @@
-/* Changes while the robot balances: a mixture of gains, less compensation, lower limits.
+/* Changes while the robot balances: a mixture of gains, and less compensation.
  *
  * The setting in use moves to the one that is asked for along a straight line, so that every setting on the way is a mixture,
  * and at a limited rate, so that no torque jumps. All numbers are differences from the law's own: zeros at the start.
