@@ -330,7 +330,7 @@ class Board:
         self._hold(0.2)
         self._firmware.start_self_test()
         measured = self._held.reset(seed=self._sample)
-        for _ in range(_samples_of(self._case.drawn, 3.0)):
+        for _ in range(_samples_of(self._case.drawn, 20.0)):
             measured = self._held.step(self._update(measured), self._period)
             if self._firmware.self_test not in (SelfTestOutcome.NOT_RUN, SelfTestOutcome.RUNNING):
                 break
