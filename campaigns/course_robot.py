@@ -125,7 +125,7 @@ def judge_pair(fit: Identification, other: Identification) -> list[Judged]:
     judged = []
     numbers = zip(fit.labels, fit.values.tolist(), other.values.tolist(), fit.bounds, strict=True)
     for label, value, others, bounds in numbers:
-        kinds = (fit.intervals, fit.another_log)
+        kinds = (fit.intervals, fit.variation.predictions)
         if label.rstrip("123") in _GROUPS and label in fit.intervals:
             ends = np.clip([(kind[label].lower, kind[label].upper) for kind in kinds], *bounds)
             judged.append(Judged(label=label, first=value, second=others, ends=ends))

@@ -69,13 +69,13 @@ def reproduction_markdown(made: Reproduction) -> str:
         "## Figures and tables",
         f"`ballbot reproduce --seed {made.bench.seed}`: of {len(made.items)}, {counts}.",
         *([friction_line(made.friction)] if made.friction else []),
-        *(item_markdown(item) for item in made.items),
+        *(item_markdown(name, item) for name, item in made.items.items()),
     ]
     if made.mistakes:
         parts += [
             "## Misprints and mistakes",
             f"Of {len(made.mistakes)}, {proven} are confirmed by numbers that would differ if the thesis were right.",
-            *(mistake_markdown(mistake) for mistake in made.mistakes),
+            *(mistake_markdown(*numbered) for numbered in enumerate(made.mistakes, 1)),
         ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
@@ -93,20 +93,19 @@ def friction_line(friction: Friction) -> str:
     )
 
 
-def item_markdown(item: Item) -> str:
+def item_markdown(name: str, item: Item) -> str:
     """Return a figure's or table's paragraph."""
-    words = (
-        f"**{item.name}. {item.title}.** *The thesis:* {item.thesis} *Ours:* {item.ours} **{item.sentence}**"
-    )
+    words = f"**{name}. {item.title}.** *The thesis:* {item.thesis} *Ours:* {item.ours} **{item.sentence}**"
     if item.table is None:
         return with_symbols(words)
-    return with_symbols(f"{words}\n\n{markdown_table(item.table.headings, item.table.rows)}")
+    rows = [[str(cell) for cell in row] for row in item.table.rows]
+    return with_symbols(f"{words}\n\n{markdown_table(item.table.headings, rows)}")
 
 
-def mistake_markdown(mistake: Mistake) -> str:
+def mistake_markdown(number: int, mistake: Mistake) -> str:
     """Return a mistake's paragraph and the table of its numbers."""
     rows = tuple(check.cells for check in mistake.shown_by)
-    words = f"**{mistake.number}. {mistake.where}.** *Printed:* {mistake.thesis} *Right:* {mistake.right}"
+    words = f"**{number}. {mistake.where}.** *Printed:* {mistake.thesis} *Right:* {mistake.right}"
     return with_symbols(f"{words}\n\n{markdown_table(CHECK_HEADINGS, rows)}")
 
 

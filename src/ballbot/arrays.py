@@ -181,8 +181,6 @@ MOST_ROWS, MOST_COLUMNS, MOST_CELLS = 10_000_000, 1000, 50_000_000
 SHORTEST_SAMPLE, SHORTEST_STEP = 1e-5, 1e-6
 #: longest sample time of a robot's controller and sensors [s]
 LONGEST_SAMPLE = 1.0
-#: robots, candidates or generations of a search
-MOST_TRIALS = 100_000
 #: what a length of time is written in from twice of it on [s]
 _LENGTHS = {"years": 365.25 * 86400.0, "days": 86400.0, "hours": 3600.0, "minutes": 60.0}
 

@@ -17,18 +17,23 @@ written too:
         def share(self) -> float: ...
 """
 
+from __future__ import annotations
+
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ballbot.printable import json_escaped
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 _KEY = "results.json"
 
@@ -47,13 +52,7 @@ class reported(property):  # noqa: N801 (a decorator, named as `property` is)
     """A property that is written beside the fields."""
 
 
-class Dataclass(Protocol):
-    """Any dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-
-def to_results(value: Dataclass | Mapping[str, object]) -> dict[str, object]:
+def to_results(value: DataclassInstance | Mapping[str, object]) -> dict[str, object]:
     """Return a dataclass or a mapping as results.json holds it.
 
     Parameters

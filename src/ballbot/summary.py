@@ -128,7 +128,7 @@ def plotted(value: object) -> Figure:
 
     The figure belongs to no window: `figure.savefig("name.svg")` writes it.
     """
-    draw = import_module("ballbot.report.plots").FIGURES[type(value).__name__]
+    draw = import_module("ballbot.report.plots").FIGURES[type(value)]
     return import_module("ballbot.report.style").plotted(draw, value)
 
 
@@ -150,17 +150,12 @@ class Reported(Plotted):
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        return written_results(self)
-
-
-def written_results(value: object) -> dict[str, object]:
-    """Return what results.json holds of a value whose report knows it."""
-    return _page(value).to_dict()
+        return _page(self).to_dict()
 
 
 def _page(value: object) -> Any:
     """Return the `ballbot.report.blocks.Result` of a value."""
-    return import_module("ballbot.report.plots").RESULTS[type(value).__name__](value)
+    return import_module("ballbot.report.plots").RESULTS[type(value)](value)
 
 
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:

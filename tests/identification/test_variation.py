@@ -214,5 +214,5 @@ def test_a_fit_of_motors_as_one_says_so_and_has_one_number_for_them(monkeypatch)
     # dry friction and Stribeck part of the truth together, less what has faded: 0.09 to 0.18 N m
     assert 0.08 < found.parameters["c"][0] < 0.18
     assert min(found.standard_errors["c"]) > WHEELS_APART * found.parameters["c"][0]
-    assert {"c1", "c2", "c3"} <= found.intervals.keys() & found.another_log.keys()
+    assert {"c1", "c2", "c3"} <= found.intervals.keys() & found.variation.predictions.keys()
     assert found.verdict.usable

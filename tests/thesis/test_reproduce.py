@@ -46,7 +46,7 @@ def check(*, value: float, lowest: float = -math.inf, highest: float = math.inf)
 
 
 def item_of(*checks: ClaimCheck) -> Item:
-    return Item(name="Figure 5.6", title="Paths", thesis="It does.", ours="It does.", checks=checks)
+    return Item(title="Paths", thesis="It does.", ours="It does.", checks=checks)
 
 
 def test_verdict_requires_the_whole_interval() -> None:
@@ -112,7 +112,7 @@ def test_appendix_iii_comes_out_of_a_simulated_swing(bench: Bench) -> None:
 )
 def test_mistakes_are_shown_by_their_numbers(bench, make, number, values):
     mistake = make(bench)
-    assert mistake.number == number
+    assert MISTAKES.index(make) == number - 1
     assert mistake.proven
     for place, value in values.items():
         assert mistake.shown_by[place].value == pytest.approx(value, rel=1e-4, abs=1e-12)
@@ -179,17 +179,17 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
 def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
     """All that needs no recording; campaigns/reproduce.py writes the whole."""
     page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
-    for make in MISTAKES:
+    for number, make in enumerate(MISTAKES, 1):
         if make.__name__ != "residual_pairs":
-            assert mistake_markdown(make(bench)) in page
-    assert item_markdown(figures.figure_iii_1(bench)) in page
+            assert mistake_markdown(number, make(bench)) in page
+    assert item_markdown("Figure III.1", figures.figure_iii_1(bench)) in page
 
 
 def test_page_and_results_have_every_verdict(bench: Bench) -> None:
-    items = (
-        figures.figure_iii_1(bench),
-        replace(item_of(check(value=0.0, lowest=1.0)), name="Table 4.1", title="<b>"),
-    )
+    items = {
+        "Figure III.1": figures.figure_iii_1(bench),
+        "Table 4.1": replace(item_of(check(value=0.0, lowest=1.0)), title="<b>"),
+    }
     made = Reproduction(bench=bench, items=items, mistakes=(mistakes.seam_curve(bench),))
     page = page_of(reproduction_report(made))
     assert figure_count(page) == 1

@@ -27,7 +27,7 @@ def reproduce(*, out: options.Out, only: str | None = None, seed: options.Seed =
     items_named(only)
     with open_result(out, doing="reproducing the thesis", seed=seed) as result:
         reproduction = remake(seed=seed, only=only, progress=result.report)
-        rows = [[item.name, item.title, item.verdict] for item in reproduction.items]
+        rows = [[name, item.title, item.verdict] for name, item in reproduction.items.items()]
         sheet = Sheet(caption="The thesis reproduced", headings=("", "title", "verdict"), rows=rows)
         page = reproduction_report(reproduction)
         step = "the same for your robot, from its logs: `ballbot study ROBOT LOG --out found`"

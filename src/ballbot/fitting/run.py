@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 from ballbot.errors import InputError
 from ballbot.processes import uninterrupted, worker_pool
@@ -50,54 +50,44 @@ class Executor(ABC):
         return [made[index] for index in range(len(pieces))]
 
 
-def _each_in(
-    pool_of: Callable[[int], Pool],
-    count: int | None,
-    make: Callable[[Piece], Result],
-    pieces: Sequence[Piece],
-) -> Generator[tuple[int, Result], None, None]:
-    """Yield the index and the result of each piece, made in a pool, or in this thread by a single worker."""
-    workers = min(count or os.cpu_count() or 1, len(pieces))
-    if workers < 2:
-        yield from enumerate(map(make, pieces))
-        return
-    pool, finished = pool_of(workers), False
-    try:
-        with uninterrupted():
-            indices = {pool.submit(make, piece): index for index, piece in enumerate(pieces)}
-        for future in as_completed(indices):
-            yield indices[future], future.result()
-        finished = True
-    except BrokenProcessPool:
-        raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
-    finally:
-        pool.shutdown(wait=finished, cancel_futures=True)
-
-
 @dataclass(frozen=True, kw_only=True)
-class Threads(Executor):
+class _Local(Executor):
+    """Workers on this computer, which a pool of them starts."""
+
+    pool_of: ClassVar[Callable[[int], Pool]]
+    count: int | None = None
+
+    def each(
+        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Yield the index and the result of each piece, made in a pool, or in this thread by a single worker."""
+        workers = min(self.count or os.cpu_count() or 1, len(pieces))
+        if workers < 2:
+            yield from enumerate(map(make, pieces))
+            return
+        pool, finished = self.pool_of(workers), False
+        try:
+            with uninterrupted():
+                indices = {pool.submit(make, piece): index for index, piece in enumerate(pieces)}
+            for future in as_completed(indices):
+                yield indices[future], future.result()
+            finished = True
+        except BrokenProcessPool:
+            raise ExecutorError("A worker process was killed, perhaps because memory ran out.") from None
+        finally:
+            pool.shutdown(wait=finished, cancel_futures=True)
+
+
+class Threads(_Local):
     """Threads of this process; compiled code and MuJoCo run in parallel in them."""
 
-    count: int | None = None
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the index and the result of each piece as they finish."""
-        return _each_in(ThreadPoolExecutor, self.count, make, pieces)
+    pool_of = ThreadPoolExecutor
 
 
-@dataclass(frozen=True, kw_only=True)
-class Processes(Executor):
+class Processes(_Local):
     """Processes on this machine, which take seconds to start."""
 
-    count: int | None = None
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the index and the result of each piece as they finish."""
-        return _each_in(worker_pool, self.count, make, pieces)
+    pool_of = staticmethod(worker_pool)
 
 
 ALL_CORES = Processes()

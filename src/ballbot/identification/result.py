@@ -111,11 +111,6 @@ class Identification(Plotted):
         return self.uncertainty.intervals
 
     @property
-    def another_log(self) -> Mapping[str, Interval]:
-        """95 % intervals of the estimate from another log, by label."""
-        return self.variation.predictions
-
-    @property
     def correlation(self) -> Floats:
         """Correlation matrix of the parameters (p, p); NaN for parameters without a standard error."""
         return self.uncertainty.correlation

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,10 @@ from ballbot.progress import Progress, sparkline
 from ballbot.results import left_out, to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.imperfections import Push
-from ballbot.summary import Summary, counted, plotted, summarized
+from ballbot.summary import Plotted, Summary, counted, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
 from ballbot.workflows.metrics import position_error, true_place
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: largest speed at which a policy acts [m/s]; beyond it the linear law does
 LARGEST_SPEED = 2.0
@@ -74,10 +70,10 @@ class Confirmed:
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Learned:
-    """A learned controller, how it was learned, and what it is worth."""
+class Learned(Plotted):
+    """A learned controller, how it was learned, and what it is worth; `plot()` shows the learning curve."""
 
-    controller: Controller
+    controller: Controller = field(metadata=left_out)
     task: Task
     training: Training
     seed: int
@@ -110,26 +106,9 @@ class Learned:
         ]
         return Summary(title=f"{self.task.name} of {self.controller.robot.name}, learned", rows=tuple(rows))
 
-    def plot(self) -> Figure:
-        """Return a figure of the learning curve."""
-        return plotted(self)
-
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json; the policy itself is in the controller's file."""
-        names = (
-            "task",
-            "training",
-            "seed",
-            "residual",
-            "curve",
-            "baseline",
-            "stopped",
-            "confirmed",
-            "baseline_confirmed",
-        )
-        return to_results(
-            {"robot": self.controller.robot.name} | {name: getattr(self, name) for name in names}
-        )
+        return {"robot": self.controller.robot.name} | to_results(self)
 
 
 def base_controller(robot: Robot) -> Controller:

@@ -102,7 +102,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
             *(label, BY_NAME[name].unit, digits(float(in_file[i])), *value_and_error(values[i], errors[i])),
             *(
                 interval(of[label].lower, of[label].upper) if label in of else ""
-                for of in (fit.intervals, fit.another_log)
+                for of in (fit.intervals, fit.variation.predictions)
             ),
             *([] if other is None else [digits(float(other.values[i]))]),
             f"{lower} to {upper}" if upper != lower else f"held at {lower}",

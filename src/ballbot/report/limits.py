@@ -93,15 +93,6 @@ def directions_figure(
     return figure
 
 
-def limit_words(limits: RobotLimits) -> str:
-    """Return the smallest limit of tilt and of impulse at the centre of mass over all directions, by both bounds."""
-    leans, impulses = (
-        " / ".join(f"{unit * bound.min():.1f}" for bound in (bounds.lower, bounds.upper))
-        for unit, bounds in ((_DEGREES, limits.lean), (1.0, limits.central_impulse))
-    )
-    return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
-
-
 def _on_twin(limit: TwinLimit, size: float) -> str:
     return f"{(_DEGREES if limit.kind == 'lean' else 1.0) * size:.1f}"
 
@@ -128,7 +119,7 @@ def limits_report(
     twins = [(name, limit) for name, edges in on_twin.items() for limit in edges]
     meaning = ": up to the first number no wheel slips, up to the second if wheels never slip"
     verdict = [
-        (name, f"Recovers in every direction from {limit_words(result)}{'' if k else meaning}.")
+        (name, f"Recovers in every direction from {result.words}{'' if k else meaning}.")
         for k, (name, result) in enumerate(limits.items())
     ]
     idle = len(limits) > 1 and not has_friction(robot.friction)

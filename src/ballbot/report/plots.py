@@ -10,9 +10,14 @@ from matplotlib.figure import Figure
 from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
-from ballbot.control.margins import loop_margins
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.margins import Margins, loop_margins
 from ballbot.errors import InputError
+from ballbot.identification import Identification
+from ballbot.identification.axis import AxisIdentification
+from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
+from ballbot.learning.learn import Learned
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
@@ -22,13 +27,20 @@ from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import bode_figure, poles_figure
 from ballbot.report.identification import friction_figure
 from ballbot.report.learning import curve_series
-from ballbot.report.limits import limit_words, planes_figure
+from ballbot.report.limits import planes_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import TimeSeries
 from ballbot.report.study import study_report
 from ballbot.report.style import series_figure
 from ballbot.report.validation import horizon_figure
+from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
+from ballbot.summary import Reported
+from ballbot.validation.result import Validation
+from ballbot.workflows.controller_design import ControllerDesign
+from ballbot.workflows.league import League
+from ballbot.workflows.limits import RobotLimits
+from ballbot.workflows.study import Study
 
 #: wheel speeds shown reach this many Stribeck speeds
 _SHOWN_SPEEDS = 8.0
@@ -66,37 +78,25 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
-#: makes the `Result`, by the name of the class: `summary()`, `repr` and `to_dict()` are those of its page
-RESULTS: Mapping[str, Callable[[Any], Result]] = {
-    "League": league_report,
-    # of sentences only; its page needs more
-    "RobotLimits": lambda limits: Result(
-        title="The largest tilt and impulse in every direction",
-        lead="",
-        verdict=[("", limit_words(limits))],
-        sections=(),
-        undecided=(),
-    ),
-    "Study": study_report,
-}
-#: draws the figure, by the name of the class
-FIGURES: Mapping[str, Callable[[Any], Figure]] = {
-    "AxisIdentification": laws_figure,
-    "Controller": controller_figure,
-    "ControllerDesign": lambda design: bode_figure(design.loop_margins),
-    "DrivelineFit": lambda fit: curve_figure(
+#: of a `Reported` value; `summary()`, `repr` and `to_dict()` are those of its page
+RESULTS: Mapping[type[Reported], Callable[[Any], Result]] = {League: league_report, Study: study_report}
+#: draws the figure
+FIGURES: Mapping[type, Callable[[Any], Figure]] = {
+    AxisIdentification: laws_figure,
+    Controller: controller_figure,
+    ControllerDesign: lambda design: bode_figure(design.loop_margins),
+    DrivelineFit: lambda fit: curve_figure(
         [fit.law.steady_friction], float(np.nanmax(np.abs(fit.predicted), initial=1.0))
     ),
-    "Identification": friction_figure,
-    "Learned": lambda learned: series_figure(curve_series(learned)),
-    "League": lambda league: course_figure(league, league.courses[0]),
-    "Log": log_figure,
-    "LqrDesign": lambda design: poles_figure(design.poles),
-    "Margins": bode_figure,
-    "Robot": robot_figure,
-    "RobotLimits": lambda limits: planes_figure({"limits": limits}),
-    "RobustDesign": lambda design: controller_figure(design.controller),
-    "Study": lambda study: paths_figure(study.choice.runs),
-    "UpsideDown": upside_down_figure,
-    "Validation": lambda validation: horizon_figure(validation.horizon, validation.models.names),
+    Identification: friction_figure,
+    Learned: lambda learned: series_figure(curve_series(learned)),
+    League: lambda league: course_figure(league, league.courses[0]),
+    Log: log_figure,
+    LqrDesign: lambda design: poles_figure(design.poles),
+    Margins: bode_figure,
+    Robot: robot_figure,
+    RobotLimits: lambda limits: planes_figure({"limits": limits}),
+    Study: lambda study: paths_figure(study.choice.runs),
+    UpsideDown: upside_down_figure,
+    Validation: lambda validation: horizon_figure(validation.horizon, validation.models.names),
 }

@@ -9,7 +9,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,10 +31,7 @@ from ballbot.robot.components import (
 )
 from ballbot.robot.file import read_robot, robot_text
 from ballbot.robot.parameters import Value, build, to_si, value_of
-from ballbot.summary import Summary, listed, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, listed, summarized
 
 _PRESETS = Path(__file__).parent / "presets"
 #: suffixes of robots as models of other tools: MJCF and URDF
@@ -44,8 +40,10 @@ MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 @summarized
 @dataclass(frozen=True, kw_only=True)
-class Robot(RobotValues):
+class Robot(RobotValues, Plotted):
     """A ball-balancing robot. Load one with `Robot.load`; change a copy with `replace`.
+
+    `plot()` shows it from its right and from above, to scale.
 
     Raises
     ------
@@ -237,10 +235,6 @@ class Robot(RobotValues):
                 ("standard deviations", stated),
             ),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the robot from its right and from above, to scale."""
-        return plotted(self)
 
 
 def _stated(robot: Robot, table: str) -> str:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ballbot.findings import Finding, finding_results, note, warning
 from ballbot.log import STATE_NAMES
-from ballbot.summary import Summary, plotted, summarized
+from ballbot.summary import Plotted, Summary, summarized
 from ballbot.validation.closed_loop import ClosedLoop
 from ballbot.validation.horizons import Horizons
 from ballbot.validation.models import C, Comparison, ModelPair
@@ -18,14 +17,14 @@ from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.residuals import Prediction
 from ballbot.validation.ways import WAYS
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 @summarized
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Validation:
-    """How well two models predict a log; by default a robot's model with its friction and without any."""
+class Validation(Plotted):
+    """How well two models predict a log; by default a robot's model with its friction and without any.
+
+    `plot()` shows how the errors grow with the horizon of a prediction.
+    """
 
     models: ModelPair
     comparisons: Mapping[str, Comparison]  #: by the keys of `WAYS`; only those that the log allows
@@ -86,10 +85,6 @@ class Validation:
                 rows.append((STATE_NAMES[i], f"{errors.ratio[i]:.3g}{interval}"))
         sentences = (*self.left_out, *filter(None, verdicts.values()))
         return Summary(title=title, rows=tuple(rows), sentences=sentences)
-
-    def plot(self) -> Figure:
-        """Return a figure of how the errors of both models grow with the horizon of a prediction."""
-        return plotted(self)
 
     def results(self) -> dict[str, object]:
         """Return the models and the results of each validation for results.json, numbers by the models' names."""

@@ -259,12 +259,10 @@ def _wheel_angles(log: Log, robot: Robot, rolling: Floats) -> tuple[Floats, str]
 
 
 def _references(log: Log, times: Floats) -> Columns:
-    if not all(name in log and np.isfinite(log[name]).any() for name in ("ref_x", "ref_y")):
-        return {}
-    references = {name: _between(times, log.t, log[name]) for name in ("ref_x", "ref_y")}
-    if "ref_psi" in log and np.isfinite(log["ref_psi"]).any():
-        references["ref_psi"] = _between(times, log.t, log["ref_psi"])
-    return references
+    """Return the reference's position and heading, as far as the log has them; empty without the position."""
+    names = ("ref_x", "ref_y", "ref_psi")
+    known = [name for name in names if name in log and np.isfinite(log[name]).any()]
+    return {name: _between(times, log.t, log[name]) for name in known} if known[:2] == [*names[:2]] else {}
 
 
 def _forces(

@@ -55,32 +55,53 @@ def replay_part(
     *,
     layout: Layout = "side",
     autoplay: bool = False,
-    name: str = "replay",
     colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
     At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
-    robot is that of all logs, or of each by the log's name. The page can change the layout; `name` differs for each
-    replay of a page; the runs have the colours in which the figures beside the replay draw them.
+    robot is that of all logs, or of each by the log's name. The page can change the layout; the runs have the colours
+    in which the figures beside the replay draw them.
 
     InputError if there is no robot or there are too many logs, or one cannot be shown
     (`ballbot.viewer.motion.motion_of`).
     """
-    data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
+    shown = {} if isinstance(logs, Mapping) and not logs else as_logs(logs)
+    named = {name or "run": log for name, log in shown.items()}
+    if isinstance(robot, Mapping):
+        robots = {name: as_robot(source) for name, source in robot.items()}
+    else:
+        described = as_robot(robot)
+        robots = dict.fromkeys(named or [described.name], described)
+    names = list(named or robots)
+    _check_number(len(names), "logs")
+    motions = {}
+    for name in names:
+        try:
+            motions[name] = motion_of(named[name], robots[name]) if named else robot_at_rest(robots[name])
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+    data: dict[str, object] = {
+        "layout": layout,
+        "autoplay": autoplay,
+        "arrow": _arrow([(motions[name], robots[name]) for name in names]),
+        "runs": [
+            _run(name, motions[name], robots[name], color)
+            for name, color in zip(names, colors[: len(names)], strict=True)
+        ],
+    }
     return ReplayPart(
-        element=_element("replay", name, data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
+        element=_element("replay", data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
     )
 
 
-def _element(kind: str, name: str, data: dict[str, object]) -> str:
+def _element(kind: str, data: dict[str, object]) -> str:
     """Return the element that a script fills, with its data."""
     # no "<" can end the script's element
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    identifier = html.escape(name, quote=True)
     return (
-        f'<div data-ballbot-{kind}="{identifier}"><noscript>The picture needs JavaScript.</noscript></div>\n'
-        f'<script type="application/json" id="{identifier}">{text}</script>'
+        f'<div data-ballbot-{kind}="{kind}"><noscript>The picture needs JavaScript.</noscript></div>\n'
+        f'<script type="application/json" id="{kind}">{text}</script>'
     )
 
 
@@ -90,7 +111,6 @@ def replay_page(
     *,
     title: str,
     layout: Layout = "side",
-    autoplay: bool = True,
     lead: str = "",
 ) -> str:
     """Return a replay of logs as a whole page, with a sentence or two as `lead` under the title; see `replay_part`.
@@ -98,7 +118,7 @@ def replay_page(
     >>> replay_page({}, "alten", title="A robot at rest")[:15]
     '<!doctype html>'
     """
-    part = replay_part(logs, robot, layout=layout, autoplay=autoplay)
+    part = replay_part(logs, robot, layout=layout, autoplay=True)
     style = part.style + web_file("page.css")
     return _document(
         title,
@@ -160,9 +180,7 @@ def live_page(
         web_file("replay.css") + web_file("live.css") + web_file("page.css"),
         _script(_LIVE_SCRIPTS),
     )
-    text = _document(
-        title, lead="", body=_element("live", "live", data), style=style, script=script, policy=""
-    )
+    text = _document(title, lead="", body=_element("live", data), style=style, script=script, policy="")
     policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
     return LivePage(html=text, policy=policy)
 
@@ -212,40 +230,6 @@ def web_file(name: str, package: str = "ballbot.viewer") -> str:
 def _script(scripts: tuple[str, ...]) -> str:
     parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *scripts))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
-
-
-def _replay_data(
-    given: LogsLike,
-    robot: RobotLike | Mapping[str, RobotLike],
-    *,
-    layout: Layout,
-    autoplay: bool,
-    colors: Sequence[RunColor],
-) -> dict[str, object]:
-    at_rest = isinstance(given, Mapping) and not given
-    logs = {} if at_rest else {name or "run": log for name, log in as_logs(given).items()}
-    if isinstance(robot, Mapping):
-        robots = {name: as_robot(source) for name, source in robot.items()}
-    else:
-        described = as_robot(robot)
-        robots = dict.fromkeys(logs or [described.name], described)
-    names = list(logs) or list(robots)
-    _check_number(len(names), "logs")
-    motions = {}
-    for name in names:
-        try:
-            motions[name] = motion_of(logs[name], robots[name]) if logs else robot_at_rest(robots[name])
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from None
-    return {
-        "layout": layout,
-        "autoplay": autoplay,
-        "arrow": _arrow([(motions[name], robots[name]) for name in names]),
-        "runs": [
-            _run(name, motions[name], robots[name], color)
-            for name, color in zip(names, colors[: len(names)], strict=True)
-        ],
-    }
 
 
 def _check_number(count: int, what: str) -> None:

@@ -26,11 +26,11 @@ from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress, in_stage
-from ballbot.results import left_out, reported, to_results
+from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
-from ballbot.summary import Reported
+from ballbot.summary import Plotted, Summary, summarized
 from ballbot.twin.scenario import Scenario
 from ballbot.validation.models import recoverable_leans
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
@@ -198,9 +198,10 @@ class Plane:
     upper_area: float  #: if wheels never slip
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class RobotLimits(Reported):
-    """The limits of one closed loop."""
+@summarized
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotLimits(Plotted):
+    """The limits of one closed loop; `plot()` shows the leans and lean rates that it recovers from."""
 
     directions: Floats  #: (d,) on the floor, from x towards y [rad]
     heights: Floats  #: (h,) of impulses above the ball's centre [m]
@@ -213,9 +214,18 @@ class RobotLimits(Reported):
         """The impulses (d,) [N s] at the height of the centre of mass."""
         return LimitBounds(lower=self.impulse.lower[_CENTER], upper=self.impulse.upper[_CENTER])
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the entries of results.json."""
-        return to_results(self)
+    @property
+    def words(self) -> str:
+        """The smallest limit of tilt and of impulse at the centre of mass over all directions, by both bounds."""
+        leans, impulses = (
+            " / ".join(f"{unit * bound.min():.1f}" for bound in (bounds.lower, bounds.upper))
+            for unit, bounds in ((math.degrees(1.0), self.lean), (1.0, self.central_impulse))
+        )
+        return f"a tilt at rest of {leans} degrees and an impulse of {impulses} N s"
+
+    def summary(self) -> Summary:
+        """Return the smallest limits."""
+        return Summary(title="The largest tilt and impulse in every direction", sentences=(self.words,))
 
 
 Kind = Literal["lean", "impulse"]

@@ -237,37 +237,40 @@ class Chart {
     return [panel.from_zero && a === 0 ? 0 : a - room, b + room];
   }
 
-  drawShades(u) {
+  /** Draw within a panel's axes. */
+  within(u, draw) {
     const { left, top, width, height } = u.bbox;
     u.ctx.save();
     u.ctx.beginPath();
     u.ctx.rect(left, top, width, height);
     u.ctx.clip();
-    u.ctx.fillStyle = this.color("--band");
-    for (const [start, end] of this.data.shaded) {
-      const [a, b] = [u.valToPos(start, "x", true), u.valToPos(end, "x", true)];
-      u.ctx.fillRect(a, top, b - a, height);
-    }
+    draw(u.ctx);
     u.ctx.restore();
   }
 
+  drawShades(u) {
+    this.within(u, (context) => {
+      context.fillStyle = this.color("--band");
+      for (const [start, end] of this.data.shaded) {
+        const [a, b] = [u.valToPos(start, "x", true), u.valToPos(end, "x", true)];
+        context.fillRect(a, u.bbox.top, b - a, u.bbox.height);
+      }
+    });
+  }
+
   drawLevels(u, panel) {
-    const { left, top, width, height } = u.bbox;
-    u.ctx.save();
-    u.ctx.beginPath();
-    u.ctx.rect(left, top, width, height);
-    u.ctx.clip();
-    u.ctx.strokeStyle = this.color("--ink");
-    u.ctx.lineWidth = devicePixelRatio;
-    u.ctx.setLineDash([3 * devicePixelRatio, 3 * devicePixelRatio]);
-    for (const level of panel.levels) {
-      const y = u.valToPos(level, "y", true);
-      u.ctx.beginPath();
-      u.ctx.moveTo(left, y);
-      u.ctx.lineTo(left + width, y);
-      u.ctx.stroke();
-    }
-    u.ctx.restore();
+    this.within(u, (context) => {
+      context.strokeStyle = this.color("--ink");
+      context.lineWidth = devicePixelRatio;
+      context.setLineDash([3 * devicePixelRatio, 3 * devicePixelRatio]);
+      for (const level of panel.levels) {
+        const y = u.valToPos(level, "y", true);
+        context.beginPath();
+        context.moveTo(u.bbox.left, y);
+        context.lineTo(u.bbox.left + u.bbox.width, y);
+        context.stroke();
+      }
+    });
   }
 
   /** Draw a marker on a line now and then, so that it is known without its color. */
@@ -275,21 +278,17 @@ class Chart {
     const look = LOOKS[panel.lines[k - 1].look];
     if (!look.marker || !u.series[k].show) return;
     const ratio = devicePixelRatio;
-    u.ctx.save();
-    u.ctx.beginPath();
-    u.ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
-    u.ctx.clip();
-    u.ctx.strokeStyle = this.color(look.color);
-    u.ctx.fillStyle = this.color("--page");
-    u.ctx.lineWidth = 1.3 * ratio;
-    const width = u.bbox.width / ratio;
-    for (let x = 18 + 31 * (k - 1); x < width; x += MARKER_EVERY) {
-      const row = u.valToIdx(u.posToVal(x, "x"));
-      const value = u.data[k][row];
-      if (value !== null && value !== undefined)
-        drawMarker(u.ctx, look.marker, u.valToPos(u.data[0][row], "x", true), u.valToPos(value, "y", true), 3.2 * ratio);
-    }
-    u.ctx.restore();
+    this.within(u, (context) => {
+      context.strokeStyle = this.color(look.color);
+      context.fillStyle = this.color("--page");
+      context.lineWidth = 1.3 * ratio;
+      for (let x = 18 + 31 * (k - 1); x < u.bbox.width / ratio; x += MARKER_EVERY) {
+        const row = u.valToIdx(u.posToVal(x, "x"));
+        const value = u.data[k][row];
+        if (value !== null && value !== undefined)
+          drawMarker(context, look.marker, u.valToPos(u.data[0][row], "x", true), u.valToPos(value, "y", true), 3.2 * ratio);
+      }
+    });
   }
 
   /** Show the values under the pointer beside a panel's label. */

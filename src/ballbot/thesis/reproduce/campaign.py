@@ -1,7 +1,7 @@
 """The work of `ballbot reproduce`: each figure and table in the thesis's order, then the mistakes."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from ballbot.errors import InputError
@@ -18,8 +18,8 @@ class Reproduction:
     """The reproduced thesis."""
 
     bench: Bench
-    items: tuple[Item, ...]
-    mistakes: tuple[Mistake, ...]
+    items: Mapping[str, Item]  #: by their names, "Figure 5.6"
+    mistakes: tuple[Mistake, ...]  #: numbered from 1
 
     @property
     def friction(self) -> Friction | None:
@@ -30,18 +30,12 @@ class Reproduction:
     @property
     def counts(self) -> dict[Verdict, int]:
         """How many items have each verdict that there is."""
-        verdicts = Counter(item.verdict for item in self.items)
+        verdicts = Counter(item.verdict for item in self.items.values())
         return {verdict: verdicts[verdict] for verdict in VERDICTS if verdicts[verdict]}
 
 
-def item_name(make: Callable[[Bench], Item]) -> str:
-    """Return the name of the item that a function of `ITEMS` makes: "Figure 5.6"."""
-    kind, *number = make.__name__.split("_")
-    return f"{kind.capitalize()} {'.'.join(number).upper()}"
-
-
-def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
-    """Return the function that makes the figure or table of that name, or those of all.
+def items_named(only: str | None) -> Mapping[str, Callable[[Bench], Item]]:
+    """Return, of `ITEMS`, the figure or table of that name, or all.
 
     Raises
     ------
@@ -50,11 +44,11 @@ def items_named(only: str | None) -> tuple[Callable[[Bench], Item], ...]:
     """
     if only is None:
         return ITEMS
-    names = {item_name(make): make for make in ITEMS}
-    chosen = {name.casefold(): make for name, make in names.items()}.get(" ".join(only.casefold().split()))
-    if chosen is None:
-        raise InputError(f"There is no {only!r} to reproduce; there are {', '.join(names)}.")
-    return (chosen,)
+    asked = " ".join(only.casefold().split())
+    chosen = {name: make for name, make in ITEMS.items() if name.casefold() == asked}
+    if not chosen:
+        raise InputError(f"There is no {only!r} to reproduce; there are {', '.join(ITEMS)}.")
+    return chosen
 
 
 def reproduce(*, seed: int, only: str | None = None, progress: ProgressCallback) -> Reproduction:
@@ -74,11 +68,11 @@ def reproduce(*, seed: int, only: str | None = None, progress: ProgressCallback)
     robot = alten.replace(friction=Friction.none(alten.wheel_count))
     bench = Bench(robot=robot, seed=seed, progress=progress)
     total = len(chosen) + len(mistaken)
-    items, mistakes = [], []
-    for done, make in enumerate(chosen):
-        progress(Progress(stage=make.__name__.replace("_", " "), done=done, total=total))
-        items.append(make(bench))
+    items, mistakes = {}, []
+    for name, make in chosen.items():
+        progress(Progress(stage=name, done=len(items), total=total))
+        items[name] = make(bench)
     for done, make in enumerate(mistaken, start=len(chosen)):
         progress(Progress(stage="mistakes", done=done, total=total))
         mistakes.append(make(bench))
-    return Reproduction(bench=bench, items=tuple(items), mistakes=tuple(mistakes))
+    return Reproduction(bench=bench, items=items, mistakes=tuple(mistakes))

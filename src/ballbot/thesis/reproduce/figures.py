@@ -16,19 +16,20 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.identification.driveline import DrivelineFit, Sweep
+from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline
 from ballbot.identification.swing import inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
 from ballbot.report.bench import measured_figure, swing_series
+from ballbot.report.blocks import Sheet
 from ballbot.report.comparison import paths_figure, position_error_series
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.report.style import LOOKS, STATE_UNITS, one_panel, thinned
 from ballbot.report.validation import correlation_figure, symbols
 from ballbot.report.words import state_mark
 from ballbot.thesis.reproduce.bench import BASIC, FIRST_LEAN, STEPS, Bench
-from ballbot.thesis.reproduce.item import RUNS, ClaimCheck, Item, TextTable, check, over_runs
+from ballbot.thesis.reproduce.item import RUNS, ClaimCheck, Item, check, over_runs
 from ballbot.thesis.reproduce.mistakes import clear_correlation, largest_lean, velocity_pairs
 from ballbot.thesis.reproduce.recordings import ARRIVED
 from ballbot.thesis.reproduce.runs import (
@@ -67,7 +68,6 @@ def figure_3_1(bench: Bench) -> Item:
     low, high = 0.99 * THESIS_LIMIT, 1.01 * THESIS_LIMIT
     alike = f"spread of their torques at {_SPEED:g} rad/s, of the largest"
     return Item(
-        name="Figure 3.1",
         title="Torque and speed of the wheels, without the ball, under 1 N m at a period of 62.83 s",
         thesis="All three wheels have roughly the same characteristic, with a speed limit at 27.7 rad/s.",
         ours=f"The twin's wheels reach {fastest:.2f} rad/s; at {_SPEED:g} rad/s they take "
@@ -84,13 +84,13 @@ def figure_3_1(bench: Bench) -> Item:
 
 def figure_3_2(bench: Bench) -> Item:
     """One wheel's sweep beside the models with and without friction."""
-    fit, sweep = bench.driveline_fit, bench.sweeps[0]
+    sweep = bench.sweeps[0]
+    fit = fit_driveline(sweep)
     b, c = fit.values[:2]
     speed = np.abs(sweep.speed[sweep.speed != 0.0])
     share = float(np.sum(b * speed + c) / np.sum(fit.law.steady_friction(speed)))
     ratio = fit.rmse_without / fit.rmse
     return Item(
-        name="Figure 3.2",
         title="One wheel's sweep: measured, with and without friction in the model",
         thesis="The model with friction is closer to the measurement than the one without; most of the "
         "friction is viscous and Coulomb.",
@@ -128,7 +128,6 @@ def figure_3_4(bench: Bench) -> Item:
     other = "the same over that without friction, 1e-9 rad at least"
     aside = "friction moves the ball about axes that were not commanded"
     return Item(
-        name="Figure 3.4",
         title="The ball on the clamped wheels, one axis commanded at a time",
         thesis="Without friction the ball follows without a steady error; with friction it does not, and it "
         "moves about several axes although one is commanded.",
@@ -165,7 +164,6 @@ def figure_3_5(bench: Bench) -> Item:
         for name in BASIC
     )
     return Item(
-        name="Figure 3.5",
         title="The models with and without friction, holding the origin from a small lean",
         thesis="The basic model goes to the origin at once and stays, so that its path is not seen; the one "
         "with friction moves around the origin.",
@@ -222,7 +220,6 @@ def figure_4_1(bench: Bench) -> Item:
     of_lean = "RMS error of theta or phi with friction over its standard deviation, the smaller"
     fast = f"RMS of theta and phi above {_FAST_LEAN:g} Hz, measured over modelled"
     return Item(
-        name="Figure 4.1",
         title="Closed loop: measured, and simulated with and without friction",
         thesis="With friction the model's x, y and psi are closer to what was measured; the lean matches "
         "neither model, and as measured it oscillates more.",
@@ -253,7 +250,6 @@ def table_4_1(bench: Bench) -> Item:
         "thesis's equations, restarted": _restarted(2),
     }
     return Item(
-        name="Table 4.1",
         title="Closed loop: the error (4.1) of each state",
         thesis="The model with friction has the smaller error in every state.",
         ours=f"Over the whole run, as in the thesis, {_better(runs, _whole(1))}; beside the thesis's own equations "
@@ -273,7 +269,6 @@ def figure_4_2(bench: Bench) -> Item:
     later = "the lean of the model with friction runs away later"
     until = "time until past recovery, with over without"
     return Item(
-        name="Figure 4.2",
         title="Open loop: measured, and simulated from the measured torques",
         thesis="Both models follow for a short while; the lean of the one with friction runs away later. Each is "
         "shown until its own lean is past recovery; only Table 4.2 cuts both to the shorter.",
@@ -300,7 +295,6 @@ def table_4_2(bench: Bench) -> Item:
     """Open loop: (4.1) for each state."""
     runs = bench.validations
     return Item(
-        name="Table 4.2",
         title="Open loop: the error (4.1) of each state",
         thesis="The model with friction has the smaller error in every state, both cut to the shorter.",
         ours=f"From initial states a second apart, both models cut to the shorter, {_better(runs, _opened(0))}; "
@@ -321,7 +315,6 @@ def figure_4_3(bench: Bench) -> Item:
     weaker = [min(abs(a), abs(b)) for a, b in zip(x_phi, y_theta, strict=True)]
     joined = "the ball's velocity goes with the body's rate of lean"
     return Item(
-        name="Figure 4.3",
         title="Correlations of the prediction's residuals and the inputs",
         thesis="Residuals 7 and 9 go together, 6 and 9 oppositely: the ball's velocity with the body's rate "
         "of lean. All others are low.",
@@ -398,10 +391,8 @@ def _table_checks(runs: Sequence[Validated], ratios: Ratios) -> tuple[ClaimCheck
     )
 
 
-def _table(
-    printed: Sequence[Sequence[float]], runs: Sequence[Validated], ours: dict[str, Ratios]
-) -> TextTable:
-    return TextTable(
+def _table(printed: Sequence[Sequence[float]], runs: Sequence[Validated], ours: dict[str, Ratios]) -> Sheet:
+    return Sheet(
         headings=("state", "thesis: with friction", "without", "ratio", *(f"ours: {name}" for name in ours)),
         rows=tuple(
             (
@@ -453,7 +444,6 @@ def figure_5_1(bench: Bench) -> Item:
     ]
     runs = {"linear": linear["exact"], **bench.basic, "friction": changes[0]}
     return Item(
-        name="Figure 5.1",
         title="The linear model, and the nonlinear one with and without friction, through the change of "
         "reference",
         thesis="The linear and the nonlinear model almost completely overlap; they part more with a larger lean; "
@@ -464,7 +454,7 @@ def figure_5_1(bench: Bench) -> Item:
         f"far, at {leans['exact'][-1]:.1f} degrees, by {_share(growth['exact'][-1])}. With friction x is off by "
         f"{over_runs([100.0 * share for share in far])} %.",
         checks=_linear_checks(near, growth, far),
-        table=TextTable(
+        table=Sheet(
             headings=(
                 "way",
                 "lean",
@@ -519,7 +509,6 @@ def figure_5_4(bench: Bench) -> Item:
     size = {law: [abs(a - b) for a, b in zip(*pair, strict=True)] for law, pair in errors.items()}
     shown = {kind: bench.changes[kind][0] for kind in ("full", "partial", "full_sign", "partial_sign")}
     return Item(
-        name="Figure 5.4",
         title="Full compensation (1 in the thesis) and partial compensation (2)",
         thesis="Partial compensation has less steady error than full; the difference is small for the "
         "application.",
@@ -552,7 +541,6 @@ def figure_5_5(bench: Bench) -> Item:
     fast = {kind: [1e3 * _fast_moving(bench, log) for log in bench.changes[kind]] for kind in kinds}
     more, ratio = f"RMS above {_FAST:g} Hz, partial over full", _ratios(fast["partial"], fast["full"])
     return Item(
-        name="Figure 5.5",
         title="The wheels' speeds with full and with partial compensation",
         thesis="Partial compensation shows more oscillation of high frequency.",
         ours=f"On the way, above {_FAST:g} Hz, the wheels' speed has {over_runs(fast['full'])} mrad/s (RMS) with full "
@@ -574,7 +562,6 @@ def figure_5_6(bench: Bench) -> Item:
     farther = _ratios(peaks["none"], peaks["full"])
     from_path = "largest distance from that path, without over with"
     return Item(
-        name="Figure 5.6",
         title="Paths of the model with and without compensation",
         thesis="With compensation the model follows the reference with small deviations; without it does "
         "not.",
@@ -623,7 +610,6 @@ def figure_5_8(bench: Bench) -> Item:
         for kind, peak in THESIS_PEAKS.items()
     )
     return Item(
-        name="Figure 5.8",
         title="The robot's (here the twin's) distance from the reference, with and without compensation",
         thesis="Once the reference is reached the error peaks at about 1 m without compensation and 0.2 m "
         "with: compensation helps the robot too, but it does not follow as closely as in simulation.",
@@ -648,14 +634,14 @@ def figure_5_8(bench: Bench) -> Item:
     )
 
 
-def _runs_table(runs: Mapping[str, Sequence[Log]], peaks: Mapping[str, Sequence[float]]) -> TextTable:
+def _runs_table(runs: Mapping[str, Sequence[Log]], peaks: Mapping[str, Sequence[float]]) -> Sheet:
     """Return each run's distance early on, which a fresh run can be held against soon, and its peak."""
     measured = (f"distance at {EARLY:g} s", "peak")
     cells = [
         [f"{value:.3f}" for kind in _WORDS for value in (distance_at(runs[kind][k], EARLY), peaks[kind][k])]
         for k in range(len(peaks["none"]))
     ]
-    return TextTable(
+    return Sheet(
         headings=("run", *(f"{words}, {what} [m]" for words in _WORDS.values() for what in measured)),
         rows=tuple((f"{k}", *row) for k, row in enumerate(cells)),
     )
@@ -699,7 +685,6 @@ def figure_iii_1(bench: Bench) -> Item:
     off = [100.0 * abs(pivot / THESIS_INERTIA - 1.0) for pivot in pivots]
     claim = "the method finds the inertia that was simulated, 4.37 kg m^2"
     return Item(
-        name="Figure III.1",
         title="The body's inertia from a simulated swing",
         thesis="The thesis shows a frame of the video of the hanging body, and gives 4.37 kg m^2 by I = m g "
         "r / omega_n^2; neither the frequency nor an uncertainty is printed.",
@@ -724,7 +709,6 @@ def figure_iv_2(bench: Bench) -> Item:
     peak = "theta's and phi's errors peak just over 1 degree"
     drifts = "the heading drifts by about 16 degrees in 3 minutes"
     return Item(
-        name="Figure IV.2",
         title="The angles' errors",
         thesis="Theta's and phi's errors peak just over 1 degree at the worst; the heading drifts by about "
         "16 degrees in 3 minutes.",
@@ -747,7 +731,6 @@ def figure_iv_4(bench: Bench) -> Item:
     early, late = f"largest distance in the first {_PART:g} s", "the last part's largest over the first's"
     crossed = "each error goes with the other coordinate's movement"
     return Item(
-        name="Figure IV.4",
         title="The position's errors",
         thesis="The positions match well in the beginning; the errors drift and oscillate; that of x goes with the "
         "movement in y and that of y with x, which shows that the heading's drift makes them.",
@@ -857,23 +840,23 @@ def torque_speed_figure(sweep: Sweep, fit: DrivelineFit) -> Figure:
     return figure
 
 
-#: in the thesis's order
-ITEMS: tuple[Callable[[Bench], Item], ...] = (
-    figure_3_1,
-    figure_3_2,
-    figure_3_4,
-    figure_3_5,
-    figure_4_1,
-    table_4_1,
-    figure_4_2,
-    table_4_2,
-    figure_4_3,
-    figure_5_1,
-    figure_5_4,
-    figure_5_5,
-    figure_5_6,
-    figure_5_8,
-    figure_iii_1,
-    figure_iv_2,
-    figure_iv_4,
-)
+#: by their names in the thesis, in its order
+ITEMS: Mapping[str, Callable[[Bench], Item]] = {
+    "Figure 3.1": figure_3_1,
+    "Figure 3.2": figure_3_2,
+    "Figure 3.4": figure_3_4,
+    "Figure 3.5": figure_3_5,
+    "Figure 4.1": figure_4_1,
+    "Table 4.1": table_4_1,
+    "Figure 4.2": figure_4_2,
+    "Table 4.2": table_4_2,
+    "Figure 4.3": figure_4_3,
+    "Figure 5.1": figure_5_1,
+    "Figure 5.4": figure_5_4,
+    "Figure 5.5": figure_5_5,
+    "Figure 5.6": figure_5_6,
+    "Figure 5.8": figure_5_8,
+    "Figure III.1": figure_iii_1,
+    "Figure IV.2": figure_iv_2,
+    "Figure IV.4": figure_iv_4,
+}

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot.report.blocks import Sheet
 from ballbot.report.series import TimeSeries
 from ballbot.results import reported
 from ballbot.workflows.statistics import median_with_interval
@@ -113,24 +114,15 @@ def over_runs(values: Sequence[float]) -> str:
     return spread_text(estimate.median, (estimate.low, estimate.high))
 
 
-@dataclass(frozen=True, kw_only=True)
-class TextTable:
-    """A table of texts."""
-
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Item:
     """A figure or table of the thesis beside ours."""
 
-    name: str  #: "Figure 5.6", "Table 4.1"
     title: str
     thesis: str  #: what the thesis shows, a sentence
     ours: str  #: what ours shows, a sentence or two
     checks: tuple[ClaimCheck, ...]
-    table: TextTable | None = None
+    table: Sheet | None = None
     figure: Callable[[], Figure] | None = None
     series: Callable[[], TimeSeries] | None = None
 
@@ -162,7 +154,6 @@ class Item:
 class Mistake:
     """A misprint or mistake of the thesis, with the number that shows it."""
 
-    number: int  #: in the list
     where: str  #: the equation or section
     thesis: str  #: what it states
     right: str  #: what is right

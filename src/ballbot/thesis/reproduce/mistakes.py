@@ -37,7 +37,6 @@ def rotation_about_y(bench: Bench) -> Mistake:  # noqa: ARG001
         float(np.linalg.det(np.array([[c, 0.0, upper], [0.0, 1.0, 0.0], [-s, 0.0, c]]))) for upper in (-s, s)
     )
     return Mistake(
-        number=1,
         where="(II.6)",
         thesis="R_y has -sin(theta) twice.",
         right="The upper one is +sin(theta); as printed it is no rotation, its determinant is cos(2 theta).",
@@ -54,7 +53,6 @@ def velocity_over_ground(bench: Bench) -> Mistake:
     mended = float(np.abs(transforms(bench.robot).T_vgb).max())  # of a ball that turns by 1 rad/s
     printed = mended / bench.robot.wheels.radius / radius
     return Mistake(
-        number=2,
         where="(II.15)",
         thesis="The velocity over ground from the ball's turning is divided by r_w.",
         right=f"A ball that turns by 1 rad/s rolls at r_b = {radius:g} m/s.",
@@ -76,7 +74,6 @@ def derivative_of_angles(bench: Bench) -> Mistake:
     )
     quantity = "psi_dd for 1 N m at wheel 1"
     return Mistake(
-        number=3,
         where="(II.30)",
         thesis="Phi_12q is the derivative of r_1, which is (II.29) again.",
         right="It is the derivative of Phi_12; as printed the wheels' torque on the body pushes x and y and turns "
@@ -97,7 +94,6 @@ def rates_of_angles(bench: Bench) -> Mistake:  # noqa: ARG001
     leaning = rotation(lean, 0.0, 0.0) @ body_rates_matrix(lean, 0.0, 0.0) @ z
     off_body, off_world = float(np.linalg.norm(turned - x)), float(np.linalg.norm(leaning - z))
     return Mistake(
-        number=4,
         where="(II.24), with (II.25), (II.16) and (II.33)",
         thesis="The body's angular velocity is Phi_dot: in the body's frame for (II.25), in the world's for (II.16); "
         "and a torque in world axes is paired with the rates of angles.",
@@ -123,7 +119,6 @@ def inertia_counted_twice(bench: Bench) -> Mistake:
 
     exact, thesis, mended = pole("exact", body), pole("thesis", body), pole("thesis", about_center)
     return Mistake(
-        number=5,
         where="(II.22), (II.25), Appendix III",
         thesis="The inertia of 4.37 kg m^2 stands beside m_r v_body^2.",
         right="It was measured about the ball's centre, so that it has m_r l^2 already; about the centre of mass it is "
@@ -146,7 +141,6 @@ def no_counter_torque(bench: Bench) -> Mistake:
         float(Model(bench.robot, formulation=kind).linearize().B[9, 0]) for kind in ("thesis", "exact")
     ]
     return Mistake(
-        number=6,
         where="(II.11), (II.32)",
         thesis="The torque on the body is that of the wheels' forces at their hubs.",
         right="The motors stand on the body and turn it back by as much as they turn the wheels; the torque on the "
@@ -162,7 +156,6 @@ def rotors_left_out(bench: Bench) -> Mistake:
     """Mistake 7."""
     ratio = bench.robot.drive.reflected_inertia / bench.robot.wheels.inertia
     return Mistake(
-        number=7,
         where="(II.27), (II.28)",
         thesis="The inertia of motors and gears is listed among the parameters and is in no equation.",
         right="At the wheel it counts n^2 times: n^2 (j_m + j_g), more than the wheel itself.",
@@ -180,7 +173,6 @@ def friction_on_absolute_spin(bench: Bench) -> Mistake:
     )
     quantity = "wheel speed where body and ball turn as one by 1 rad/s"
     return Mistake(
-        number=8,
         where="(3.8), (3.9)",
         thesis="The drivelines' friction acts on the wheels' absolute spin.",
         right="Bearings, gear and motor feel the speed against the body, which the encoder sees.",
@@ -202,7 +194,6 @@ def speed_clamp_printed(bench: Bench) -> Mistake:
     printed = float(np.ptp(np.maximum(np.minimum(speeds, -_LIMIT), _LIMIT)))
     wound = float(state.max())
     return Mistake(
-        number=9,
         where="(3.2)",
         thesis="x_1_dot = max(min(x_2, l), -l) with l = -27.7 rad/s.",
         right="With l = -27.7 it is +27.7 whatever x_2 is. With l = 27.7 it limits the output and not the state, which "
@@ -229,7 +220,6 @@ def seam_curve(bench: Bench) -> Mistake:  # noqa: ARG001
     )
     mended = float(np.abs(np.linalg.norm(thesis_seam(a).points, axis=1) - 1.0).max())
     return Mistake(
-        number=10,
         where="(V.4)",
         thesis="The second component has cos 3t, and c = sqrt(ab).",
         right="The second component has sin 3t, and c = 2 sqrt(ab); the seam then lies on the ball.",
@@ -249,7 +239,6 @@ def ball_inertia(bench: Bench) -> Mistake:
     thin = thin_shell_inertia(mass=ball.mass, radius=ball.radius)
     thick = 0.4 * ball.mass * ball.radius**2 * (1.0 - ratio**5) / (1.0 - ratio**3)
     return Mistake(
-        number=11,
         where="Appendix III, jb",
         thesis="The ball's inertia is 0.0242 kg m^2, calculated.",
         right=f"That is a thin shell's; with the wall of {100.0 * wall:.1f} cm that Appendix I computes it is "
@@ -266,7 +255,6 @@ def rounded_constants(bench: Bench) -> Mistake:
     beyond = 100.0 * (_LIMIT / bench.robot.drive.top_speed - 1.0)
     smaller = 63.5 - 1e3 * bench.robot.wheels.radius
     return Mistake(
-        number=12,
         where="Appendix I and III",
         thesis="31.7 rad/s/V times 24 V is 761.5 rad/s, hence 27.59 rad/s at the wheel; r_w is 63 mm.",
         right="31.7 is rounded from 303 rpm/V, from which 761.5 follows; the sweep shows 27.7 rad/s; the data sheet's "
@@ -287,7 +275,6 @@ def residual_pairs(bench: Bench) -> Mistake:
     clear = max(clear_correlation(run) for run in correlations)
     first, second, named = velocity_pairs(correlations)
     return Mistake(
-        number=13,
         where="section 4.2",
         thesis="Residual 7 goes with residual 9, and residual 6 with residual 9 negatively.",
         right="Leaning about y moves the ball along x, leaning about x along y the other way: the pairs are (6, 9) and "
@@ -341,7 +328,6 @@ def gain_at_other_headings(bench: Bench) -> Mistake:
     fell = float(run.t[-1]) if run.ended else float("nan")
     turned = float(np.degrees(largest_lean(bench.frictionless("exact", CHANGE))))
     return Mistake(
-        number=14,
         where="sections 5.1 and 5.2",
         thesis="The reference goes to psi = pi under u = K (r - x) with one gain.",
         right="The wheels turn with the body, so that the error must be turned into the heading's frame first, "
@@ -368,7 +354,6 @@ def error_over_count(bench: Bench) -> Mistake:
     )
     ratio = float(thesis_error(short)[0] / thesis_error(long)[0])
     return Mistake(
-        number=15,
         where="(4.1), Tables 4.1 and 4.2",
         thesis="e = |x - x_hat| / n.",
         right="The norm of n differences grows with sqrt(n), so that e shrinks with the length of the log; the root "
@@ -391,7 +376,6 @@ def nonholonomic_rates(bench: Bench) -> Mistake:
     mended = printed + np.linalg.solve(model.mass_matrix(q), extra)
     ratio, power = float(printed[1] / mended[1]), abs(float(extra @ q_dot))
     return Mistake(
-        number=16,
         where="(II.34) with (II.27) and (II.28)",
         thesis="Lagrange's equation is applied to an energy in which the wheels' rates (II.16) are already put in.",
         right="The wheels' angles are no functions of q, so d'Alembert's principle has to come first. Lagrange's "
@@ -444,7 +428,6 @@ def locked_wheels_twice(bench: Bench) -> Mistake:
     twice = wheels.inertia * float(np.sum(axles(wheels.azimuths, wheels.tilt)[:, 2] ** 2))
     share = 100.0 * twice / bench.robot.body.inertia[2]
     return Mistake(
-        number=17,
         where="(II.27), Appendix III",
         thesis="(II.27) adds the wheels' whole spin to a body whose inertia was measured with the wheels on it.",
         right="Locked wheels turn about their axles with a_i . w, and the swing measured that: j_w (a_i . w)^2 / 2 of "
@@ -462,7 +445,6 @@ def undefined_inverses(bench: Bench) -> Mistake:
     matrices = transforms(bench.robot)
     ranks = [float(np.linalg.matrix_rank(matrix)) for matrix in (matrices.T_vgb, matrices.T_tbg)]
     return Mistake(
-        number=18,
         where="(II.19), (II.31)",
         thesis="T_obg and T_fgb are used and never defined; their counterparts (II.15) and (II.12) are.",
         right="Neither counterpart has an inverse: T_vgb is singular and T_tbg is 3 x 2. Their pseudo-inverses are "
@@ -488,7 +470,6 @@ def reference_and_stability(bench: Bench) -> Mistake:
     rates, input_size = (float(np.abs(values).max()) for values in (last[5:], linear.A @ reference))
     ratio = float(last[0] / rest[0])
     return Mistake(
-        number=19,
         where="section 5.1, (5.3)",
         thesis="A r = 0 is needed for (5.3) to be stable.",
         right="A r is a constant input to (5.3): it moves the point of rest, e = (A - B K)^-1 A r, and nothing else. "
@@ -503,7 +484,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
     )
 
 
-#: in the order of the list
+#: in the order of the list, which numbers them from 1
 MISTAKES: tuple[Callable[[Bench], Mistake], ...] = (
     rotation_about_y,
     velocity_over_ground,

@@ -9,6 +9,7 @@ from markupsafe import Markup
 from ballbot.report.blocks import Paragraph, Result, Section, Sheet, section
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import RAISED, with_symbols
+from ballbot.results import to_results
 from ballbot.thesis.reproduce.campaign import Reproduction
 from ballbot.thesis.reproduce.item import RUNS, VERDICTS, ClaimCheck, Item, Mistake
 
@@ -28,7 +29,7 @@ def reproduction_report(made: Reproduction) -> Result:
             *([("Misprints and mistakes", f"{whole} are confirmed by numbers.")] if made.mistakes else []),
         ),
         sections=(
-            *(_item_section(item) for item in made.items),
+            *(_item_section(name, item) for name, item in made.items.items()),
             *([_mistake_section(made.mistakes)] if made.mistakes else []),
         ),
         undecided=(
@@ -45,13 +46,9 @@ def reproduction_report(made: Reproduction) -> Result:
     )
 
 
-def _caption(item: Item) -> str:
-    return f"{item.name} of the thesis, reproduced."
-
-
-def _item_section(item: Item) -> Section:
+def _item_section(name: str, item: Item) -> Section:
     """Return the section of a figure or table; its number in the thesis stands in the caption."""
-    table, name = item.table, item.name.lower().replace(" ", "-").replace(".", "-")
+    table, caption = item.table, f"{name} of the thesis, reproduced."
     return section(
         item.title,
         _labelled("The thesis", item.thesis),
@@ -60,10 +57,10 @@ def _item_section(item: Item) -> Section:
         None
         if table is None
         else Sheet(
-            table.headings, [[with_symbols(cell) for cell in row] for row in table.rows], _caption(item)
+            table.headings, [[with_symbols(str(cell)) for cell in row] for row in table.rows], caption
         ),
-        drawn_picture(name, _caption(item), item.figure) if item.figure else None,
-        replace(item.series(), caption=_caption(item)) if item.series else None,
+        drawn_picture(re.sub(r"[ .]", "-", name.lower()), caption, item.figure) if item.figure else None,
+        replace(item.series(), caption=caption) if item.series else None,
         _checks_sheet(
             "What the thesis claims, and the numbers that decide whether it is reproduced.", item.checks
         ),
@@ -89,10 +86,10 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
         Paragraph("Each with computed numbers that would differ if the thesis were right."),
         *(
             _checks_sheet(
-                f"{mistake.number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}",
+                f"{number}. {mistake.where}. The thesis prints: {mistake.thesis} Right: {mistake.right}",
                 mistake.shown_by,
             )
-            for mistake in mistakes
+            for number, mistake in enumerate(mistakes, 1)
         ),
     )
 
@@ -105,14 +102,13 @@ def _data(made: Reproduction) -> dict[str, object]:
         if made.friction
         else None,
         "runs": RUNS,
-        "items": [_item_results(item) for item in made.items],
-        "mistakes": made.mistakes,
+        "items": [{"name": name} | _item_results(item) for name, item in made.items.items()],
+        "mistakes": [{"number": k} | to_results(mistake) for k, mistake in enumerate(made.mistakes, 1)],
     }
 
 
 def _item_results(item: Item) -> dict[str, object]:
     return {
-        "name": item.name,
         "title": item.title,
         "thesis": item.thesis,
         "ours": item.ours,

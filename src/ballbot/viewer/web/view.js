@@ -64,6 +64,7 @@ class View {
       change(select.value);
       this.request();
     });
+    return select;
   }
 
   toggle(parent, text, name, change) {
