@@ -125,12 +125,13 @@ def _drawn(random: np.random.Generator, name: str) -> DrawnRobot:
         rolling=spread(0.002, 0.015),
     )
     drive = _drive(torque=torque, speed=speed, gear=gear, inertia=rotor / gear**2)
-    robot = loaded.replace(drive=replace(drive, backlash=backlash), friction=friction)
+    resistance = gear * drive.torque_constant * drive.supply_voltage / stall
+    robot = loaded.replace(drive=replace(drive, backlash=backlash, resistance=resistance), friction=friction)
     return DrawnRobot(
         robot=robot,
         input=kind,
         delay=late / rate,
-        scenario=_scenario(robot, kind=kind, stall=stall, late=late),
+        scenario=_scenario(robot, kind=kind, late=late),
     )
 
 
@@ -166,11 +167,9 @@ def _drive(*, torque: float, speed: float, gear: float, inertia: float) -> Drive
     )
 
 
-def _scenario(robot: Robot, *, kind: Input, stall: float, late: float) -> Scenario:
-    """Return the scenario of a robot whose torques are late by so many samples and whose motors stall at a torque."""
+def _scenario(robot: Robot, *, kind: Input, late: float) -> Scenario:
+    """Return the scenario of a robot whose torques are late by so many samples."""
     drive, whole = robot.drive, math.floor(late)
-    ampere = drive.gear_ratio * drive.torque_constant
-    supply = Supply(winding_resistance=ampere * drive.supply_voltage / stall, internal_resistance=0.0)
     lag = (late - whole) * robot.sensors.sample_time
     return Scenario(
         name=robot.name,
@@ -183,5 +182,5 @@ def _scenario(robot: Robot, *, kind: Input, stall: float, late: float) -> Scenar
         sensors=robot.sensors,
         timing=Timing(delay=whole) if whole else None,
         current_loop=CurrentLoop(bandwidth=1.0 / (2.0 * math.pi * lag)) if lag > 0.0 else None,
-        supply=supply if kind == "current" else None,
+        supply=Supply(internal_resistance=0.0) if kind == "current" else None,
     )

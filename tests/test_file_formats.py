@@ -91,7 +91,11 @@ def test_file_of_the_present_format_reads_as_one_without_it(kind: Kind, tmp_path
         ("scenario", "asymmetry = 0.1", "asymmetry is gone: give coulomb_asymmetry"),
         ("mapping", '[file]\nrepeated_rows = "drop"', "file.repeated_rows: remove the line"),
         ("mapping", "[input]\nresistance = 2.0", "input.resistance: write it into the robot file"),
-        ("scenario", "[supply]\nwinding_resistance = 0.6", "supply.winding_resistance: write it into the rob"),
+        (
+            "scenario",
+            "[supply]\nwinding_resistance = 0.6",
+            "supply.winding_resistance: write it into the rob",
+        ),
         ("mapping", '[columns.t]\nfrom = "s"\nnanoseconds = "ns"', "columns.t.nanoseconds: write seconds"),
         ("courses", "[mine.one]\nunlike = { mass = 1.1 }", "mine.one.unlike: call it mismatch"),
     ],
