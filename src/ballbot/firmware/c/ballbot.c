@@ -187,7 +187,7 @@ static bool admitted(struct ballbot_state *state, const struct ballbot_parameter
 {
     const float imu[BALLBOT_IMU_VALUES] = { reading->gyro[0],     reading->gyro[1],     reading->gyro[2],
                                             reading->attitude[0], reading->attitude[1], reading->attitude[2] };
-    static const float none[BALLBOT_MAX_WHEELS] = { 0.0f };
+    static const float none[BALLBOT_MAX_WHEELS]; /* zeros */
     const float *found = state->run.estimate;
 
     /* the self-test itself finds a wheel that does not turn */
