@@ -39,8 +39,8 @@ from campaigns.mapping_recordings import NOMINAL_MASS, robot_named
 from campaigns.section import Section, finished, share_words, write_picture
 
 #: 400 sound logs, of the compiled loop and of the twin, and logs with a motor that fails, likewise
-SOUND, SOUND_TWIN = range(1850500, 1850850), range(288600, 288650)
-FAILING, FAILING_TWIN = range(521600, 521792), range(7154100, 7154124)
+SOUND, SOUND_TWIN = range(1850500, 1850870), range(288600, 288630)
+FAILING, FAILING_TWIN = range(521600, 521792), range(7154100, 7154112)
 #: robots, and those that the precise controller is for
 ROBOTS = ("alten", "kugle", "rezero", "rob311", "cmu", "barrel", "kettle", "cart_four_wheels")
 PRECISE = ("alten", "kugle", "rezero", "barrel", "kettle")
