@@ -81,7 +81,7 @@ def test_sanitizers_find_nothing_in_the_whole_firmware_and_change_no_bit(tmp_pat
         pytest.skip(f"the compiler has no sanitizers: {str(refusal)[:200]}")
     random = np.random.default_rng(1)
     robot = alten(FRICTION)
-    limits = SafetyLimits.on_robot(robot, sample_time=0.005)
+    limits = SafetyLimits.on_robot(robot, sample_time=0.005, torque_limit=1.0)
     for controller in (
         nominal_controller(robot),
         precise_controller(robot),

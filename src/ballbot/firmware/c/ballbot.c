@@ -56,7 +56,7 @@ bool ballbot_init(struct ballbot_state *state, const struct ballbot_parameters *
     clear(state, sizeof *state);
     ballbot_onboard_reset(&state->onboard, origin);
     ballbot_kalman_reset(&state->kalman, origin);
-    state->run.known = ballbot_are_allowed(parameters) ? 1 : 0;
+    state->run.known = (ballbot_refused(parameters) == (int32_t)BALLBOT_REFUSED_NOT) ? 1 : 0;
     state->imu_check.passed = (parameters->safety.lean > LARGEST_LEAN) ? 2 : 0;
     return state->run.known != 0;
 }
@@ -187,12 +187,11 @@ static bool admitted(struct ballbot_state *state, const struct ballbot_parameter
 {
     const float imu[BALLBOT_IMU_VALUES] = { reading->gyro[0],     reading->gyro[1],     reading->gyro[2],
                                             reading->attitude[0], reading->attitude[1], reading->attitude[2] };
-    static const float none[BALLBOT_MAX_WHEELS]; /* zeros */
     const float *found = state->run.estimate;
 
     /* the self-test itself finds a wheel that does not turn */
     ballbot_safety_watch(&parameters->safety, &state->safety, parameters->wheel_count, imu, reading->wheel_counts,
-                         reading->encoders_valid != 0, (state->run.armed != 0) ? state->run.torques : none);
+                         state->run.armed != 0 && reading->encoders_valid != 0, state->run.torques);
     return ballbot_safety_admit(&parameters->safety, &state->safety, interval, measured, ballbot_is_state(found), found[2],
                                 found[3]);
 }
