@@ -21,7 +21,7 @@ sample and delayed by the time that the controller predicts over. The estimator'
 import cmath
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -286,6 +286,8 @@ def robot_loop(controller: Controller) -> RobotLoop:
 
 #: factors of all torques that a loop must tolerate: a tenth less, a tenth more, a phase lag of six degrees
 _LEAST_MARGIN = (0.9, 1.1, cmath.exp(0.1j))
+#: rate of growth [1/s] that dry friction hides for longer than a run lasts
+_SLOW = 0.05
 #: distance by which rounding may move a pole out of the unit circle, also a double pole on it
 _ROUNDING = 1e-6
 
@@ -309,10 +311,29 @@ def lacking_margin(controller: Controller) -> str | None:
             f"The loop of the controller and the robot {name!r} has no stability margin: a torque that is 10 % off, "
             "or late by 6 degrees of phase, makes it unstable."
         )
+    elif (rate := _growth_by_friction(controller, loop)) > _SLOW:
+        return (
+            f"The viscous friction of the robot {name!r}, which contains the back-EMF of motors on a voltage or a duty, "
+            f"makes this loop unstable: an error grows by a factor of {math.exp(min(rate, 700.0)):.3g} a second. "
+            "Compensate it: full or partial compensation, as the precise controller has it."
+        )
     else:
         return None
     rare = math.exp(float(np.linalg.eigvals(loop.A).real.max()) * time)
     return f"{what} Its sample time is {time:g} s; {instead_of_sample_time(time)}" if rare > 2.0 else what
+
+
+def _growth_by_friction(controller: Controller, loop: RobotLoop) -> float:
+    """Return the rate [1/s] at which an error grows with the viscous friction that is not compensated."""
+    robot = controller.robot
+    if controller.compensation != "none" or not any(robot.friction.viscous):
+        return -math.inf
+    model = frictionless_model(robot)
+    turning = np.array([model.wheel_speed(np.zeros(5), row) for row in np.eye(5)]).T
+    A = loop.A.copy()
+    A[:, 5:] -= loop.B @ np.diag(robot.friction.viscous) @ turning
+    poles = np.linalg.eigvals(replace(loop, A=A).closed())
+    return math.log(float(np.abs(poles).max())) / controller.sample_time
 
 
 def refuse_without_margin(controller: Controller) -> None:
