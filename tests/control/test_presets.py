@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.control.controller import grip_torque_limit
+from ballbot.control.controller import catching_torque_limit, grip_torque_limit
 from ballbot.control.file import read_controller
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
@@ -73,15 +73,15 @@ def test_friction_that_is_not_certain_is_no_fall_of_a_light_robot():
     assert np.abs(batch.states[:, :, :2]).max() < 0.03
 
 
-def test_torque_limit_leaves_motors_what_their_voltage_loses_to_speed():
-    by_torque = alten(FRICTION)
-    duty = (
-        by_torque.drive.torque_limit / by_torque.drive.top_speed
-    )  # a motor on a voltage gives nothing at top speed
-    by_duty = alten(replace(FRICTION, viscous=(duty,) * 3))
-    # 1 m/s of the ball turns a wheel at 11.2 rad/s
-    more = grip_torque_limit(by_duty) - grip_torque_limit(by_torque)
-    assert more == pytest.approx(11.2 * 0.985 * (duty - max(FRICTION.viscous)), rel=0.01)
+def test_torque_limit_of_motors_on_a_duty_leaves_what_a_catch_at_speed_needs():
+    robot = alten(FRICTION)
+    assert catching_torque_limit(robot, FRICTION) == grip_torque_limit(robot)
+    top = robot.drive.torque_limit / robot.drive.top_speed  # of such a motor nothing is left at top speed
+    by_duty = replace(FRICTION, viscous=(top,) * 3)
+    robot = alten(by_duty)
+    # the lean of 0.14 rad needs 1.35 N m, friction takes 0.18; at 1 m/s, 11.1 rad/s of a wheel, 2.4 are lost
+    assert catching_torque_limit(robot, by_duty) == pytest.approx(1.35 + 0.18 + 2.4, rel=0.02)
+    assert catching_torque_limit(robot, by_duty) > 1.7 * grip_torque_limit(robot)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from ballbot.estimation.interface import EstimatorName, checked_name
 from ballbot.log.columns import STATE_NAMES
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.results import to_results
-from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
 from ballbot.summary import Summary, plotted, summarized
@@ -46,37 +46,37 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
 
 #: largest traction of a wheel over its normal load: beyond it a stiff controller spins its wheels in a fall
 GRIP_FRACTION = 0.4
-#: largest speed over the floor [m/s], also over that of the motors without load
-_LARGEST_SPEED, _MOTOR_SPEED = 2.0, 0.8
-#: share of the largest speed at which viscous friction is counted: a catch begins at rest and ends at speed
-_CATCH_SPEED = 0.5
 
 
-def largest_speed(robot: Robot) -> float:
-    """Return the largest speed over the floor [m/s] at which the motors have torque left."""
-    return min(_LARGEST_SPEED, _MOTOR_SPEED * robot.drive.top_speed / _rolling(robot))
-
-
-def lost_torque(robot: Robot) -> float:
-    """Return what a drive takes of its motor's torque while a fall is caught [N m]; it never reaches the contact.
-
-    Viscous friction contains the back-EMF of motors on a voltage or a duty.
-    """
-    speed = _CATCH_SPEED * _rolling(robot) * largest_speed(robot)
-    return max(robot.friction.breakaway) + max(robot.friction.viscous) * speed
+#: lean [rad] from which a robot must be brought back: errors command up to 0.1 rad (`LeanLimit`)
+_CAUGHT_LEAN = 0.14
+#: speed over the floor at which it is caught [m/s], also over that of the motors without load
+_CATCH_SPEED, _CATCH_MOTOR_SPEED = 1.0, 0.4
 
 
 def grip_torque_limit(robot: Robot) -> float:
     """Return the largest wheel torque [N m] without slip on the ball, at most the motors' own limit."""
-    traction = GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius
-    return min(robot.drive.torque_limit, traction + lost_torque(robot))
+    friction = max(robot.friction.breakaway)  # the drive takes this part; it never reaches the contact
+    return min(robot.drive.torque_limit, GRIP_FRACTION * wheel_load(robot) * robot.wheels.radius + friction)
 
 
-def _rolling(robot: Robot) -> float:
-    """Return the speed of the fastest wheel over that along the floor [rad/m]."""
+def catching_torque_limit(robot: Robot, certain: Friction) -> float:
+    """Return `grip_torque_limit` with the `certain` friction, or what it takes to catch a fall if that is more [N m].
+
+    A drive may take all of the break-away torque, also what is not certain of it, and of a motor on a voltage or a duty
+    the back-EMF, which is viscous friction. Where this leaves less than a lean of `_CAUGHT_LEAN` needs, a robot that
+    spares its grip falls.
+    """
     model = frictionless_model(robot)
+    linear = model.linearize()
+    # of each wheel for a lean about x and about y while the ball accelerates; its most loaded direction counts
+    needed = np.linalg.norm(np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4], axis=1).max()
     along = [model.wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
-    return float(np.linalg.norm(along, axis=0).max())
+    rolling = np.linalg.norm(along, axis=0).max()
+    speed = min(_CATCH_SPEED * rolling, _CATCH_MOTOR_SPEED * robot.drive.top_speed)
+    lost = max(robot.friction.breakaway) + max(certain.viscous) * speed
+    spared = grip_torque_limit(robot.replace(friction=certain))
+    return max(spared, min(robot.drive.torque_limit, float(_CAUGHT_LEAN * needed + lost)))
 
 
 def torque_limit_words(controller: Controller) -> str:
@@ -84,7 +84,6 @@ def torque_limit_words(controller: Controller) -> str:
     limit, motors = controller.torque_limit, controller.robot.drive.torque_limit
     if limit >= motors:
         return f"{limit:.4g} N m"
-    # a controller's own friction is the certain part, its limit counts all of it
     of_grip = limit >= (1.0 - 1e-3) * grip_torque_limit(controller.robot)
     why = ", because more would spin the wheels on the ball" if of_grip else ""
     return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"

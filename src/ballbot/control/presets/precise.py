@@ -15,10 +15,9 @@ import numpy as np
 from ballbot.control.controller import (
     Compensation,
     Controller,
+    catching_torque_limit,
     default_speed_band,
     grip_torque_limit,
-    largest_speed,
-    lost_torque,
 )
 from ballbot.control.lqr import LqrDesign, StateSpace, frictionless_model, lqr
 from ballbot.control.parts import Parts
@@ -42,11 +41,13 @@ PRECISE_TORQUE_WEIGHT = 30.0
 #: speed band over the default one, which is made for speeds counted from sample to sample
 PRECISE_SPEED_BAND = 1.0 / 3.0
 
-#: of a motion: the share of the torque that its steady acceleration needs, once friction, its break-away counted a
-#: quarter more, has taken its part; its lean [rad]; the rate of its lags over that at which the robot falls
-MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 0.25, 0.165, 1.92
+#: of a motion: the share of the torque that its steady acceleration needs, once friction, counted a quarter more, has
+#: taken its part; its lean [rad]; the rate of its lags over that at which the robot falls
+MOTION_TORQUE, MOTION_FRICTION, MOTION_LEAN, MOTION_RATE = 0.85, 1.25, 0.165, 1.92
 #: the least acceleration over that by lean, for motors that friction leaves nothing
 MOTION_LEAST = 0.1
+#: the largest speed of a motion [m/s], also over that of the motors without load
+MOTION_SPEED, MOTION_MOTOR_SPEED = 2.0, 0.8
 
 #: where x, y and psi stand in the state
 _POSE_PLACES = (0, 1, 4)
@@ -91,8 +92,7 @@ def precise_controller(
     """Return the controller with every part that earned its place; see docs/generated/evidence.md.
 
     The design has an integral gain; it is `design_integral_gain(robot)` if not given. The friction that is compensated
-    is the robot's own if not given. The torque limit leaves the motors what the robot's own takes, also where less of
-    it is certain and so compensated.
+    is the robot's own if not given, and the certain part of it for the torque limit.
     """
     robot = as_robot(robot)
     known = robot if compensated is None else robot.replace(friction=compensated)
@@ -101,7 +101,7 @@ def precise_controller(
     if time is None or integral_gain is None:
         raise InputError("The precise controller needs a sampled gain with integral action.")
     settings = LawSettings(
-        robot=robot,
+        robot=known,
         gain=chosen.gain,
         sample_time=time,
         compensation=compensation,
@@ -113,7 +113,7 @@ def precise_controller(
         chosen.gain,
         sample_time=time,
         compensation=compensation,
-        torque_limit=grip_torque_limit(robot),
+        torque_limit=catching_torque_limit(robot, known.friction),
         speed_band=settings.speed_band,
         parts=Parts(
             shaping=fastest_shaping(settings),
@@ -133,14 +133,16 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     """
     robot, needed = settings.robot, FeedForward().numbers(settings)
     second, fourth = (np.linalg.norm(rows, axis=1).max() for rows in (needed.by_second, needed.by_fourth))
-    left = grip_torque_limit(robot) - lost_torque(robot) - MOTION_FRICTION * max(robot.friction.breakaway)
+    left = grip_torque_limit(robot) - MOTION_FRICTION * max(robot.friction.breakaway)
     by_lean = MOTION_LEAN * float(np.linalg.norm(needed.pull, 2))
     acceleration = max(min(MOTION_TORQUE * left / second, by_lean), MOTION_LEAST * by_lean)
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
+    rolling = [frictionless_model(robot).wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
+    motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=0).max()
     return ReferenceShaping(
         frequency=_rounded(MOTION_RATE * falling),
-        speed_limit=_rounded(largest_speed(robot)),
+        speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
         acceleration_limit=_rounded(acceleration),
     )
 
