@@ -11,7 +11,8 @@ what is heavy is tall; every other number is drawn within its range about the si
                   shell of 3 to 20 kg/m^2, no heavier than the body
     wheels        three, or four in a quarter of the robots, of 0.35 to 0.6 ball radii, at 38 to 50 degrees
     motors        1.5 to 4 times the torque that the most loaded wheel needs to keep a lean of 8 degrees, in the worst
-                  direction, while the ball accelerates under it; without load the ball rolls at 1 to 3 m/s
+                  direction, while the ball accelerates under it, rotors not counted; without load the ball rolls at 1
+                  to 3 m/s
     drive         by torque; by current, its voltage limited by winding and battery; or by PWM duty in proportion to
                   the torque, so that the back-EMF is viscous friction
     friction      break-away 3 to 15 % of the motors' torque, of it 60 to 90 % Coulomb, each wheel within 20 % of that;
@@ -138,9 +139,9 @@ def _drawn(random: np.random.Generator, name: str) -> DrawnRobot:
 def lean_torque(robot: Robot) -> float:
     """Return the torque [N m] of the most loaded wheel that keeps a lean of `LEAN`, in its worst direction.
 
-    By the linearised model without friction: the ball accelerates, and neither lean nor heading changes.
+    By the linearised model without friction and rotors: the ball accelerates, and neither lean nor heading changes.
     """
-    linear = frictionless_model(robot).linearize()
+    linear = frictionless_model(robot.replace({"drive.motor_inertia": 0.0})).linearize()
     needed = np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4]
     return LEAN * float(np.linalg.norm(needed, axis=1).max())
 
