@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.log import LogsLike, as_logs
 from ballbot.printable import printable_line
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -76,10 +76,8 @@ def replay_part(
     _check_number(len(names), "logs")
     motions = {}
     for name in names:
-        try:
+        with about(name):
             motions[name] = motion_of(named[name], robots[name]) if named else robot_at_rest(robots[name])
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from None
     data: dict[str, object] = {
         "layout": layout,
         "autoplay": autoplay,
