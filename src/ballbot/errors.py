@@ -1,11 +1,21 @@
 """The one error that a user's input can raise, and what a sentence of it lists: choices, the nearest names."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 
 class InputError(ValueError):
     """Bad input: a file, an option or an argument. Its text is one sentence and is all that the user is shown."""
+
+
+@contextmanager
+def about(what: object) -> Iterator[None]:
+    """Begin the text of an InputError with what it is about, such as a file or a log's name; with "" as it is."""
+    try:
+        yield
+    except InputError as error:
+        raise (InputError(f"{what}: {error}") if what else error) from None
 
 
 class CompiledCodeNotKept(UserWarning):

@@ -15,7 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.files import read_json
 from ballbot.results import as_json, with_infinities
 from ballbot.schema import toml_line
@@ -137,7 +137,5 @@ def read_results(path: str | Path) -> object:
     InputError if it cannot be read, is no JSON, or is of another kind or format.
     """
     tree = with_infinities(read_json(path))
-    try:
+    with about(path):
         return take_format(tree, "results") if isinstance(tree, dict) else tree
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

@@ -5,7 +5,7 @@ from pathlib import Path
 from ballbot.cli import options
 from ballbot.cli.context import open_result
 from ballbot.cli.findings import check_input
-from ballbot.errors import InputError
+from ballbot.errors import about
 from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.report.alignment import alignment_report
@@ -45,10 +45,8 @@ def align(
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:
-        try:
+        with about(f"{log} and {mocap}"):
             alignment = align_log(run, cameras)
-        except InputError as error:
-            raise InputError(f"{log} and {mocap}: {error}") from None
         page = alignment_report(
             alignment,
             title=f"{name}: sensors against motion capture",

@@ -23,7 +23,7 @@ from rich.console import Console, RenderableType
 
 from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.files import write_bytes, write_text
 from ballbot.fitting.run import Executor
 from ballbot.log import Log
@@ -207,7 +207,5 @@ def read_balancing_log(path: Path, mapping: Path | None, robot: Robot) -> Log:
     Raise InputError if it cannot be read, or has neither a position nor the columns to compute it from.
     """
     log = Log.read(path, mapping=mapping, robot=robot)
-    try:
+    with about(path):
         return with_position(log, robot)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None

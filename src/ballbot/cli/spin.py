@@ -8,7 +8,7 @@ from ballbot.arguments import numbers_listed
 from ballbot.cli import options
 from ballbot.cli.context import Content, open_result
 from ballbot.cli.findings import stop_or_show
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.report.spin import spin_report
@@ -88,10 +88,8 @@ def spin(
         )
         comparison, files = None, dict[str, Content]()
         if run is not None and described is not None:
-            try:
+            with about(f"{video} and {log}"):
                 comparison = compare_with_wheels(measured, run, described, known=turn)
-            except InputError as error:
-                raise InputError(f"{video} and {log}: {error}") from None
             turn = turn or comparison.motion.body_marker
         measured = replace(measured, robot_camera=turn) if turn is not None else measured
         if run is not None and comparison is not None:

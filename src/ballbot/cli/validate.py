@@ -10,7 +10,7 @@ from ballbot.cli import options
 from ballbot.cli.context import open_result, read_balancing_log, read_balancing_logs
 from ballbot.cli.findings import check_input, show_findings
 from ballbot.control.source import as_controller, named_controller
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.findings import by_severity
 from ballbot.fitting.run import Run
 from ballbot.report.prediction import next_steps, prediction_report
@@ -46,10 +46,8 @@ def _validate_prediction(
     # errors that the verdict itself explains do not stop the command
     accepted = [*(accept or ()), *sorted(EXPLAINED_CODES)]
     findings = check_input(robot, [file], [log], accept=accepted, mappings=[mapping], show=False)
-    try:
+    with about(file):
         verdict = evaluate_log(prediction, log, driver, log_findings=findings)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
     steps = next_steps(verdict, prediction, results=results, robot=beside, controller=controller)
     page = prediction_report(
         verdict,

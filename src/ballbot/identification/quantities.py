@@ -20,7 +20,7 @@ import numpy as np
 
 from ballbot.arguments import names_listed
 from ballbot.arrays import Floats
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, about, suggest
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
 from ballbot.robot import Robot
@@ -458,10 +458,8 @@ def read_bounds(path: str | Path) -> Bounds:
                 limits[key] = (float(lower), float(upper))
             case _:
                 raise InputError(f"{path}: {key} is {value!r}; write two numbers, as in {key} = [0.1, 0.5].")
-    try:
+    with about(path):
         return Bounds(limits)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

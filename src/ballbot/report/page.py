@@ -99,10 +99,14 @@ def _web(name: str) -> str:
 
 @cache
 def _script(charts: bool) -> str:
+    own = "\n".join((web_file("page.js"), _web("theme.js")))
     if not charts:
-        return f'(() => {{\n"use strict";\n{_web("theme.js")}\n}})();'
-    licence = f"/*! uPlot:\n{_web('uPlot.LICENSE')}*/"
-    parts = (licence, _web("uPlot.iife.min.js"), web_file("packing.js"), _web("charts.js"), _web("theme.js"))
+        return f'(() => {{\n"use strict";\n{own}\n}})();'
+    licence, drawing = (
+        f"/*! uPlot:\n{_web('uPlot.LICENSE')}*/",
+        (web_file("packing.js"), web_file("element.js")),
+    )
+    parts = (licence, _web("uPlot.iife.min.js"), *drawing, _web("charts.js"), own)
     return "(() => {{\n{}\n}})();".format("\n".join(parts))
 
 

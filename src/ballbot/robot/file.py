@@ -29,7 +29,7 @@ from typing import Annotated, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, about, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml
 from ballbot.printable import toml_string
@@ -83,10 +83,8 @@ def parse_entry(parameter: Parameter, raw: object) -> tuple[Value, str, Value | 
         raise InputError(
             f"{parameter.name} is {raw!r}, without a unit and a source; write {example(parameter, raw)}."
         )
-    try:
+    with about(parameter.name):
         entry = validate_table(Entry, raw, of="a parameter")
-    except InputError as error:
-        raise InputError(f"{parameter.name}: {error}") from None
     if parameter.unit != DIMENSIONLESS and "unit" not in entry.model_fields_set:
         raise InputError(f'{parameter.name} has no unit; write unit = "{parameter.written_in}".')
     check_source(parameter.name, entry.source)
@@ -150,13 +148,11 @@ def read_robot(path: str | Path, kind: type[R]) -> R:
     InputError if the file cannot be read, is no TOML, lacks or misspells a key, or describes no robot.
     """
     tree = read_toml(path)
-    try:
+    with about(path):
         tree = take_format(tree, "robot")
         tables = {name: tree.pop(name) for name in IdentificationTables.model_fields if name in tree}
         stated = validate_table(IdentificationTables, tables, of="a robot file")
         return build(kind, _fields(dict(_leaves(tree)), stated, Path(path).parent))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def robot_text(robot: RobotValues) -> str:

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Floats
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.files import read_text
 from ballbot.printable import printable_line
 from ballbot.robot import Friction, Robot
@@ -69,11 +69,9 @@ def read_model(path: str | Path, *, like: Robot) -> ReadModel:
     """
     text = read_text(path, largest=LARGEST_MODEL)
     model, data = foreign_model(text, source=str(path))
-    try:
+    with about(path):
         stated, notes = _recognized(model, data, gear_ratio=like.drive.gear_ratio)
         return _completed(like, stated, notes, Path(path).name)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def _completed(like: Robot, stated: dict[str, Value], notes: tuple[str, ...], source: str) -> ReadModel:

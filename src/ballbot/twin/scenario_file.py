@@ -19,7 +19,7 @@ from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
 
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, about, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml
 from ballbot.robot import RobotLike, as_robot
@@ -58,10 +58,8 @@ def load_scenario(source: Scenario | str | Path, robot: RobotLike) -> Scenario:
         hint = suggest(str(source), Scenario.names(), otherwise="the named ones are")
         raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
     tree = read_toml(path)
-    try:
+    with about(path):
         return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
 
 
 def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: str) -> Scenario:

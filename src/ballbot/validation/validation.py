@@ -12,7 +12,7 @@ import numpy as np
 
 from ballbot.control.interface import Feedback
 from ballbot.control.source import ControllerLike, as_controller
-from ballbot.errors import InputError
+from ballbot.errors import about
 from ballbot.findings import Finding, by_severity, warning
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.log import STATE_NAMES, Log, LogsLike
@@ -134,10 +134,8 @@ def validate_logs(
 
     def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
         own, held = replace(run, progress=report), holdouts.get(name)
-        try:
+        with about(name):
             part = validate_pair(models, logs[name], controller=controller, holdout=held, run=own)
-        except InputError as error:
-            raise (InputError(f"{name}: {error}") if name else error) from None
         named = len(logs) > 1 and part.no_evidence
         return replace(part, no_evidence=f"{name}: {part.no_evidence}") if named else part
 

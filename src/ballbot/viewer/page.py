@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.log import LogsLike, as_logs
 from ballbot.printable import printable_line
 from ballbot.robot import Robot, RobotLike, as_robot
@@ -33,9 +33,8 @@ MOST_RUNS = 4
 RunColor = Literal["blue", "orange", "violet", "teal", "ink"]
 #: of the runs, where no figures stand beside them
 RUN_COLORS: tuple[RunColor, ...] = ("blue", "orange", "violet", "teal")
-#: of every page, in the order in which they use one another; and of each kind
-_SCRIPTS = ("linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
-_REPLAY_SCRIPTS, _LIVE_SCRIPTS = ("replay", "page"), ("live", "page")
+#: of every picture, in the order in which they use one another
+_SCRIPTS = ("element", "linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
 #: length of the arrow of a large force [m], over the ball's radius
 _ARROW = 2.5
 
@@ -77,10 +76,8 @@ def replay_part(
     _check_number(len(names), "logs")
     motions = {}
     for name in names:
-        try:
+        with about(name):
             motions[name] = motion_of(named[name], robots[name]) if named else robot_at_rest(robots[name])
-        except InputError as error:
-            raise InputError(f"{name}: {error}") from None
     data: dict[str, object] = {
         "layout": layout,
         "autoplay": autoplay,
@@ -91,7 +88,7 @@ def replay_part(
         ],
     }
     return ReplayPart(
-        element=_element("replay", data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
+        element=_element("replay", data), style=web_file("replay.css"), script=_script("replay")
     )
 
 
@@ -119,14 +116,14 @@ def replay_page(
     '<!doctype html>'
     """
     part = replay_part(logs, robot, layout=layout, autoplay=True)
-    style = part.style + web_file("page.css")
+    style, script = part.style + web_file("page.css"), _script("replay", "page")
     return _document(
         title,
         lead=lead,
         body=f"{part.element}\n",
         style=style,
-        script=part.script,
-        policy=f"{_policy(style, part.script)}; base-uri 'none'; form-action 'none'",
+        script=script,
+        policy=f"{_policy(style, script)}; base-uri 'none'; form-action 'none'",
     )
 
 
@@ -178,7 +175,7 @@ def live_page(
     }
     style, script = (
         web_file("replay.css") + web_file("live.css") + web_file("page.css"),
-        _script(_LIVE_SCRIPTS),
+        _script("live", "page"),
     )
     text = _document(title, lead="", body=_element("live", data), style=style, script=script, policy="")
     policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
@@ -227,7 +224,7 @@ def web_file(name: str, package: str = "ballbot.viewer") -> str:
 
 
 @cache
-def _script(scripts: tuple[str, ...]) -> str:
+def _script(*scripts: str) -> str:
     parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *scripts))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
 

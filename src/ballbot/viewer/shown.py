@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.robot import Robot
@@ -58,10 +58,8 @@ def read_parts(
     if start is None and end is None:
         return logs
     for name, log in logs.items():
-        try:
+        with about(paths[name]):
             logs[name] = log.between(-math.inf if start is None else start, math.inf if end is None else end)
-        except InputError as error:
-            raise InputError(f"{paths[name]}: {error}") from None
     return logs
 
 

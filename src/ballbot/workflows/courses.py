@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat
 
 from ballbot.control.overcompensation import has_friction
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, about, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -186,10 +186,8 @@ def choose_courses(words: str, robot: RobotLike, plant: PlantName) -> tuple[Cour
 def _in_file(path: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
     """Yield the place, the name and the table of each course in a file."""
     tree = read_toml(Path(path))
-    try:
+    with about(path):
         sets = take_format(tree, "courses")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     if not any(sets.values()):
         raise InputError(f"{path} holds no courses; write each under a line [SET.NAME].")
     for group, tables in sets.items():
@@ -216,7 +214,7 @@ def _built_in(word: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
 def _course(
     name: str, table: Mapping[str, object], robot: Robot, plant: PlantName, *, location: str, beside: Path
 ) -> Course:
-    try:
+    with about(location):
         given = validate_table(CourseTable, table, of="a course")
         spec = _reference_spec(given.reference, beside)
         spec.reference()  # raises InputError before anything runs
@@ -235,8 +233,6 @@ def _course(
             raise InputError(
                 f"stop is {given.stop:g} s, and the run ends at {given.duration:g} s; let it stop before."
             )
-    except InputError as error:
-        raise InputError(f"{location}: {error}") from None
     pushes = rising.pushes(0.0) if rising else scenario.pushes
     return Course(
         name=name,

@@ -21,7 +21,7 @@ from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.references import Reference
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run, Threads
@@ -113,12 +113,9 @@ class GridRun:
 
     def score(self, log: Log) -> Score:
         """Score the run by its log; raise InputError if it is too short."""
-        condition = self.condition
-        try:
-            return score(log, condition.rules)
-        except InputError as error:
-            location = f"Course {condition.course!r}: " if condition.course else ""
-            raise InputError(f"{location}{error}") from None
+        course = self.condition.course
+        with about(course and f"Course {course!r}"):
+            return score(log, self.condition.rules)
 
 
 Name = TypeVar("Name", bound=Hashable)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.presets import design_gain
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.findings import Finding
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.identification import Bounds, Identification, identify
@@ -206,9 +206,7 @@ def _studied_logs(checked: CheckedLogs, robot: Robot) -> tuple[StudiedLog, ...]:
     studied: list[StudiedLog] = []
     for name, log in checked.logs.items():
         named = name or "the log"
-        try:
+        with about(named):
             rows = log.complete(*torque_names(robot.wheel_count), *STATE_NAMES)
-        except InputError as error:
-            raise InputError(f"{named}: {error}") from None
         studied.append(StudiedLog(name=named, log=rows, held_out=holdout_intervals(log)))
     return tuple(studied)

@@ -15,16 +15,6 @@ const MARKER_EVERY = 130; // dots of the screen
 const FONT = '12px system-ui, "Segoe UI", "Liberation Sans", sans-serif';
 const ZOOM = 2.5;
 
-/** Return an element with attributes and text within a parent. */
-function make(tag, attributes, parent) {
-  const one = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes))
-    if (name === "text") one.textContent = value;
-    else one.setAttribute(name, value);
-  if (parent) parent.append(one);
-  return one;
-}
-
 /** Return a number with four digits that count. */
 function shown(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
@@ -72,22 +62,22 @@ class Chart {
 
   /** Make the legend, whose entries show and hide lines, and the buttons that zoom. */
   makeBar() {
-    const bar = make("div", { class: "chart-bar" }, this.root);
-    const legend = make("div", { class: "legend" }, bar);
+    const bar = element("div", { class: "chart-bar" }, this.root);
+    const legend = element("div", { class: "legend" }, bar);
     const seen = new Set();
     for (const line of this.data.panels.flatMap((panel) => (panel.lines.length > 1 ? panel.lines : []))) {
       const key = line.look + line.name;
       if (seen.has(key)) continue;
       seen.add(key);
-      const entry = make("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, legend);
+      const entry = element("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, legend);
       entry.append(this.swatch(LOOKS[line.look]), line.name);
       entry.addEventListener("click", () => this.toggle(key, entry));
     }
-    if (this.data.shaded.length && this.data.shade) make("span", { class: "shade-key", text: this.data.shade }, legend);
-    if (this.data.level) make("span", { class: "level-key", text: this.data.level }, legend);
-    const zoom = make("div", { class: "zoom" }, bar);
+    if (this.data.shaded.length && this.data.shade) element("span", { class: "shade-key", text: this.data.shade }, legend);
+    if (this.data.level) element("span", { class: "level-key", text: this.data.level }, legend);
+    const zoom = element("div", { class: "zoom" }, bar);
     const button = (text, label, act) =>
-      make("button", { type: "button", text, "aria-label": label, title: label }, zoom).addEventListener("click", act);
+      element("button", { type: "button", text, "aria-label": label, title: label }, zoom).addEventListener("click", act);
     button("+", "Zoom in", () => this.scale(1 / ZOOM));
     button("−", "Zoom out", () => this.scale(ZOOM));
     button("‹", "Earlier", () => this.shift(-0.5));
@@ -104,7 +94,7 @@ class Chart {
     const rows = [columns.map(([name]) => name).join(",")];
     for (let i = 0; i < this.t.length; i++)
       rows.push(columns.map(([, one]) => (Number.isNaN(one[i]) ? "" : Number(one[i].toPrecision(6)))).join(","));
-    const link = make("a", { href: URL.createObjectURL(new Blob([rows.join("\n")])), download: `${this.root.dataset.ballbotChart}.csv` });
+    const link = element("a", { href: URL.createObjectURL(new Blob([rows.join("\n")])), download: `${this.root.dataset.ballbotChart}.csv` });
     link.click();
     URL.revokeObjectURL(link.href);
   }
@@ -146,10 +136,10 @@ class Chart {
   }
 
   makePanel(panel, place) {
-    const box = make("div", { class: "panel" }, this.root);
-    const head = make("div", { class: "panel-head" }, box);
-    make("span", { class: "panel-label", text: panel.label }, head);
-    this.readings.push(make("output", { class: "reading" }, head));
+    const box = element("div", { class: "panel" }, this.root);
+    const head = element("div", { class: "panel-head" }, box);
+    element("span", { class: "panel-label", text: panel.label }, head);
+    this.readings.push(element("output", { class: "reading" }, head));
     const values = panel.lines.map((line) => Array.from(unpacked(line.values), (one) => (Number.isNaN(one) ? null : one)));
     const last = place === this.data.panels.length - 1;
     const axis = () => ({
@@ -297,10 +287,10 @@ class Chart {
     const row = u.cursor.idx;
     output.replaceChildren();
     if (row === null || row === undefined || u.cursor.left < 0) return;
-    make("span", { text: `${shown(this.t[row])} s` }, output);
+    element("span", { text: `${shown(this.t[row])} s` }, output);
     panel.lines.forEach((line, k) => {
       if (this.hidden.has(line.look + line.name)) return;
-      const one = make("span", { text: shown(values[k][row]), title: line.name }, output);
+      const one = element("span", { text: shown(values[k][row]), title: line.name }, output);
       one.style.color = this.color(LOOKS[line.look].color === "--pale" ? "--muted" : LOOKS[line.look].color);
     });
   }

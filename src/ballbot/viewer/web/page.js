@@ -3,12 +3,14 @@
 /** Let a button switch the page between the light and the dark theme; the browser's own comes first. */
 function switchTheme(button) {
   const root = document.documentElement;
-  const dark = () => (root.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light")) === "dark";
+  const preferred = matchMedia("(prefers-color-scheme: dark)");
+  const dark = () => (root.dataset.theme || (preferred.matches ? "dark" : "light")) === "dark";
   const show = () => (button.textContent = dark() ? "Light theme" : "Dark theme");
   button.addEventListener("click", () => {
     root.dataset.theme = dark() ? "light" : "dark";
     show();
   });
+  preferred.addEventListener("change", show);
   show();
 }
 

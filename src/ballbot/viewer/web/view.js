@@ -1,16 +1,5 @@
 // What every page has: a picture with labels and a key, choices, and the colors of the theme.
 
-/** Return a new element with attributes (`text` is its content), put into a parent. */
-function element(tag, attributes, parent) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name === "text") made.textContent = value;
-    else made.setAttribute(name, value);
-  }
-  if (parent) parent.append(made);
-  return made;
-}
-
 /** Return a color of the style sheet as three numbers from 0 to 1. */
 function colorOf(style, name) {
   const [, digits] = style.getPropertyValue(name).match(/#([0-9a-f]{6})/i);
