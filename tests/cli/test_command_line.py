@@ -39,7 +39,6 @@ REFUSALS = [
     ("simulate alten --controller precice --out out", "'precise'"),
     ("simulate alten --controller nowhere.toml --out out", "'nowhere.toml'"),
     ("record nominal --controller log.csv --out out", "log.csv"),
-    ("simulate alten --controller precise --compensation full --out out", "leave one of them out."),
     ("simulate alten --format parquett --out out", "must end in .csv, .parquet"),
     ("simulate alten --reference triangle --out out", "There is no reference 'triangle'"),
     ("simulate alten --duration 0 --out out", "at least one sample"),

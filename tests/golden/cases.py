@@ -59,7 +59,7 @@ CASES: tuple[Case, ...] = (
     _command("record_eight", "record nominal --reference figure_eight --duration 40 --seed 2"),
     _command("record_scenario", "record files/scenario.toml --duration 1 --estimator kalman", sampled=True),
     _command(
-        "record_seeds", f"record nominal --duration 1 --seeds 1-2 --robot {_ROBOT} --compensation partial"
+        "record_seeds", f"record nominal --duration 1 --seeds 1-2 --robot {_ROBOT} --controller partial"
     ),
     _command("record_sweep", "record nominal --experiment driveline_sweep --duration 63"),
     _command("record_upside_down", "record nominal --experiment upside_down --duration 40"),
@@ -95,7 +95,7 @@ CASES: tuple[Case, ...] = (
     ),
     _command(
         "simulate_thesis",
-        f"simulate {_ROBOT} --duration 4 --formulation thesis --compensation partial --reference change_pose",
+        f"simulate {_ROBOT} --duration 4 --formulation thesis --controller partial --reference change_pose",
     ),
     # identification
     _command("identify", f"identify alten {_WALK} --window 0.1"),

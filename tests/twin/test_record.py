@@ -47,7 +47,7 @@ def test_record_writes_a_run_that_can_be_made_again(tmp_path: Path, monkeypatch:
     one = tmp_path / "one"
     words = "record nominal --reference square --duration 1 --seed 3 --out"
     command = [*words.split(), str(one)]
-    assert main([*command, "--estimator", "kalman", "--compensation", "partial"]) == 0
+    assert main([*command, "--estimator", "kalman", "--controller", "partial"]) == 0
     names = {"report.html", "log.csv", "truth.csv", "motion_capture.csv", "results.json"}
     names |= {"robot.toml", "scenario.toml", "controller.toml", "record.toml"}
     assert {path.name for path in one.glob("[!.]*")} == names

@@ -76,4 +76,4 @@ def design(
         files = {"controller.toml": controller_text(designed.controller)}
         step = f"`ballbot compare {robot_words(robot, change)} none {result.path('controller.toml')} --out compared`"
         result.write(page, files=files, named=_WRITTEN, next_step=step)
-    warn_of_idle_compensation({"controller.toml": designed.controller})
+    warn_of_idle_compensation("controller.toml", designed.controller)

@@ -76,4 +76,4 @@ def export(
         step = f"build it as {result.path('README.md')} says; on the robot, `ballbot run wiring PORT --robot {named}`"
         step = f"copy the folder to the robot, as {result.path('README.md')} says" if python else step
         result.write(page, files={**exported.files, **module}, named=["README.md"], next_step=step)
-    warn_of_idle_compensation({controller: read})
+    warn_of_idle_compensation(controller, read)

@@ -2,9 +2,10 @@
 
 from ballbot.cli import options
 from ballbot.cli.context import Content, cluster_or, open_result, parse_seeds
-from ballbot.cli.controllers import NOMINAL, ControllerOptions
+from ballbot.cli.controllers import Chosen, warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
 from ballbot.control.references import as_reference
+from ballbot.control.source import read_source
 from ballbot.estimation.interface import EstimatorName
 from ballbot.fitting.run import Processes
 from ballbot.progress import in_stage
@@ -25,7 +26,7 @@ def record(
     reference: options.Reference = "square",
     duration: float | None = None,
     format: options.LogFormat = "csv",
-    chosen: ControllerOptions = NOMINAL,
+    controller: Chosen = "nominal",
     estimator: EstimatorName | None = None,
     seed: options.Seed = 1,
     seeds: str | None = None,
@@ -64,11 +65,12 @@ def record(
     # raise InputError before anything runs
     as_reference(reference)
     several = None if seeds is None else parse_seeds(seeds)
-    controller = chosen.read(described)
+    driver = read_source(controller, described)
+    warn_of_idle_compensation(controller, driver)
     job = RecordJob(
         robot=described,
         scenario=load_scenario(scenario, described),
-        controller=controller if estimator is None else controller.with_estimator(estimator),
+        controller=driver if estimator is None else driver.with_estimator(estimator),
         experiment=experiment,
         reference=reference,
         duration=DURATIONS[experiment] if duration is None else duration,

@@ -2,10 +2,11 @@
 
 from ballbot.cli import options
 from ballbot.cli.context import Content, open_result
-from ballbot.cli.controllers import NOMINAL, ControllerOptions
+from ballbot.cli.controllers import Chosen, warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
 from ballbot.cli.output import notice
 from ballbot.control.references import as_reference
+from ballbot.control.source import read_source
 from ballbot.log.formats import WRITTEN_SUFFIXES
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import Formulation
@@ -25,7 +26,7 @@ def simulate(
     *,
     reference: options.Reference = "square",
     duration: options.Duration = 32.0,
-    chosen: ControllerOptions = NOMINAL,
+    controller: Chosen = "nominal",
     formulation: Formulation = "exact",
     scenario: options.Scenario | None = None,
     seed: options.Seed = 1,
@@ -51,14 +52,15 @@ def simulate(
     """
     described, findings = checked_robot(robot, change, accept=accept)
     path = as_reference(reference)
-    controller = chosen.read(described)
+    driver = read_source(controller, described)
+    warn_of_idle_compensation(controller, driver)
     truth = None if scenario is None else load_scenario(scenario, described)
     if truth is not None:
         notice(f"Left out: {', '.join(left_out(truth, identified=True))}.")
     with open_result(out, doing=f"simulating {duration:g} s", writes=_WRITTEN, seed=seed) as result:
         log = run(
             Model(described, formulation),
-            controller,
+            driver,
             path,
             duration=duration,
             seed=seed,
