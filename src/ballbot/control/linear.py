@@ -313,8 +313,8 @@ def lacking_margin(controller: Controller) -> str | None:
         )
     elif (rate := _growth_by_friction(controller, loop)) > _SLOW:
         return (
-            f"The viscous friction of the robot {name!r}, which contains the back-EMF of motors on a voltage or a duty, "
-            f"makes this loop unstable: an error grows by a factor of {math.exp(min(rate, 700.0)):.3g} a second. "
+            f"The viscous friction of the robot {name!r}, which contains the back-EMF of motors on a voltage or a "
+            f"duty, makes this loop unstable: an error grows by a factor of {math.exp(min(rate, 700.0)):.3g} a second. "
             "Compensate it: full or partial compensation, as the precise controller has it."
         )
     else:
