@@ -58,3 +58,10 @@ def suggest(
     choices = list(choices)
     near = nearest(word, choices)
     return f"did you mean {near[0]!r}?" if near else f"{otherwise} {', '.join(choices)}."
+
+
+def check_known(word: str, choices: Iterable[str], sentence: str, *, otherwise: str) -> None:
+    """Raise InputError of a sentence, which ends as `suggest` says, unless a word is one of the choices."""
+    choices = list(choices)
+    if word not in choices:
+        raise InputError(f"{sentence}; {suggest(word, choices, otherwise=otherwise)}")

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.control.parts.policy import VERSION
 from ballbot.control.source import ControllerLike, as_controller, designed
-from ballbot.errors import InputError, missing_package, suggest
+from ballbot.errors import InputError, check_known, missing_package
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots, learned_robot
@@ -75,9 +75,8 @@ class EnvironmentOptions:
     def _prepare(self, count: int, threads: int | None) -> None:
         """Make the robots, the contract and the spaces."""
         for name, choices in (("plant", ("model", "twin")), ("observe", ("sensors", "state"))):
-            if getattr(self, name) not in choices:
-                given = str(getattr(self, name))
-                raise InputError(f"{name} is {given!r}; {suggest(given, choices, otherwise='it is one of')}")
+            given = str(getattr(self, name))
+            check_known(given, choices, f"{name} is {given!r}", otherwise="it is one of")
         task = task_named(self.task)
         robot = learned_robot(None if self.robot is None else as_robot(self.robot), self.randomize)
         scenario = load_scenario(self.scenario, robot)

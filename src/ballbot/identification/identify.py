@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.arrays import Bools, Floats, Ints
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, warning
 from ballbot.fitting.fit import Fit, FitOptions, fit
 from ballbot.fitting.model_selection import Gain, gain_between
@@ -99,9 +99,7 @@ class IdentificationOptions(FitOptions):
         if self.search_windows < 1:
             raise InputError(f"search_windows is {self.search_windows!r}; it must be 1 or more.")
         for name in self.excluded_states:
-            if name not in STATE_NAMES:
-                hint = suggest(name, STATE_NAMES, otherwise="the states are")
-                raise InputError(f"{name!r} is not a state; {hint}")
+            check_known(name, STATE_NAMES, f"{name!r} is not a state", otherwise="the states are")
         if not self.counted.any():
             raise InputError("Every state is excluded from the cost; at least one must remain.")
 

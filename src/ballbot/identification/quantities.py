@@ -20,7 +20,7 @@ import numpy as np
 
 from ballbot.arguments import names_listed
 from ballbot.arrays import Floats
-from ballbot.errors import InputError, about, suggest
+from ballbot.errors import InputError, about, check_known
 from ballbot.files import read_toml
 from ballbot.fitting.parameter import FitParameter, Limits, ParameterSpace, Scale
 from ballbot.robot import Robot
@@ -296,9 +296,8 @@ def names_in(free: Sequence[str] | str) -> tuple[str, ...]:
         raise InputError(f"There is nothing to estimate. Name some of {', '.join([*GROUPS, *BY_NAME])}.")
     named: set[str] = set()
     for word in words:
-        if word not in BY_NAME and word not in GROUPS:
-            hint = suggest(word, [*GROUPS, *BY_NAME], otherwise="there are")
-            raise InputError(f"{word!r} is not a quantity that can be identified; {hint}")
+        sentence = f"{word!r} is not a quantity that can be identified"
+        check_known(word, [*GROUPS, *BY_NAME], sentence, otherwise="there are")
         named.update(GROUPS.get(word, (word,)))
     return tuple(name for name in BY_NAME if name in named)
 
@@ -423,9 +422,8 @@ class Bounds:
 
     def __post_init__(self) -> None:
         for name, (lower, upper) in self.limits.items():
-            if name not in BY_NAME:
-                hint = suggest(name, BY_NAME, otherwise="the keys are")
-                raise InputError(f"{name!r} is not a quantity that can be identified; {hint}")
+            sentence = f"{name!r} is not a quantity that can be identified"
+            check_known(name, BY_NAME, sentence, otherwise="the keys are")
             if not (math.isfinite(lower) and math.isfinite(upper) and lower <= upper):
                 raise InputError(
                     f"The bounds of {name} are [{lower}, {upper}]; the lower one must come first."

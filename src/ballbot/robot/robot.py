@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.errors import InputError, nearest, suggest
+from ballbot.errors import InputError, check_known, nearest
 from ballbot.files import nearest_file, write_text
 from ballbot.robot.checks import check_correlation, check_deviations, check_robot
 from ballbot.robot.components import (
@@ -281,9 +281,7 @@ def _preset(name: str) -> Robot:
 
 def _shaped(robot: Robot, name: str, value: Value | str) -> Value:
     """Return a value of a parameter as a robot holds it: one number for all wheels stands for each of them."""
-    if name not in BY_NAME:
-        hint = suggest(name, BY_NAME, otherwise="there are")
-        raise InputError(f"{name!r} is not a parameter of a robot; {hint}")
+    check_known(name, BY_NAME, f"{name!r} is not a parameter of a robot", otherwise="there are")
     own = value_of(robot, BY_NAME[name])
     if name.startswith("friction.own.") and own == ():
         raise InputError(

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_parameters
@@ -208,9 +208,7 @@ class Scenario:
         >>> Scenario.named("ideal", "alten").backlash
         0.0
         """
-        if name not in _NAMED:
-            hint = suggest(name, _NAMED, otherwise="there are")
-            raise InputError(f"There is no scenario {name!r}; {hint}")
+        check_known(name, _NAMED, f"There is no scenario {name!r}", otherwise="there are")
         nominal = Scenario.nominal(robot)
         return replace(nominal, name=name, **_NAMED[name](nominal))
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.control.interface import Feedback
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding
 from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
@@ -103,9 +103,9 @@ class ModelPair:
         if against == "thesis":
             thesis = NamedModel("in the thesis's formulation", replace(model, formulation="thesis"))
             return ModelPair(NamedModel("in the exact formulation", model), thesis)
-        if against not in Robot.presets() and not Path(against).exists():
-            hint = suggest(against, ["thesis", *Robot.presets()], otherwise="there are")
-            raise InputError(f"--against {against} is no preset or robot file, and not thesis; {hint}")
+        if not Path(against).exists():
+            sentence = f"--against {against} is no preset or robot file, and not thesis"
+            check_known(against, ["thesis", *Robot.presets()], sentence, otherwise="there are")
         other = NamedModel(f"of {against}", Model(Robot.load(against)))
         return ModelPair(NamedModel(f"of {robot}", model), other)
 

@@ -39,7 +39,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ballbot.arrays import Floats
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 
 #: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
 _POINTS = 4096
@@ -107,8 +107,7 @@ SEAMS: Mapping[str, Callable[[], Seam]] = MappingProxyType(
 
 def seam_named(name: str) -> Seam:
     """Return the seam of that name; InputError if there is none."""
-    if name not in SEAMS:
-        raise InputError(f"There is no seam {name!r}; {suggest(name, SEAMS, otherwise='the seams are')}")
+    check_known(name, SEAMS, f"There is no seam {name!r}", otherwise="the seams are")
     return SEAMS[name]()
 
 

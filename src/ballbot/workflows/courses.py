@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat
 
 from ballbot.control.overcompensation import has_friction
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
-from ballbot.errors import InputError, about, suggest
+from ballbot.errors import InputError, about, check_known
 from ballbot.file_formats import take_format
 from ballbot.files import parse_toml, read_toml
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
@@ -46,9 +46,7 @@ class ReferenceSpec:
                     f"The reference file {self.name} takes no options; remove {self.options[0][0]}."
                 )
             return read_reference(self.name)
-        if self.name not in REFERENCES:
-            hint = suggest(self.name, REFERENCES, otherwise="the names are")
-            raise InputError(f"There is no reference {self.name!r}; {hint}")
+        check_known(self.name, REFERENCES, f"There is no reference {self.name!r}", otherwise="the names are")
         make = REFERENCES[self.name]
         known = inspect.signature(make).parameters
         for key, _ in self.options:
@@ -202,11 +200,8 @@ def _built_in(word: str) -> Iterator[tuple[str, str, Mapping[str, object]]]:
     sets = cast("dict[str, _Tables]", take_format(parse_toml(text, source="courses.toml"), "courses"))
     sets = {LEAGUE: {name: table for part in _IN_LEAGUE for name, table in sets[part].items()}} | sets
     known = {name: table for tables in sets.values() for name, table in tables.items()}
-    if word not in sets and word not in known:
-        hint = suggest(
-            word, [*sets, *known], otherwise="the name of a course file ends in .toml; sets and courses are"
-        )
-        raise InputError(f"There is no set or course {word!r}; {hint}")
+    otherwise = "the name of a course file ends in .toml; sets and courses are"
+    check_known(word, [*sets, *known], f"There is no set or course {word!r}", otherwise=otherwise)
     named = sets[word] if word in sets else {word: known[word]}
     yield from ((f"the course {name!r}", name, table) for name, table in named.items())
 
@@ -220,9 +215,7 @@ def _course(
         spec.reference()  # raises InputError before anything runs
         scenario = scenario_of(given.scenario, robot, default_name=name)
         for key in given.metrics:
-            if key not in METRIC_BY_KEY:
-                hint = suggest(key, METRIC_BY_KEY, otherwise="there are")
-                raise InputError(f"There is no metric {key!r}; {hint}")
+            check_known(key, METRIC_BY_KEY, f"There is no metric {key!r}", otherwise="there are")
         rising = given.rising_pushes
         if rising and (scenario.pushes or scenario.changes()):
             raise InputError(

@@ -22,7 +22,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ballbot.arrays import Floats, Ints
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding, finding, finding_results, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
@@ -258,9 +258,9 @@ class AxisOptions:
     """Whether dry friction grows with the load that the gears transmit, |F + G| / 2."""
 
     def __post_init__(self) -> None:
-        if self.law is not None and self.law not in LAWS:
-            hint = suggest(self.law, LAWS, otherwise="the laws are")
-            raise InputError(f"There is no friction law {self.law!r} (--law); {hint}")
+        if self.law is not None:
+            sentence = f"There is no friction law {self.law!r} (--law)"
+            check_known(self.law, LAWS, sentence, otherwise="the laws are")
 
 
 DEFAULT_OPTIONS = AxisOptions()

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from ballbot.arrays import Bools, Floats, positive_number, real_array
-from ballbot.errors import InputError, either, suggest
+from ballbot.errors import InputError, check_known, either
 from ballbot.findings import Finding, note, warning
 from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
@@ -207,9 +207,8 @@ class _File:
 
     def column(self, name: str, option: str) -> Floats:
         """Return the variable (N,) that an option names."""
-        if name not in self.variables:
-            hint = suggest(name, self.variables, otherwise="it has")
-            raise InputError(f"{self.name} has no variable {name!r} for {option}; {hint}")
+        sentence = f"{self.name} has no variable {name!r} for {option}"
+        check_known(name, self.variables, sentence, otherwise="it has")
         return self.variables[name]
 
     def number(self, text: str, option: str) -> float:
