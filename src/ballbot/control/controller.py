@@ -71,8 +71,7 @@ def catching_torque_limit(robot: Robot, certain: Friction) -> float:
     linear = model.linearize()
     # of each wheel for a lean about x and about y while the ball accelerates; its most loaded direction counts
     needed = np.linalg.norm(np.linalg.pinv(linear.B[7:]) @ linear.A[7:, 2:4], axis=1).max()
-    along = [model.wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
-    rolling = np.linalg.norm(along, axis=0).max()
+    rolling = np.linalg.norm(model.wheel_jacobian(np.zeros(5))[:, :2], axis=1).max()
     speed = min(_CATCH_SPEED * rolling, _CATCH_MOTOR_SPEED * robot.drive.top_speed)
     lost = max(robot.friction.breakaway) + max(certain.viscous) * speed
     spared = grip_torque_limit(robot.replace(friction=certain))

@@ -313,8 +313,8 @@ def lacking_margin(controller: Controller) -> str | None:
         )
     elif (rate := _growth_by_friction(controller, loop)) > _SLOW:
         return (
-            f"The viscous friction of the robot {name!r}, which contains the back-EMF of motors on a voltage or a "
-            f"duty, makes this loop unstable: an error grows by a factor of {math.exp(min(rate, 700.0)):.3g} a second. "
+            f"The viscous friction of the robot {name!r}, with the back-EMF of motors on a voltage or a duty, makes "
+            f"this loop unstable: an error grows by a factor of {math.exp(min(rate, 700.0)):.3g} a second. "
             "Compensate it: full or partial compensation, as the precise controller has it."
         )
     else:
@@ -328,10 +328,10 @@ def _growth_by_friction(controller: Controller, loop: RobotLoop) -> float:
     robot = controller.robot
     if controller.compensation != "none" or not any(robot.friction.viscous):
         return -math.inf
-    model = frictionless_model(robot)
-    turning = np.array([model.wheel_speed(np.zeros(5), row) for row in np.eye(5)]).T
     A = loop.A.copy()
-    A[:, 5:] -= loop.B @ np.diag(robot.friction.viscous) @ turning
+    A[:, 5:] -= (
+        loop.B @ np.diag(robot.friction.viscous) @ frictionless_model(robot).wheel_jacobian(np.zeros(5))
+    )
     poles = np.linalg.eigvals(replace(loop, A=A).closed())
     return math.log(float(np.abs(poles).max())) / controller.sample_time
 

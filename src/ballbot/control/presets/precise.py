@@ -138,8 +138,8 @@ def fastest_shaping(settings: LawSettings) -> ReferenceShaping:
     acceleration = max(min(MOTION_TORQUE * left / second, by_lean), MOTION_LEAST * by_lean)
     # u = B (s'' - s''''/p^2) of an inverted pendulum that falls as exp(p t)
     falling = math.sqrt(second / fourth)
-    rolling = [frictionless_model(robot).wheel_speed(np.zeros(5), row) for row in np.eye(5)[:2]]
-    motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=0).max()
+    rolling = frictionless_model(robot).wheel_jacobian(np.zeros(5))[:, :2]
+    motors = robot.drive.top_speed / np.linalg.norm(rolling, axis=1).max()
     return ReferenceShaping(
         frequency=_rounded(MOTION_RATE * falling),
         speed_limit=_rounded(min(MOTION_SPEED, MOTION_MOTOR_SPEED * motors)),
