@@ -55,32 +55,30 @@ def replay_part(
     *,
     layout: Layout = "side",
     autoplay: bool = False,
-    name: str = "replay",
     colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
     At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
-    robot is that of all logs, or of each by the log's name. The page can change the layout; `name` differs for each
-    replay of a page; the runs have the colours in which the figures beside the replay draw them.
+    robot is that of all logs, or of each by the log's name. The page can change the layout; the runs have the colours
+    in which the figures beside the replay draw them.
 
     InputError if there is no robot or there are too many logs, or one cannot be shown
     (`ballbot.viewer.motion.motion_of`).
     """
     data = _replay_data(logs, robot, layout=layout, autoplay=autoplay, colors=colors)
     return ReplayPart(
-        element=_element("replay", name, data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
+        element=_element("replay", data), style=web_file("replay.css"), script=_script(_REPLAY_SCRIPTS)
     )
 
 
-def _element(kind: str, name: str, data: dict[str, object]) -> str:
+def _element(kind: str, data: dict[str, object]) -> str:
     """Return the element that a script fills, with its data."""
     # no "<" can end the script's element
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    identifier = html.escape(name, quote=True)
     return (
-        f'<div data-ballbot-{kind}="{identifier}"><noscript>The picture needs JavaScript.</noscript></div>\n'
-        f'<script type="application/json" id="{identifier}">{text}</script>'
+        f'<div data-ballbot-{kind}="{kind}"><noscript>The picture needs JavaScript.</noscript></div>\n'
+        f'<script type="application/json" id="{kind}">{text}</script>'
     )
 
 
@@ -160,9 +158,7 @@ def live_page(
         web_file("replay.css") + web_file("live.css") + web_file("page.css"),
         _script(_LIVE_SCRIPTS),
     )
-    text = _document(
-        title, lead="", body=_element("live", "live", data), style=style, script=script, policy=""
-    )
+    text = _document(title, lead="", body=_element("live", data), style=style, script=script, policy="")
     policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
     return LivePage(html=text, policy=policy)
 

@@ -168,11 +168,6 @@ class Live extends View {
     return button;
   }
 
-  choice(parent, name, entries, chosen, change) {
-    super.choice(parent, name, entries, chosen, change);
-    return parent.lastElementChild;
-  }
-
   /** Add a slider of a setting. */
   slide(parent, name, text, [min, max, step], write) {
     const label = element("label", { class: "slide" }, parent);
