@@ -11,7 +11,7 @@ from enum import IntEnum
 from ballbot.control.records import Schema
 from ballbot.control.tuning import ROUNDING
 from ballbot.files import write_text
-from ballbot.firmware.header import SOURCES, struct_text
+from ballbot.firmware.header import SOURCES
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
 from ballbot.link.messages import (
     BODY_LENGTHS,
@@ -32,6 +32,7 @@ from ballbot.link.messages import (
     ControllerPlace,
     Layer,
 )
+from tests.support.firmware_headers import struct_text
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"
 #: lengths that have a name in the header; a friction table's is as large as that of a part of the parameters
