@@ -14,7 +14,6 @@ from ballbot.firmware.bounds import (
     FIRST_BOUND,
     Refusal,
     check_bounds,
-    member,
     refusal_clause,
     violated_bound,
 )
@@ -22,6 +21,7 @@ from ballbot.firmware.build import compilers
 from ballbot.firmware.records import PARAMETERS, parameter_record
 from tests.support.compiled_firmware import library
 from tests.support.control_examples import FRICTION, alten
+from tests.support.firmware_headers import member
 
 ROBOT = alten(FRICTION)
 

@@ -15,11 +15,11 @@ from ballbot.firmware.header import (
     TYPES_HEADER,
     parameters_header,
     struct_name,
-    types_header,
 )
-from ballbot.firmware.kalman_code import KALMAN_HEADER, kalman_header
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
+from tests.support.firmware_headers import types_header
+from tests.support.kalman_header import KALMAN_HEADER, kalman_header
 
 LIMITS = SafetyLimits.on_robot(alten(), sample_time=0.005, torque_limit=1.0)
 
@@ -28,7 +28,7 @@ needs_compiler = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc,
 
 @pytest.mark.parametrize(("header", "text"), [(TYPES_HEADER, types_header), (KALMAN_HEADER, kalman_header)])
 def test_generated_headers_in_the_sources_are_those_of_the_records_and_the_model(header, text):
-    assert (SOURCES / header).read_text() == text(), "run: python -m ballbot.firmware.header"
+    assert (SOURCES / header).read_text() == text(), "run: python -m tests.support.firmware_headers"
 
 
 def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) -> Iterator[tuple[str, int]]:

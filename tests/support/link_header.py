@@ -11,9 +11,10 @@ from enum import IntEnum
 from ballbot.control.records import Schema
 from ballbot.control.tuning import ROUNDING
 from ballbot.files import write_text
-from ballbot.firmware.header import SOURCES, struct_text
+from ballbot.firmware.header import SOURCES
 from ballbot.link.frames import LONGEST_FRAME, LONGEST_PAYLOAD, OVERHEAD, SEQUENCE_WINDOW
 from ballbot.link.messages import (
+    BODY_LENGTHS,
     CONFIRMATION_TIME,
     LAYERS,
     LONGEST_RAMP,
@@ -23,6 +24,7 @@ from ballbot.link.messages import (
     MESSAGES,
     PARAMETER_WORDS,
     SCHEMAS,
+    TO_ROBOT,
     VERSION,
     WATCHDOG,
     AnswerResult,
@@ -30,6 +32,7 @@ from ballbot.link.messages import (
     ControllerPlace,
     Layer,
 )
+from tests.support.firmware_headers import struct_text
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"
 #: lengths that have a name in the header; a friction table's is as large as that of a part of the parameters
@@ -44,6 +47,7 @@ _MICROSECONDS = 1e6
 def messages_header() -> str:
     """Return the text of ballbot_messages.h."""
     structs = "\n".join(_struct(schema) for schema in SCHEMAS.values() if schema.fields)
+    lengths = ", ".join(str(BODY_LENGTHS.get(kind, -1)) for kind in range(max(TO_ROBOT) + 1))
     types = _names("message", {one.__name__: kind for kind, one in MESSAGES.items()})
     return f"""\
 /* What robot and host send each other.
@@ -81,6 +85,8 @@ def messages_header() -> str:
 #define BALLBOT_SEQUENCE_WINDOW {SEQUENCE_WINDOW}u
 /* Words that one message of parameters carries. */
 #define BALLBOT_PARAMETER_WORDS {PARAMETER_WORDS}
+/* Bytes of the body of each type that a host sends, from type 0 on; -1 is none. */
+#define BALLBOT_BODY_LENGTHS {{ {lengths} }}
 /* Checks of a frame that count what they refuse. */
 #define BALLBOT_LAYERS {LAYERS}
 

@@ -10,7 +10,7 @@ from ballbot.cli.context import open_result, read_logs
 from ballbot.cli.findings import in_files, stop_or_show
 from ballbot.errors import InputError
 from ballbot.findings import by_severity, check_codes, note
-from ballbot.fitting.run import Run, check_seed
+from ballbot.fitting.run import Run
 from ballbot.identification import axis
 from ballbot.identification.axis.checks import ERROR_CODES, record_findings
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
@@ -111,7 +111,6 @@ def identify_upside_down(
         (path, upside_down_findings(described, log)) for path, log in zip(logs, named.values(), strict=True)
     )
     findings = stop_or_show([*bench_findings(described, by_path), *of_ball], accept=accept)
-    check_seed(seed)
     with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         fit = find_friction(described, list(named.values()), window=window, run=run)

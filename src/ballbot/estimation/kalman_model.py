@@ -36,7 +36,7 @@ q = P h and s = h^T q + r, it is
 
 The filter is written once, here: compiled for robots side by side (`sample_code`), in rows of a work array with a robot
 a column (`ballbot.mechanics.engine.lanes`; a single filter is a block of one), and written as C by
-`ballbot.firmware.kalman_code`. A new sensor is an entry of `SENSORS` with its noise.
+`tests.support.kalman_header`. A new sensor is an entry of `SENSORS` with its noise.
 """
 
 from __future__ import annotations

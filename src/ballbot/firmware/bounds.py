@@ -1,10 +1,10 @@
-"""Bounds of the firmware's parameters: one table, which Python evaluates and of which the check in C is written.
+"""Bounds of the firmware's parameters: one table, which Python evaluates and of which the check in C is written
+(`tests.support.firmware_headers`).
 
 `ballbot_refused` of the C library returns 0 for parameters that it takes, a number of `Refusal`, or `FIRST_BOUND` and
 the row of the table that is violated. A NaN violates every bound.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import MAX_PAST
-from ballbot.control.records import MAX_WHEELS, Number, Schema
+from ballbot.control.records import MAX_WHEELS
 from ballbot.control.tuning import MAX_GAINS
 from ballbot.errors import InputError
 
@@ -66,13 +66,6 @@ BOUNDS = (
 )
 
 
-def member(schema: Schema, field: str) -> Number:
-    """Return a parameter of a schema by its dotted name."""
-    first, _, rest = field.partition(".")
-    found = schema.fields[first]
-    return member(found, rest) if isinstance(found, Schema) else found
-
-
 def _value(record: NDArray[np.void], bound: float | str) -> float:
     """Return a parameter's value, or a bound as the firmware has it."""
     if not isinstance(bound, str):
@@ -116,17 +109,3 @@ def check_bounds(record: NDArray[np.void]) -> None:
     row = violated_bound(record)
     if row is not None:
         raise InputError(f"The firmware would refuse these parameters: {bound_clause(record, row)}.")
-
-
-def bounds_in_c(schema: Schema) -> Iterator[str]:
-    """Yield each row of the table as a condition in C on `parameters`, which points to a struct of the schema."""
-    for bound in BOUNDS:
-        is_whole = member(schema, bound.field).whole
-
-        def term(side: float | str, *, is_whole: bool = is_whole) -> str:
-            if isinstance(side, str):
-                return f"(parameters)->{side}"
-            return str(int(side)) if is_whole else f"{np.float32(side)!s}f"
-
-        condition = f"{term(bound.field)} >= {term(bound.least)}"
-        yield condition + (f" && {term(bound.field)} <= {term(bound.most)}" if bound.most is not None else "")

@@ -10,7 +10,6 @@ then lies in a temporary folder until this process ends.
 import atexit
 import ctypes
 import importlib.util
-import itertools
 import os
 import platform
 import shutil
@@ -18,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from hashlib import sha256
 from importlib.metadata import version
@@ -44,8 +42,6 @@ WARNINGS = (
 )
 #: options that the numbers depend on: no fused multiply-add, no reordering
 NUMERICS = ("-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno")
-#: functions that a compiler calls on a processor without a C library
-RUNTIME = Path(__file__).parent / "emulator_runtime.c"
 #: Clang and LLD from a wheel of pip, for every processor
 ZIG = (sys.executable, "-m", "ziglang")
 _SHARED = ("-O2", "-fPIC", "-shared")
@@ -115,29 +111,6 @@ def _compiler(name: str | None = None) -> tuple[str, tuple[str, ...]]:
             f"There is no C compiler{named} on this computer; install gcc or clang, or `pip install ziglang`."
         )
     return wanted, known[wanted]
-
-
-def compile_objects(
-    folder: Path,
-    sources: Sequence[Path],
-    *,
-    command: Sequence[str | Path],  # start of the compiler's command line
-    # more options for all sources but `RUNTIME`, in whose functions the compiler must recognise none
-    flags: Sequence[str],
-) -> list[Path]:
-    """Compile each source into an object of a folder, all at once, and return the objects.
-
-    InputError if the compiler refuses a source.
-    """
-
-    def compiled(number: int, source: Path) -> Path:
-        target = folder / f"{number}.o"
-        options = ("-fno-builtin",) if source == RUNTIME else flags
-        run_tool(*command, *options, "-c", source, "-o", target)
-        return target
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(compiled, itertools.count(), sources))
 
 
 def shared_library(

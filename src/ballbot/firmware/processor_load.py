@@ -116,10 +116,7 @@ def measure_load(
     *,
     clock: float = CLOCK,  # of the processor [Hz]
 ) -> ProcessorLoad:
-    """Return the load of an exported controller on its processor, measured on the emulator.
-
-    InputError if `ziglang` or `unicorn` is not installed.
-    """
+    """Return the load of an exported controller on its processor, measured on the emulator (`what_to_install`)."""
     sources = [*source_files(), PROJECT / "robot.c", _NO_HARDWARE]
     image = compile_image(sources, include=(SOURCES, PROJECT), weights=exported.weights)
     plain, fixed = [], []

@@ -53,14 +53,7 @@ class Driveline:
 
     @staticmethod
     def of_wheel(robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | None = None) -> Driveline:
-        """Return the driveline of a robot's wheel (0 for the first) with the robot's friction.
-
-        InputError if the robot has no such wheel.
-        """
-        if not 0 <= wheel < robot.wheel_count:
-            raise InputError(
-                f"{robot.name} has no wheel {wheel}; its wheels are numbered 0 to {robot.wheel_count - 1}."
-            )
+        """Return the driveline of a robot's wheel (0 for the first) with the robot's friction."""
         friction = robot.friction
         friction.check_classical("The plant of one driveline")
         law = Classical(

@@ -98,7 +98,7 @@ class HeldRobot:
         InputError if the attitude is not three finite numbers.
         """
         target = real_array(attitude, (3,), "The attitude")
-        self._from, _ = self._hand()
+        self._from, _ = self._hand(self._t)
         self._to = target
         self._tilt_begin = self._t
         self._tilt_end = self._t + max(
@@ -116,12 +116,12 @@ class HeldRobot:
         assert measured is not None
         return measured
 
-    def _hand(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return attitude (3,) [rad] and its rates (3,) [rad/s]: a half wave of a cosine from one to the next."""
+    def _hand(self, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return attitude (3,) [rad] and its rates (3,) [rad/s] at t: a half wave of a cosine from one to the next."""
         lasts = self._tilt_end - self._tilt_begin
-        if not self.is_tilting or lasts <= 0.0:
+        if t >= self._tilt_end or lasts <= 0.0:
             return self._to, np.zeros(3)
-        phase = math.pi * (self._t - self._tilt_begin) / lasts
+        phase = math.pi * (t - self._tilt_begin) / lasts
         way = self._to - self._from
         return self._from + 0.5 * (1.0 - math.cos(phase)) * way, 0.5 * math.pi / lasts * math.sin(phase) * way
 
@@ -147,10 +147,8 @@ class HeldRobot:
         assert self._ball is not None
         before = self._speeds
         if self.is_tilting:
-            attitude, _ = self._hand()
-            self._t += h
-            ahead, rates = self._hand()
-            self._t -= h
+            attitude, _ = self._hand(self._t)
+            ahead, rates = self._hand(self._t + h)
             body_rate = body_rates_matrix(*ahead) @ rates
             turned = body_rates_matrix(*(0.5 * (attitude + ahead))) @ (ahead - attitude)
             self._omega = np.zeros(3)
@@ -169,7 +167,7 @@ class HeldRobot:
 
     def _measure(self) -> Measurement:
         """Read every sensor once."""
-        attitude, rates = self._hand()
+        attitude, rates = self._hand(self._t)
         truth = np.zeros(10)
         truth[:2], truth[2:5], truth[7:10] = self._place, attitude, rates
         body_velocity = np.concatenate([np.zeros(3), body_rates_matrix(*attitude) @ rates])

@@ -151,14 +151,13 @@ def friction_needed_along(selected, parameters, contacts, states, torques, out):
         out[k] = friction_needed(selected, P, load_state(selected, work, 0), u, contacts)
 
 
-#: why a run on the model ends
-FALLEN = f"fallen: lean past {LARGEST_LEAN:g} rad"
+#: why a run on the model ends that does not fall
 LIFTED = "lifted: the floor would have to pull"
 
 
 def fallen_words(limit: float) -> str:
     """Return why a run ends past a lean [rad]."""
-    return FALLEN if limit == LARGEST_LEAN else f"fallen: lean past {limit:g} rad"
+    return f"fallen: lean past {limit:g} rad"
 
 
 class ModelPlant:
@@ -220,7 +219,7 @@ class ModelPlant:
         self._wheel_speeds = np.array(speeds)
         self._wheel_angles = self._wheel_angles + 0.5 * duration * (before + self._wheel_speeds)
         if not np.abs(self._state[2:4]).max() <= LARGEST_LEAN:
-            return self._measure(f"{FALLEN} at t = {self._t:.3f} s")
+            return self._measure(f"{fallen_words(LARGEST_LEAN)} at t = {self._t:.3f} s")
         if not sinking < self._lift_off:
             return self._measure(f"{LIFTED} at t = {self._t:.3f} s")
         return self._measure(None)

@@ -165,10 +165,6 @@ class ClampedBall:
     A: NDArray[np.float64]  #: (n, 3), wheel speeds from the ball's angular velocity (II.13)
     inertia: NDArray[np.float64]  #: J_ball + (j_w + j_r) A^T A (3, 3) [kg m^2]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "A", real_array(self.A, ("wheels", 3), "A of a clamped ball"))
-        object.__setattr__(self, "inertia", real_array(self.inertia, (3, 3), "inertia of a clamped ball"))
-
     @staticmethod
     def of_robot(robot: Robot) -> ClampedBall:
         """Return the plant that a robot becomes when it is clamped upside down; its friction is no part of it."""

@@ -55,6 +55,20 @@ struct ballbot_heading ballbot_heading_after(struct ballbot_heading heading, flo
     return after;
 }
 
+void ballbot_state_to_heading(struct ballbot_heading a, const float state[10], float turned[10])
+{
+    static const int pairs[4] = { 0, 2, 5, 7 };
+
+    for (int k = 0; k < 4; ++k) {
+        const int i = pairs[k];
+        const struct ballbot_pair pair = ballbot_to_heading(a, state[i], state[i + 1]);
+        turned[i] = pair.x;
+        turned[i + 1] = pair.y;
+    }
+    turned[4] = state[4];
+    turned[9] = state[9];
+}
+
 struct ballbot_attitude ballbot_attitude_of(float theta, float phi, struct ballbot_heading heading)
 {
     const float ss = heading.sine;

@@ -54,6 +54,9 @@ static inline struct ballbot_pair ballbot_to_heading(struct ballbot_heading a, f
     return turned;
 }
 
+/* Fill the pairs (x y), (theta phi) of a state (10) and their rates in the heading frame, psi and its rate as they are. */
+void ballbot_state_to_heading(struct ballbot_heading a, const float state[10], float turned[10]);
+
 /* Return a vector of the heading frame in the world. */
 static inline struct ballbot_pair ballbot_from_heading(struct ballbot_heading a, float x, float y)
 {

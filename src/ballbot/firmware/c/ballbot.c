@@ -83,34 +83,17 @@ static bool is_checking_imu(const struct ballbot_state *state)
 static void check_imu(struct ballbot_state *state, const struct ballbot_parameters *parameters,
                       const struct ballbot_reading_record *reading)
 {
+    /* by the stage; those between two movements are upright */
+    static const enum ballbot_self_test results[] = {
+        BALLBOT_TEST_HOLD_UPRIGHT, BALLBOT_TEST_HOLD_UPRIGHT, BALLBOT_TEST_TILT_FORWARD, BALLBOT_TEST_HOLD_UPRIGHT,
+        BALLBOT_TEST_TILT_LEFT,    BALLBOT_TEST_HOLD_UPRIGHT, BALLBOT_TEST_TURN_LEFT,    BALLBOT_TEST_IMU_PASSED,
+        BALLBOT_TEST_IMU_AXES,     BALLBOT_TEST_IMU_GYRO,
+    };
     struct ballbot_imu_check_state *check = &state->imu_check;
     const int32_t movement = (check->stage + 1) / 2;
-    enum ballbot_self_test result = BALLBOT_TEST_HOLD_UPRIGHT;
 
     ballbot_imu_check_step(check, parameters->sample_time, reading->gyro, reading->attitude);
-    switch ((enum ballbot_imu_stage)check->stage) {
-    case BALLBOT_IMU_FORWARD:
-        result = BALLBOT_TEST_TILT_FORWARD;
-        break;
-    case BALLBOT_IMU_LEFT:
-        result = BALLBOT_TEST_TILT_LEFT;
-        break;
-    case BALLBOT_IMU_TURN:
-        result = BALLBOT_TEST_TURN_LEFT;
-        break;
-    case BALLBOT_IMU_DONE:
-        result = BALLBOT_TEST_IMU_PASSED;
-        break;
-    case BALLBOT_IMU_WRONG_AXES:
-        result = BALLBOT_TEST_IMU_AXES;
-        break;
-    case BALLBOT_IMU_WRONG_GYRO:
-        result = BALLBOT_TEST_IMU_GYRO;
-        break;
-    case BALLBOT_IMU_UPRIGHT:
-    default:
-        break;
-    }
+    const enum ballbot_self_test result = results[check->stage];
     state->self_test.result = (int32_t)result;
     state->self_test.wheel = (result == BALLBOT_TEST_IMU_PASSED) ? 0 : movement;
 }

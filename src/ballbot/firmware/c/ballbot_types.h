@@ -1,6 +1,6 @@
 /* The records of Ballbot as structs: parameters, state and sensor readings.
  *
- * Generated from the schemas of the Python package by `python -m ballbot.firmware.header`; do not edit.
+ * Generated from the schemas of the Python package by `python -m tests.support.firmware_headers`; do not edit.
  * Units are SI and stand behind each member; [1] is a number without a unit. Matrices are stored by rows.
  * State vectors are x, y, theta, phi, psi and their rates.
  */

@@ -52,22 +52,10 @@ static struct ballbot_smooth at_rest(float value)
 static void heading_error(struct ballbot_sample *now)
 {
     const float *state = now->state;
-    const struct ballbot_heading a = now->a;
-    const struct ballbot_pair position = ballbot_to_heading(a, now->x.value - state[0], now->y.value - state[1]);
-    const struct ballbot_pair lean = ballbot_to_heading(a, state[2], state[3]);
-    const struct ballbot_pair speed = ballbot_to_heading(a, now->x.rate - state[5], now->y.rate - state[6]);
-    const struct ballbot_pair lean_rate = ballbot_to_heading(a, state[7], state[8]);
+    const float error[10] = { now->x.value - state[0], now->y.value - state[1], -state[2], -state[3], now->psi.value - state[4],
+                              now->x.rate - state[5],  now->y.rate - state[6],  -state[7], -state[8], now->psi.rate - state[9] };
 
-    now->e[0] = position.x;
-    now->e[1] = position.y;
-    now->e[2] = -lean.x;
-    now->e[3] = -lean.y;
-    now->e[4] = now->psi.value - state[4];
-    now->e[5] = speed.x;
-    now->e[6] = speed.y;
-    now->e[7] = -lean_rate.x;
-    now->e[8] = -lean_rate.y;
-    now->e[9] = now->psi.rate - state[9];
+    ballbot_state_to_heading(now->a, error, now->e);
 }
 
 /* Return the torque K e of a wheel. */

@@ -36,11 +36,7 @@ bool emulated_robot_start(struct emulated_robot *emulated, const struct ballbot_
                           int32_t capabilities, uint32_t starts)
 {
     const uint32_t all = (uint32_t)capabilities | (uint32_t)BALLBOT_CAPABILITY_EMULATED;
-    uint8_t *bytes = (uint8_t *)emulated;
 
-    for (size_t k = 0; k < sizeof *emulated; ++k) {
-        bytes[k] = 0u;
-    }
     selected = emulated;
     const bool started = robot_start(&emulated->robot, parameters, (int32_t)all, starts);
 

@@ -34,7 +34,7 @@ struct emulated_robot {
 /* Return the bytes that an emulated robot takes. */
 size_t emulated_robot_size(void);
 
-/* Start disarmed; return false if the parameters are of another version of the library. capabilities, starts: as robot_start. */
+/* Start disarmed, in bytes that are zero; return false if the parameters are of another version of the library. capabilities, starts: as robot_start. */
 bool emulated_robot_start(struct emulated_robot *emulated, const struct ballbot_parameters *parameters,
                           int32_t capabilities, uint32_t starts);
 

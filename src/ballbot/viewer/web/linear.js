@@ -67,11 +67,8 @@ function aboutZ(angle) {
   return frame([c, s, 0], [-s, c, 0], [0, 0, 1], [0, 0, 0]);
 }
 
-/** Return the matrix from the world to the screen's cube, seen from an eye that looks at a target; z is up. */
-function perspective(eye, target, fieldOfView, aspect, near, far) {
-  const back = unit(subtract(eye, target));
-  const right = unit(cross([0, 0, 1], back));
-  const up = cross(back, right);
+/** Return the matrix from the world to the screen's cube, seen from an eye with the axes of its picture. */
+function perspective(eye, [right, up, back], fieldOfView, aspect, near, far) {
   const view = [
     right[0], up[0], back[0], 0, right[1], up[1], back[1], 0, right[2], up[2], back[2], 0,
     -dot(right, eye), -dot(up, eye), -dot(back, eye), 1,

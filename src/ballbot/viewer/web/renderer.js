@@ -80,7 +80,7 @@ class Renderer {
       strip: this.program(FLAT_VERTEX, STRIP_FRAGMENT),
       floor: this.program(FLAT_VERTEX, FLOOR_FRAGMENT),
     };
-    this.floor = this.strip([-1, -1, 0, 1, -1, 0, -1, 1, 0, 1, 1, 0]);
+    this.floor = this.strip([]);
     gl.enable(gl.DEPTH_TEST);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
   }
@@ -174,13 +174,11 @@ class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     const [eye, target] = [camera.eye(), camera.target];
     this.eye = eye;
-    this.screen = perspective(eye, target, camera.fieldOfView, width / height, 0.02 * camera.distance, 20 * camera.distance);
+    this.screen = perspective(eye, camera.axes(), camera.fieldOfView, width / height, 0.02 * camera.distance, 20 * camera.distance);
     const reach = 4 * camera.distance;
     const corners = [[-1, -1], [1, -1], [-1, 1], [1, 1]].flatMap(([a, b]) => [target[0] + a * reach, target[1] + b * reach, 0]);
+    this.restrip(this.floor, corners);
     gl.bindVertexArray(this.floor.array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.floorBuffer || (this.floorBuffer = gl.createBuffer()));
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners), gl.DYNAMIC_DRAW);
-    gl.vertexAttribPointer(0, 3, gl.FLOAT, false, 0, 0);
     const uniforms = { screen: this.screen, ground: colors.ground, line: colors.grid, center: target };
     this.use(this.programs.floor, { ...uniforms, spacing: camera.gridSpacing(), reach });
     gl.drawArrays(gl.TRIANGLE_STRIP, 0, 4);

@@ -113,7 +113,7 @@ class View {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.repaint());
     new MutationObserver(() => this.repaint()).observe(document.documentElement, { attributeFilter: ["data-theme"] });
     new ResizeObserver(() => {
-      if (!this.moved) this.fitted = false;
+      this.fitted = false;
       this.request();
     }).observe(this.root);
   }

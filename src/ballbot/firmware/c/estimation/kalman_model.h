@@ -1,7 +1,7 @@
 /* The equations of the Kalman filter: its states, its sensors, and the entries of its matrices.
  *
- * Generated from ballbot/estimation/kalman_model.py, which explains them, by `python -m ballbot.firmware.header`; do
- * not edit.
+ * Generated from ballbot/estimation/kalman_model.py, which explains them, by
+ * `python -m tests.support.firmware_headers`; do not edit.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_MODEL_H
 #define BALLBOT_ESTIMATION_KALMAN_MODEL_H

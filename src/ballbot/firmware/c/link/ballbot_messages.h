@@ -33,6 +33,8 @@
 #define BALLBOT_SEQUENCE_WINDOW 32767u
 /* Words that one message of parameters carries. */
 #define BALLBOT_PARAMETER_WORDS 32
+/* Bytes of the body of each type that a host sends, from type 0 on; -1 is none. */
+#define BALLBOT_BODY_LENGTHS { -1, 68, 0, 0, 12, 0, 40, 16, 8, 136, 4, 0, 16, 0 }
 /* Checks of a frame that count what they refuse. */
 #define BALLBOT_LAYERS 9
 

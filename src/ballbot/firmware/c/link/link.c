@@ -6,6 +6,7 @@
 #include "ballbot_math.h"
 #include "law.h"
 #include "link/commands.h"
+#include "parts/part.h"
 
 /* Words of the parameters. */
 #define WORDS ((int32_t)(sizeof(struct ballbot_parameters) / sizeof(int32_t)))
@@ -48,49 +49,6 @@ static void listen(struct ballbot_link *link, const struct ballbot_frame *frame,
     link->heard = time;
 }
 
-/* Return the length of a body that comes from a host; -1 for a type that does not. */
-static int32_t length_of(uint8_t type)
-{
-    switch ((enum ballbot_message)type) {
-    case BALLBOT_MESSAGE_HELLO:
-        return (int32_t)sizeof(struct ballbot_message_hello);
-    case BALLBOT_MESSAGE_ARM:
-        return (int32_t)sizeof(struct ballbot_message_arm);
-    case BALLBOT_MESSAGE_REFERENCE:
-        return (int32_t)sizeof(struct ballbot_message_reference);
-    case BALLBOT_MESSAGE_TORQUES:
-        return (int32_t)sizeof(struct ballbot_message_torques);
-    case BALLBOT_MESSAGE_READ:
-        return (int32_t)sizeof(struct ballbot_message_read);
-    case BALLBOT_MESSAGE_WRITE:
-        return (int32_t)sizeof(struct ballbot_message_write);
-    case BALLBOT_MESSAGE_COMMIT:
-        return (int32_t)sizeof(struct ballbot_message_commit);
-    case BALLBOT_MESSAGE_TUNE:
-        return (int32_t)sizeof(struct ballbot_message_tune);
-    case BALLBOT_MESSAGE_KEEP:
-    case BALLBOT_MESSAGE_SELF_TEST:
-    case BALLBOT_MESSAGE_DISARM:
-    case BALLBOT_MESSAGE_ASK_COUNTS:
-    case BALLBOT_MESSAGE_STEP_BACK:
-        return 0;
-    case BALLBOT_MESSAGE_WELCOME:
-    case BALLBOT_MESSAGE_STATE:
-    case BALLBOT_MESSAGE_ANSWER:
-    case BALLBOT_MESSAGE_PARAMETERS:
-    case BALLBOT_MESSAGE_COUNTS:
-    default:
-        return -1;
-    }
-}
-
-static void copy_words(int32_t to[], const int32_t from[], size_t count)
-{
-    for (size_t k = 0; k < count; ++k) {
-        to[k] = from[k];
-    }
-}
-
 /* Return whether two digests are the same. */
 static bool are_same(const int32_t a[], const int32_t b[])
 {
@@ -128,8 +86,8 @@ static void greet(struct ballbot_link *link, const struct ballbot_state *state,
         refuse(link, BALLBOT_LAYER_VALUES);
         return;
     }
-    copy_words(welcome.firmware, firmware, 8);
-    copy_words(welcome.messages, messages, 8);
+    ballbot_copy_bytes(welcome.firmware, (const uint8_t *)firmware, sizeof firmware);
+    ballbot_copy_bytes(welcome.messages, (const uint8_t *)messages, sizeof messages);
     link->accepted += 1u;
     if (are_same(hello.firmware, firmware) && are_same(hello.messages, messages)) {
         if (!again) {
@@ -201,7 +159,8 @@ static enum ballbot_result values_of(const struct ballbot_parameters *parameters
 static void check(struct ballbot_link *link, struct ballbot_state *state, struct ballbot_parameters *parameters,
                  const struct ballbot_frame *frame, uint32_t time)
 {
-    const int32_t length = length_of(frame->type);
+    static const int16_t lengths[] = BALLBOT_BODY_LENGTHS;
+    const int32_t length = (frame->type < sizeof lengths / sizeof lengths[0]) ? lengths[frame->type] : -1;
     enum ballbot_result values;
 
     if (length < 0) {
@@ -281,13 +240,7 @@ static void raise_limit(struct ballbot_link *link, struct ballbot_state *state,
     const float limit = parameters->law.torque_limit * (passed / link->ramp);
 
     for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
-        if (torques[i] > limit) {
-            torques[i] = limit;
-        } else if (torques[i] < -limit) {
-            torques[i] = -limit;
-        } else {
-            /* within the limit */
-        }
+        torques[i] = ballbot_clipped(torques[i], limit);
         state->run.torques[i] = torques[i];
     }
 }

@@ -55,13 +55,11 @@ static void observe(const struct ballbot_policy_record *own, const struct ballbo
                     const struct ballbot_sample *now, const float rates[3], float o[INPUTS])
 {
     const float *x = now->state;
-    const struct ballbot_pair position = ballbot_to_heading(now->a, now->x.value, now->y.value);
-    const struct ballbot_pair lean = ballbot_to_heading(now->a, x[2], x[3]);
-    const struct ballbot_pair speed = ballbot_to_heading(now->a, rates[0] - x[5], rates[1] - x[6]);
-    const struct ballbot_pair lean_rate = ballbot_to_heading(now->a, x[7], x[8]);
-    const float e[ERRORS] = { position.x, position.y, -lean.x,      -lean.y,      now->psi.value,
-                              speed.x,    speed.y,    -lean_rate.x, -lean_rate.y, rates[2] - x[9] };
+    const float error[ERRORS] = { now->x.value,    now->y.value,    -x[2], -x[3], now->psi.value,
+                                  rates[0] - x[5], rates[1] - x[6], -x[7], -x[8], rates[2] - x[9] };
+    float e[ERRORS];
 
+    ballbot_state_to_heading(now->a, error, e);
     for (int i = 0; i < ERRORS; ++i) {
         o[i] = ballbot_clipped(e[i] * PER_SIZE[i], SHOWN[i]);
     }

@@ -8,30 +8,6 @@
  */
 #include "parts/parts.h"
 
-/* Fill the pairs (x y), (theta phi) of a state and their rates in the heading frame, psi and its rate as they are. */
-static void turn(struct ballbot_heading a, const float state[10], float turned[10])
-{
-    static const int pairs[4] = { 0, 2, 5, 7 };
-
-    for (int k = 0; k < 4; ++k) {
-        const int i = pairs[k];
-        const struct ballbot_pair pair = ballbot_to_heading(a, state[i], state[i + 1]);
-
-        turned[i] = pair.x;
-        turned[i + 1] = pair.y;
-    }
-    turned[4] = state[4];
-    turned[9] = state[9];
-}
-
-/* The same from the heading frame to the world. */
-static void turn_back(struct ballbot_heading a, const float turned[10], float state[10])
-{
-    const struct ballbot_heading back = { -a.sine, a.cosine };
-
-    turn(back, turned, state);
-}
-
 /* Fill by how much the state changes until the torque that is computed now will act, heading frame. */
 static void change_until(const struct ballbot_prediction_record *own, const struct ballbot_torque_history *past,
                          const float turned[10], float change[10], int32_t n)
@@ -74,13 +50,14 @@ void ballbot_prediction_predict(const struct ballbot_law *law, struct ballbot_me
 {
     const struct ballbot_prediction_record *own = &law->prediction;
     struct ballbot_prediction_state *work = &memory->prediction;
+    const struct ballbot_heading back = { -now->a.sine, now->a.cosine }; /* from the heading frame to the world */
 
     if (own->on == 0) {
         return;
     }
-    turn(now->a, now->state, work->turned);
+    ballbot_state_to_heading(now->a, now->state, work->turned);
     change_until(own, &memory->history, work->turned, work->after, n);
-    turn_back(now->a, work->after, work->turned);
+    ballbot_state_to_heading(back, work->after, work->turned);
     for (int i = 0; i < 10; ++i) {
         now->state[i] += work->turned[i];
         work->ahead[i] = now->state[i];

@@ -7,7 +7,7 @@ sensor and noise of Python's filter; what they need of linear algebra is in `c/e
 
 If the model changes, write the header anew:
 
-    python -m ballbot.firmware.header
+    python -m tests.support.firmware_headers
 """
 
 from __future__ import annotations
@@ -305,8 +305,8 @@ def kalman_header() -> str:
     return f"""\
 /* The equations of the Kalman filter: its states, its sensors, and the entries of its matrices.
  *
- * Generated from ballbot/estimation/kalman_model.py, which explains them, by `python -m ballbot.firmware.header`; do
- * not edit.
+ * Generated from ballbot/estimation/kalman_model.py, which explains them, by
+ * `python -m tests.support.firmware_headers`; do not edit.
  */
 #ifndef BALLBOT_ESTIMATION_KALMAN_MODEL_H
 #define BALLBOT_ESTIMATION_KALMAN_MODEL_H
