@@ -12,10 +12,6 @@ from campaigns import board_matrix
 from campaigns.board_matrix import Case, judged_case, recovered_push
 from campaigns.drawn_robots import DrawnRobot, drawn_robots
 
-#: robots of strong motors, on whose soft gain a wheel that sticks is not found: it is asked for less than the threshold
-UNFOUND = {("alten", "nominal"), ("cmu", "nominal")}
-STRONG = pytest.mark.xfail(strict=True, reason="turning_torque is a quarter of the limit of strong motors")
-
 
 def test_drawn_robots_are_plausible_and_within_the_rule():
     drawn = drawn_robots(1, 20)
@@ -34,14 +30,8 @@ def test_drawn_robots_are_plausible_and_within_the_rule():
 @pytest.mark.board
 @pytest.mark.slow
 @pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
-@pytest.mark.parametrize(
-    ("name", "kind"),
-    [
-        pytest.param(name, kind, marks=STRONG if (name, kind) in UNFOUND else ())
-        for name in Robot.presets()
-        for kind in ("nominal", "precise")
-    ],
-)
+@pytest.mark.parametrize("kind", ["nominal", "precise"])
+@pytest.mark.parametrize("name", Robot.presets())
 def test_preset_goes_from_its_design_to_a_stop_on_its_board(name, kind, monkeypatch):
     monkeypatch.setattr(board_matrix, "COMPILERS", tuple(compilers())[:1])
     monkeypatch.setattr(board_matrix, "BALANCE", 3.0)

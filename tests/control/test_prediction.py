@@ -149,7 +149,7 @@ def test_observer_uses_the_torque_that_acted(delay):
         (["--delay", "0"], "The prediction: delay is 0 s; it must be above zero"),
         (["--delay", "0.3"], "it can be at most 0.1 s"),
         (["--notch", "200"], "A notch at 200 Hz needs a sample time below 0.0023 s"),
-        (["--notch", "1.0"], "unstable"),  # it turns the phase at the loop's own frequency
+        (["--notch", "1.0"], "does not stabilise"),  # it turns the phase at the loop's own frequency
     ],
 )
 def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):

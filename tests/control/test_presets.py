@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
-from ballbot.control.controller import catching_torque_limit, grip_torque_limit
+from ballbot.control.controller import Controller, catching_torque_limit, grip_torque_limit
 from ballbot.control.file import read_controller
+from ballbot.control.linear import refuse_without_margin
 from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
-from ballbot.control.presets import KINDS, nominal_controller, precise_controller
+from ballbot.control.presets import KINDS, design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.control.source import NAMED_CONTROLLERS, named_controller
 from ballbot.errors import InputError
@@ -20,7 +21,7 @@ from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.run import initial_state_of
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.controller_design import GainOptions, PartOptions, design_controller
+from ballbot.workflows.controller_design import GainOptions, design_controller
 from ballbot.workflows.grid import LoopRobot
 from tests.support.control_examples import FRICTION, alten
 
@@ -86,18 +87,18 @@ def test_torque_limit_of_motors_on_a_duty_leaves_what_a_catch_at_speed_needs():
 
 
 def test_soft_gain_is_refused_where_the_back_emf_makes_it_unstable():
-    robot = alten(FRICTION)
-    assert design_controller(robot).controller.compensation == "none"
-    top = robot.drive.torque_limit / robot.drive.top_speed
-    by_duty = alten(replace(FRICTION, viscous=(top,) * 3))
+    """The nominal kind counts the back-EMF; a gain of one's own that does not is refused, and falls."""
+    robot = alten()
+    by_duty = alten(replace(FRICTION, viscous=(robot.drive.torque_limit / robot.drive.top_speed,) * 3))
+    without = Controller(by_duty, design_gain(robot).gain)
     with pytest.raises(InputError, match="The viscous friction of the robot 'alten'"):
-        design_controller(by_duty)
-    full = design_controller(by_duty, parts=PartOptions(compensation="full")).controller
+        refuse_without_margin(without)
+    fitted = design_controller(by_duty).controller
     kept = [
         simulate_batch(Model(by_duty), tried, hold(), duration=20.0, initial_states=[initial_state_of(1)])
-        for tried in (nominal_controller(by_duty), full)
+        for tried in (without, fitted, nominal_controller(by_duty, compensation="full"))
     ]
-    assert [bool(batch.survived[0]) for batch in kept] == [False, True]
+    assert [bool(batch.survived[0]) for batch in kept] == [False, True, True]
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from ballbot.twin.faults import Compliance
 from ballbot.twin.scenario_file import EXAMPLES, load_scenario, scenario_text
 from tests.support.paths import ROOT
 
-ALTEN = Robot.load("alten")
+ALTEN = Robot.load("alten").replace({"drive.resistance": 0.6})  # which a supply needs
 NOMINAL = Scenario.nominal(ALTEN)
 
 

@@ -104,9 +104,9 @@ class SafetyLimits:
     ) -> SafetyLimits:
         """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
 
-        A sample may be late by as much as a bridged gap lasts. A wheel must turn under twice its break-away torque, or
-        a quarter of the torque limit if that is more; but never only under more than the middle between break-away and
-        limit. It may take as long as a wheel that turns round within a count of its encoder.
+        A sample may be late by as much as a bridged gap lasts. A wheel must turn under twice its break-away torque, but
+        never only under more than the middle between break-away and limit. It may take as long as a wheel that turns
+        round within a count of its encoder.
 
         InputError if the lean is not above zero and at most 1.2 rad, or a wheel does not break away under the limit.
         """
@@ -124,7 +124,7 @@ class SafetyLimits:
                 "with a higher torque limit."
             )
         friction = friction or min(UNKNOWN_FRICTION * robot.drive.torque_limit, _MOST_UNKNOWN * limit)
-        turning = min(max(_TURNING * friction, 0.25 * limit), 0.5 * (friction + limit))
+        turning = min(_TURNING * friction, 0.5 * (friction + limit))
         # from one count into the next and back, under the least torque that counts
         acceleration = float(wheel_mobility(robot).diagonal().min()) * (turning - friction)
         count = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)

@@ -68,7 +68,7 @@ def check_motors(log: Log, motion: Motion, robot: Robot) -> list[Finding]:
         return mean(np.maximum(residual - stuck, 0.0))
 
     logged, power = left(), mean(driving.torque)
-    noise = np.median(logged) + n * (FRICTION_ERROR * breakaway) ** 2 + SCALE_ERROR**2 * power
+    noise = np.median(logged) + n * (FRICTION_ERROR * breakaway) ** 2 + SCALE_ERROR**2 * power + 1e-30
     turned = np.bincount(block, weights=driving.turning.max(axis=1))  # a robot that stands shows nothing
     lasting, found = 0.5 * EVERY * INTERVAL / BLOCK * turned, []
     pairs: list[tuple[tuple[int, ...], float]] = [(pair, 1.0) for pair in combinations(range(n), 2)]
