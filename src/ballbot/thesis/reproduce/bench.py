@@ -19,7 +19,7 @@ from ballbot.control.lqr import LqrDesign, held
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import Reference, change_pose, hold
 from ballbot.fitting.run import Run
-from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline, sweeps_of
+from ballbot.identification.driveline import Sweep, sweeps_of
 from ballbot.identification.identify import identify
 from ballbot.identification.swing import SwingFit, fit_swing, pendulum_motion, swing_of
 from ballbot.identification.upside_down import identify_upside_down
@@ -98,11 +98,6 @@ class Bench:
     def sweeps(self) -> list[Sweep]:
         """The drivelines' sweeps (Figure 3.1)."""
         return sweeps_of(self.robot, self.recorded("driveline_sweep")[0]["log"])
-
-    @cached_property
-    def driveline_fit(self) -> DrivelineFit:
-        """Wheel 1's friction, from its sweep (Figure 3.2)."""
-        return fit_driveline(self.sweeps[0])
 
     @cached_property
     def contact(self) -> Robot:

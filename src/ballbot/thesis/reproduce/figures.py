@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.identification.driveline import DrivelineFit, Sweep
+from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline
 from ballbot.identification.swing import inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.parameters import Formulation
@@ -84,7 +84,8 @@ def figure_3_1(bench: Bench) -> Item:
 
 def figure_3_2(bench: Bench) -> Item:
     """One wheel's sweep beside the models with and without friction."""
-    fit, sweep = bench.driveline_fit, bench.sweeps[0]
+    sweep = bench.sweeps[0]
+    fit = fit_driveline(sweep)
     b, c = fit.values[:2]
     speed = np.abs(sweep.speed[sweep.speed != 0.0])
     share = float(np.sum(b * speed + c) / np.sum(fit.law.steady_friction(speed)))
