@@ -169,11 +169,15 @@ def forecast(
     Row k of a log has the state at t_k and the torques that act from then on, so that the forecast from row k with the
     torques of rows k .. k + samples - 1 predicts the states of rows k + 1 .. k + samples. Returns the states (models,
     starts, samples, 10); a forecast stops at the largest lean. `initial` (starts, 10) replaces the measured initial
-    states.
+    states. InputError if a robot has another number of wheels than the log.
     """
     states = []
     for model in models:
-        check_wheels(model, log)
+        have, need = log.torques.shape[1], model.robot.wheel_count
+        if have != need:
+            raise InputError(
+                f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
+            )
         lanes = Lanes(
             parameters=model.packed[None],
             initial=log.states[starts] if initial is None else initial,
@@ -224,15 +228,6 @@ def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> F
             np.interp(0.0, outward[lost - 1 : lost + 1], leans[lost - 1 : lost + 1]) if lost else LARGEST_LEAN
         )
     return limits
-
-
-def check_wheels(model: Model, log: Log) -> None:
-    """Refuse a log whose torques are not those of the model's wheels; InputError with both numbers."""
-    have, need = log.torques.shape[1], model.robot.wheel_count
-    if have != need:
-        raise InputError(
-            f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
