@@ -76,8 +76,9 @@ def _bootstrap_block(influence: Floats, overlap: int) -> int:
     return min(longest, max(block_length(runs), 2 * overlap if overlap > 1 else 1, round(wanted)))
 
 
-#: least error that counts, in any unit: a thousandth of the resolution of a robot's finest sensors
-_LEAST = 1e-9
+#: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
+#: million times the rounding of a double
+FINEST = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,5 +116,5 @@ class HorizonErrors:
         return ends.reshape(2, *shape)
 
     def _squares(self) -> Floats:
-        """Return the squared errors, each at least `_LEAST` squared."""
-        return np.maximum(self.differences**2, _LEAST**2)
+        """Return the squared errors, each at least `FINEST` squared."""
+        return np.maximum(self.differences**2, FINEST**2)

@@ -31,7 +31,7 @@ from ballbot.arrays import Bools, Floats, Ints
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError, suggest
 from ballbot.findings import Finding
-from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
+from ballbot.fitting.comparison import FINEST, LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -119,10 +119,6 @@ class ModelPair:
         """The first model, then the second."""
         return self.first.model, self.second.model
 
-
-#: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
-#: million times the rounding of a double
-FINEST = 1e-9
 
 Interval = tuple[float, float]
 C = TypeVar("C", bound="Comparison")
