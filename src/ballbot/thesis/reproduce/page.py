@@ -41,7 +41,14 @@ def reproduction_report(made: Reproduction) -> Result:
             "Sizes that depend on the thesis's gain and friction, which it does not print: shapes and ratios must "
             "agree, and such sizes only roughly.",
         ),
-        data=_data(made),
+        data={
+            "seed": made.bench.seed,
+            "friction_identified": made.friction
+            and {name: value for name, value in asdict(made.friction).items() if value != ()},
+            "runs": RUNS,
+            "items": [_item_results(item) for item in made.items],
+            "mistakes": made.mistakes,
+        },
     )
 
 
@@ -97,20 +104,8 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
     )
 
 
-def _data(made: Reproduction) -> dict[str, object]:
-    """Return what results.json holds."""
-    return {
-        "seed": made.bench.seed,
-        "friction_identified": {name: value for name, value in asdict(made.friction).items() if value != ()}
-        if made.friction
-        else None,
-        "runs": RUNS,
-        "items": [_item_results(item) for item in made.items],
-        "mistakes": made.mistakes,
-    }
-
-
 def _item_results(item: Item) -> dict[str, object]:
+    """Return what results.json holds of a figure or table."""
     return {
         "name": item.name,
         "title": item.title,
