@@ -233,19 +233,15 @@ DEFAULT_OPTIONS = FitOptions()
 
 
 def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, run: Run) -> SearchResult:
-    """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
+    """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result.
+
+    From several it descends side by side, and returns the best end; the stage is "search".
+    """
     if options.search == "genetic":
         return evolve(experiment, options=options, run=run)
     if starts.ndim == 1:
         return SearchResult(best=starts)
-    return multistart(experiment, list(starts), most_steps=options.most_steps, run=run)
-
-
-def multistart(
-    experiment: Experiment[At], starts: Sequence[Floats], *, most_steps: int, run: Run
-) -> SearchResult:
-    """Descend from scaled starts (p,) side by side, and return the best end; the stage is "search"."""
-    steps = min(_SEARCH_STEPS, most_steps)
+    steps = min(_SEARCH_STEPS, options.most_steps)
     total, done, least = len(starts) * steps, 0, np.inf
     reporting = Lock()
 
@@ -261,7 +257,7 @@ def multistart(
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
+    best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
 

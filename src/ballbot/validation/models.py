@@ -352,7 +352,7 @@ class ErrorPair:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         return self.rmse / np.where(self.spread > FINEST, self.spread, np.nan)
 
-    def ratio_interval(self, *, seed: int = 0) -> Floats:
+    def ratio_interval(self) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
         The bootstrap draws whole runs in blocks of neighbours, with both models' errors of a run together.
@@ -360,7 +360,7 @@ class ErrorPair:
         if self.runs < LEAST_RUNS:
             return np.full((2, len(STATE_NAMES)), np.nan)
         first, second = self._resolved().swapaxes(0, 1)
-        return ratio_interval(second, first, overlap=self.overlap, seed=seed)
+        return ratio_interval(second, first, overlap=self.overlap)
 
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdict on the first model from the interval on each state's ratio."""
