@@ -24,8 +24,15 @@ from ballbot.validation import (
     validate,
     validate_pair,
 )
-from ballbot.validation.closed_loop import ClosedLoop, closed_loop, delay_of, heading_error
-from ballbot.validation.models import Case, forecast, recoverable_lean, stretches, window_starts
+from ballbot.validation.closed_loop import ClosedLoop, closed_loop, delay_of
+from ballbot.validation.models import (
+    Case,
+    forecast,
+    in_heading_frame,
+    recoverable_lean,
+    stretches,
+    window_starts,
+)
 from ballbot.validation.open_loop import OpenLoop
 from tests.support.validation_examples import (
     NOISE,
@@ -88,7 +95,7 @@ def test_the_gain_is_recovered_exactly_from_a_simulated_log():
 def test_a_late_controller_is_recovered_with_its_delay(delay):
     random = np.random.default_rng(0)
     states = random.normal(size=(600, 10)) * 0.1
-    log = _log_of(states, np.roll(heading_error(states, np.zeros_like(states)) @ gain().T, delay, axis=0))
+    log = _log_of(states, np.roll(in_heading_frame(-states, states[:, 4]) @ gain().T, delay, axis=0))
     found = recover_gain(log)
     assert found.delay == delay
     # rolling put the last torques before the first states: `delay` of 600 rows are not of the law
@@ -98,7 +105,7 @@ def test_a_late_controller_is_recovered_with_its_delay(delay):
 def test_clipped_samples_do_not_bend_the_gain():
     random = np.random.default_rng(0)
     states = random.normal(size=(800, 10)) * 0.05
-    torques = np.clip(heading_error(states, np.zeros_like(states)) @ gain().T, -1.0, 1.0)
+    torques = np.clip(in_heading_frame(-states, states[:, 4]) @ gain().T, -1.0, 1.0)
     assert np.mean(np.abs(torques) == 1.0) > 0.05
     found = recover_gain(_log_of(states, torques))
     assert found.torque_limit == 1.0

@@ -44,9 +44,7 @@ _REPEATS = 2000
 _LEAST_BLOCKS = 4
 
 
-def ratio_interval(
-    numerator: Floats, denominator: Floats, *, overlap: int = 1, seed: int = 0, power: float = 1.0
-) -> Floats:
+def ratio_interval(numerator: Floats, denominator: Floats, *, overlap: int = 1, power: float = 1.0) -> Floats:
     """Return the ends (2, k) of the interval on (mean of numerator / mean of denominator)^power.
 
     Both are positive, (runs, k), in the order of time. `overlap` neighbouring runs share part of the log. The power is
@@ -56,7 +54,7 @@ def ratio_interval(
     numerator, denominator = numerator + trifle, denominator + trifle
     above, below = numerator.mean(axis=0), denominator.mean(axis=0)
     block = _bootstrap_block(numerator / above - denominator / below, overlap)
-    means = resampled_means(np.hstack([numerator, denominator]), block=block, repeats=_REPEATS, seed=seed)
+    means = resampled_means(np.hstack([numerator, denominator]), block=block, repeats=_REPEATS, seed=0)
     logs = np.log(means[:, : len(above)] / means[:, len(above) :])
     blocks = runs / block
     half = special.stdtrit(blocks - 1.0, 0.975) * np.sqrt(blocks / (blocks - 1.0)) * logs.std(axis=0, ddof=1)
@@ -76,8 +74,9 @@ def _bootstrap_block(influence: Floats, overlap: int) -> int:
     return min(longest, max(block_length(runs), 2 * overlap if overlap > 1 else 1, round(wanted)))
 
 
-#: least error that counts, in any unit: a thousandth of the resolution of a robot's finest sensors
-_LEAST = 1e-9
+#: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
+#: million times the rounding of a double
+FINEST = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,15 +104,15 @@ class HorizonErrors:
         first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
-    def ratio_interval(self, *, seed: int = 0) -> Floats:
+    def ratio_interval(self) -> Floats:
         """Return the 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
         shape = self.differences.shape[2:]
         if self.starts < LEAST_RUNS * self.overlap:
             return np.full((2, *shape), np.nan)
         first, second, *_ = self._squares().reshape(len(self.differences), self.starts, -1)
-        ends = ratio_interval(second, first, overlap=self.overlap, seed=seed, power=0.5)
+        ends = ratio_interval(second, first, overlap=self.overlap, power=0.5)
         return ends.reshape(2, *shape)
 
     def _squares(self) -> Floats:
-        """Return the squared errors, each at least `_LEAST` squared."""
-        return np.maximum(self.differences**2, _LEAST**2)
+        """Return the squared errors, each at least `FINEST` squared."""
+        return np.maximum(self.differences**2, FINEST**2)

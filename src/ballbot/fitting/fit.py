@@ -49,6 +49,7 @@ from ballbot.fitting.uncertainty import (
     WindowEquations,
     bootstrap,
     covariance,
+    deviations,
     discrepancy,
     leverage_corrected,
     without_influence,
@@ -98,7 +99,7 @@ class Descended(Generic[At]):
         """Clustered standard errors (p,) of the free parameters, scaled; NaN without influence, or if all are lost."""
         normal, free = self.equations, self.experiment.coordinates.free
         varied = free & (normal.matrix.diagonal() > 0.0) & np.isfinite(normal.matrix).all()
-        return _roots(covariance(normal, varied))
+        return deviations(covariance(normal, varied))
 
 
 def descend(
@@ -232,33 +233,15 @@ DEFAULT_OPTIONS = FitOptions()
 
 
 def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, run: Run) -> SearchResult:
-    """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result."""
+    """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result.
+
+    From several it descends side by side, and returns the best end; the stage is "search".
+    """
     if options.search == "genetic":
-        space, fixed = experiment.coordinates, experiment.coordinates.scaled(experiment.coordinates.nominal)
-
-        def points(drawn: Floats) -> Floats:
-            complete = np.tile(fixed, (len(drawn), 1))
-            complete[:, space.free] = drawn
-            return np.where(space.free, space.from_search(complete), complete)
-
-        found = evolve(
-            lambda drawn: experiment.costs(points(drawn)),
-            size=int(space.free.sum()),
-            generations=options.generations,
-            population=options.population,
-            run=run,
-        )
-        return replace(found, best=points(found.best[None])[0])
+        return evolve(experiment, options=options, run=run)
     if starts.ndim == 1:
         return SearchResult(best=starts)
-    return multistart(experiment, list(starts), most_steps=options.most_steps, run=run)
-
-
-def multistart(
-    experiment: Experiment[At], starts: Sequence[Floats], *, most_steps: int, run: Run
-) -> SearchResult:
-    """Descend from scaled starts (p,) side by side, and return the best end; the stage is "search"."""
-    steps = min(_SEARCH_STEPS, most_steps)
+    steps = min(_SEARCH_STEPS, options.most_steps)
     total, done, least = len(starts) * steps, 0, np.inf
     reporting = Lock()
 
@@ -274,21 +257,26 @@ def multistart(
 
     # a cluster works on the pieces of each descent
     threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    best, *ends = sorted(threads(descent, experiment, starts), key=lambda end: end.cost)
+    best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
 
 
-def evolve(
-    cost_of: Callable[[Floats], Floats], *, size: int, generations: int, population: int, run: Run
-) -> SearchResult:
-    """Minimise a cost over the unit cube of `size` coordinates, one batch a generation.
+def evolve(experiment: Experiment[At], *, options: FitOptions, run: Run) -> SearchResult:
+    """Minimise the cost over the unit cube of the free parameters, one batch a generation.
 
-    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. `cost_of`
-    returns the costs (population,) of a population (population, p). The run's seed fixes the search bit for bit; the
-    stage "evolution" is reported after each generation.
+    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. The run's
+    seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
     """
     from cmaes import CMA  # with scipy.stats, which takes half a second
+
+    space, population, generations = experiment.coordinates, options.population, options.generations
+    fixed, size = space.scaled(space.nominal), int(space.free.sum())
+
+    def points(drawn: Floats) -> Floats:
+        complete = np.tile(fixed, (len(drawn), 1))
+        complete[:, space.free] = drawn
+        return np.where(space.free, space.from_search(complete), complete)
 
     bounds = np.tile([0.0, 1.0], (size, 1))
     strategy = CMA(
@@ -297,7 +285,7 @@ def evolve(
     best, least, history = np.full(size, 0.5), np.inf, []
     for generation in range(1, generations + 1):
         candidates = np.array([strategy.ask() for _ in range(population)])
-        costs = cost_of(candidates)
+        costs = experiment.costs(points(candidates))
         strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
         if costs.min() < least:
             best, least = candidates[costs.argmin()], float(costs.min())
@@ -306,7 +294,7 @@ def evolve(
         gained = history[-_SEARCH_PATIENCE - 1] - least if generation > _SEARCH_PATIENCE else np.inf
         if gained < _LEAST_SEARCH_GAIN or strategy.should_stop():
             break
-    return SearchResult(best=best, history=tuple(history))
+    return SearchResult(best=points(best[None])[0], history=tuple(history))
 
 
 # --- the fit ---
@@ -381,7 +369,7 @@ class Fit(Generic[At]):
         shifts = bootstrap(finished.equations, self.estimated, seed=self.run.seed)
         errors = Errors(
             point=finished.point,
-            clustered=_roots(widen**2 * self.scaled_covariance),
+            clustered=deviations(widen**2 * self.scaled_covariance),
             bootstrap=widen * shifts.std(axis=0, ddof=1),
             quantile=self.quantile,
         )
@@ -598,12 +586,6 @@ def held_out_squares(
 
 def _quantile(blocks: int, parameters: int) -> float:
     return float(special.stdtrit(max(blocks - parameters, 1), 0.5 + 0.5 * CONFIDENCE))
-
-
-def _roots(covariance: Floats) -> Floats:
-    """Return standard errors (p,); NaN if a variance is not positive, as of a short, ill-posed fit."""
-    variances = covariance.diagonal()
-    return np.sqrt(np.where(variances > 0.0, variances, np.nan))
 
 
 #: fits of the other parameters on each side at most, and steps of each fit

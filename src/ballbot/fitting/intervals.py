@@ -15,7 +15,7 @@ from scipy import special
 
 from ballbot.arrays import Floats, Ints
 from ballbot.fitting.parameter import ParameterSpace
-from ballbot.fitting.uncertainty import correlation
+from ballbot.fitting.uncertainty import correlation, deviations
 from ballbot.results import key
 
 CONFIDENCE = 0.95
@@ -61,8 +61,7 @@ class Uncertainty:
     @property
     def scaled_errors(self) -> Floats:
         """Standard errors (p,), scaled; NaN if a variance is not positive."""
-        variances = self.covariance.diagonal()
-        return np.sqrt(np.where(variances > 0.0, variances, np.nan))
+        return deviations(self.covariance)
 
     @property
     def standard_errors(self) -> Floats:

@@ -132,9 +132,7 @@ class ParameterSpace:
 
     def scaled_one(self, index: int, physical: float) -> float:
         """Return the scaled value, clipped to the bounds, of the parameter with this index."""
-        return float(
-            self.scaled(np.where(np.arange(len(self.parameters)) == index, physical, self.nominal))[index]
-        )
+        return float(self.scaled(np.full(len(self.parameters), physical))[index])
 
     def slopes(self, scaled: Floats) -> Floats:
         """Return dp/dz (..., p), the factor from an error of a scaled parameter to one in SI units."""

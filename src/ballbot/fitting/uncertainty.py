@@ -90,10 +90,15 @@ def without_influence(equations: WindowEquations) -> Bools:
     return (H < 1.0) | (spread > NO_INFLUENCE * H)
 
 
+def deviations(covariance: Floats) -> Floats:
+    """Return standard errors (p,); NaN if a variance is not positive, as of a short, ill-posed fit."""
+    variances = covariance.diagonal()
+    return np.sqrt(np.where(variances > 0.0, variances, np.nan))
+
+
 def correlation(covariance: Floats) -> Floats:
     """Return the correlation matrix (p, p) of a covariance, with NaN where it has NaN."""
-    variance = covariance.diagonal()
-    deviation = np.sqrt(np.where(variance > 0.0, variance, np.nan))
+    deviation = deviations(covariance)
     with np.errstate(divide="ignore", invalid="ignore"):
         result = covariance / np.outer(deviation, deviation)
     block = np.ix_(*2 * (np.flatnonzero(np.isfinite(deviation)),))

@@ -299,13 +299,6 @@ class Geometry:
     #: delay of the camera upside down [s], and the share of the lean that the encoders show; play hides the rest
     others: tuple[GeometryQuantity, ...] = ()
 
-    def find(self, name: str) -> GeometryQuantity:
-        """Return the first quantity of that name; InputError if the logs do not determine it."""
-        for quantity in (*self.measured, *self.others):
-            if quantity.name == name:
-                return quantity
-        raise InputError(f"These logs do not determine {name}.")
-
     def azimuths(self, kind: str) -> list[GeometryQuantity]:
         """Return the wheels' azimuths from that kind of logs; an empty list without such logs."""
         return [azimuth for azimuth in self.measured if "azimuths" in azimuth.name and azimuth.kind == kind]
@@ -349,7 +342,8 @@ def survey_geometry(
     >>> A = robot.ball.radius / robot.wheels.radius * axles(robot.wheels.azimuths, robot.wheels.tilt)
     >>> columns = dict(zip(BALL_NAMES, omega.T)) | dict(zip(("wheel1", "wheel2", "wheel3"), (turned @ A.T).T))
     >>> geometry = survey_geometry(robot, upside_down=[Log({"t": t, **columns})])
-    >>> round(geometry.find("wheels.tilt").value / robot.wheels.tilt, 3)
+    >>> tilt, = (quantity for quantity in geometry.measured if quantity.name == "wheels.tilt")
+    >>> round(tilt.value / robot.wheels.tilt, 3)
     1.0
     """
     if not upside_down and not balancing:

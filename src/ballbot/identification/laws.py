@@ -25,7 +25,7 @@ from ballbot.errors import InputError, suggest
 from ballbot.fitting.parameter import Limits
 from ballbot.identification.quantities import BY_NAME, FRICTION, QUANTITIES, Bounds, names_in
 from ballbot.robot import Robot
-from ballbot.robot.friction_law import CLASSICAL, friction_law, registered_laws
+from ballbot.robot.friction_law import CLASSICAL, REGISTERED, friction_law
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def law_named(name: str) -> Law:
     names = [law.name for law in LAWS]
     if name in names:
         return LAWS[names.index(name)]
-    if ".py:" in name or name in registered_laws():
+    if ".py:" in name or name in REGISTERED:
         law = friction_law(name)
         assert law is not None
         for own in law.own:
@@ -74,7 +74,7 @@ def law_named(name: str) -> Law:
                 )
         free = ("viscous", *law.takes, "rolling")
         return Law(law.name, f"b w + ({law.formula}) sgn w, C_rr", None, free)
-    hint = suggest(name, [*names, *registered_laws()], otherwise="there are")
+    hint = suggest(name, [*names, *REGISTERED], otherwise="there are")
     raise InputError(f"{name!r} is not a friction law; {hint}")
 
 

@@ -44,11 +44,6 @@ def second_moments(robot: Robot) -> Sequence[float]:
     return np.maximum(S, _THINNEST * S.sum()).tolist()
 
 
-def rotor_inertia(robot: Robot) -> Sequence[float]:
-    """Return the inertia [kg m^2] of rotor and gear as felt at the wheel."""
-    return (robot.drive.reflected_inertia,)
-
-
 def with_rigid_body(robot: Robot, quantities: Mapping[str, Floats]) -> Robot:
     """Return the robot with these quantities of `RIGID`.
 
@@ -221,8 +216,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         "of a motor's rotor and gear, as felt at the wheel",
         "",
         "amount",
-        own=rotor_inertia,
-        share_of=rotor_inertia,
+        own=lambda robot: (robot.drive.reflected_inertia,),
+        share_of=lambda robot: (robot.drive.reflected_inertia,),
         lines=("drive.motor_inertia", "drive.gear_inertia"),
     ),
     Quantity(

@@ -379,7 +379,7 @@ class TaskLanes:
         workers = min(whole_number(threads or os.cpu_count() or 1, "threads", least=1), blocks)
         ends = [min(lanes, LANES * (blocks * k // workers)) for k in range(workers + 1)]
         self._spans = list(pairwise(ends))
-        self._threads = ThreadPoolExecutor(workers - 1) if workers > 1 else None
+        self._threads = ThreadPoolExecutor(max(workers - 1, 1))
 
     def _new_world(
         self,
@@ -389,7 +389,25 @@ class TaskLanes:
         seed: int,
     ) -> LaneArrays:
         pool, n, lanes = _pool_of(robots, estimator, self.sample_time), self.wheels, self.lanes
-        inputs = self._new_inputs(robots, pool, base, estimator)
+        selected, own = self._selected, 1 if self.task.impulse > 0.0 else 0
+        filters = np.empty((0, 0))
+        if estimator == "kalman":
+            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
+        inputs = Inputs(
+            code=code_of(selected),
+            play_code=play_code_of(selected) if robots[0].imperfections.backlash > 0.0 else 0,
+            law_code=law_code() if base else 0,
+            filter_code=sample_code() if len(filters) else 0,
+            parameters=np.repeat(pool.parameters[:1], lanes, axis=0),
+            lift_offs=np.repeat(pool.lift_offs[:1], lanes),
+            laws=base.packed[None].copy() if base else np.zeros((1, 0)),
+            loops=np.repeat(pool.loops[:1], lanes, axis=0).reshape(-1).view(LOOP.dtype()),
+            filters=filters,
+            contacts=np.repeat(pool.contacts[:1], lanes, axis=0),
+            initial=np.zeros((lanes, 10)),
+            pushes=np.zeros((lanes, own + pool.pushes.shape[1], 6)),
+            bumps=np.zeros((lanes, pool.bumps.shape[1], 4)),
+        )
         return LaneArrays(
             inputs=inputs,
             draws=_new_draws(robots, lanes, n),
@@ -416,33 +434,6 @@ class TaskLanes:
                 self.task, self.robot, torque_limit=self.torque_limit, sensing=estimator is not None
             ),
             episodes=_new_episodes(inputs.loops, n, seed),
-        )
-
-    def _new_inputs(
-        self,
-        robots: Sequence[LoopRobot],
-        pool: Pool,
-        base: Controller | None,
-        estimator: EstimatorName | None,
-    ) -> Inputs:
-        lanes, selected, own = self.lanes, self._selected, 1 if self.task.impulse > 0.0 else 0
-        filters = np.empty((0, 0))
-        if estimator == "kalman":
-            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
-        return Inputs(
-            code=code_of(selected),
-            play_code=play_code_of(selected) if robots[0].imperfections.backlash > 0.0 else 0,
-            law_code=law_code() if base else 0,
-            filter_code=sample_code() if len(filters) else 0,
-            parameters=np.repeat(pool.parameters[:1], lanes, axis=0),
-            lift_offs=np.repeat(pool.lift_offs[:1], lanes),
-            laws=base.packed[None].copy() if base else np.zeros((1, 0)),
-            loops=np.repeat(pool.loops[:1], lanes, axis=0).reshape(-1).view(LOOP.dtype()),
-            filters=filters,
-            contacts=np.repeat(pool.contacts[:1], lanes, axis=0),
-            initial=np.zeros((lanes, 10)),
-            pushes=np.zeros((lanes, own + pool.pushes.shape[1], 6)),
-            bumps=np.zeros((lanes, pool.bumps.shape[1], 4)),
         )
 
     def reseed(self, lane: int, seed: int) -> None:
@@ -487,23 +478,15 @@ class TaskLanes:
                 self._moved(self._world)
 
     def _play_compiled(self, parts: int, ending: int, samples: int) -> None:
-        if self._threads is None:
-            self._play_span(self._spans[0], parts, ending, samples)
-            return
-        others = [
-            self._threads.submit(self._play_span, span, parts, ending, samples) for span in self._spans[1:]
-        ]
-        self._play_span(self._spans[0], parts, ending, samples)
-        for other in others:
+        own, *others = ((self._selected, self._world, span, samples, ending, parts) for span in self._spans)
+        playing = [self._threads.submit(play, *other) for other in others]
+        play(*own)
+        for other in playing:
             other.result()
-
-    def _play_span(self, span: tuple[int, int], parts: int, ending: int, samples: int) -> None:
-        play(self._selected, self._world, span, samples, ending, parts)
 
     def close(self) -> None:
         """End the threads."""
-        if self._threads is not None:
-            self._threads.shutdown()
+        self._threads.shutdown()
 
 
 def _check_kinds(robots: Sequence[LoopRobot], sample_time: float, base: Controller | None) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.parts.policy import VERSION, Policy
 from ballbot.control.presets import nominal_controller
-from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import TaskLanes
 from ballbot.learning.ppo import Layers, Training, TrainingState, new_actor, random_of, train
@@ -295,7 +295,6 @@ def confirm(
     runs: int = 100,
     duration: float = 60.0,
     twin: bool = False,
-    workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> Confirmed:
     """Return how a controller does a task on robots that it was not trained on, each with a seed of its own.
@@ -308,7 +307,7 @@ def confirm(
     tried = [
         GridRun(candidate="learned", controller=controller, condition=condition) for condition in conditions
     ]
-    errors = np.array(run_grid(tried, _errors, workers=workers, run=run).answers)
+    errors = np.array(run_grid(tried, _errors, run=run).answers)
     return Confirmed(
         plant="twin" if twin else "loop",
         runs=runs,

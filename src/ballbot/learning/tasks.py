@@ -199,25 +199,18 @@ class TaskNumbers(NamedTuple):
         """Return a task's numbers for a robot, by `action_limit`; a push acts at its body's centre of mass."""
         h, weights = robot.sensors.sample_time, task.weights.per_si()
         weights[5] *= (torque_limit / robot.drive.torque_limit) ** 2  # of the drives' limit
-        return TaskNumbers(
-            samples=max(1, round(task.duration / h)),
-            sample_time=h,
-            offset=task.offset,
-            speed=task.speed,
-            lean=task.lean,
-            turn=task.turn,
-            fallen=task.fallen,
-            reach=task.reach,
-            reach_heading=task.reach_heading,
-            drive=task.drive,
-            interval=task.interval / h,
-            impulse=task.impulse,
-            push_samples=max(1, round(PUSH / h)),
-            push_height=robot.body.center_of_mass,
-            torque_limit=torque_limit,
-            sensing=sensing,
-            weights=weights,
-        )
+        stated = {name: value for name, value in vars(task).items() if name in TaskNumbers._fields}
+        own = {
+            "samples": max(1, round(task.duration / h)),
+            "sample_time": h,
+            "interval": task.interval / h,
+            "push_samples": max(1, round(PUSH / h)),
+            "push_height": robot.body.center_of_mass,
+            "torque_limit": torque_limit,
+            "sensing": sensing,
+            "weights": weights,
+        }
+        return TaskNumbers(**{**stated, **own})
 
 
 @inlined

@@ -156,7 +156,7 @@ def corrected_ahead(selected, P, start, end, solution, u, h):
     half way.
     """
     v_end, w_end = parted(end)
-    v, w = each(_mean, start.v, v_end), each(_mean, start.w, w_end)
+    v, w = scale(add(start.v, v_end), 0.5), scale(add(start.w, w_end), 0.5)
     free = free_motion(selected, P, start.middle, v, w, u)
     later = contact_speeds(selected, P, start.middle, v_end, w_end)
     turning = subtract(later, contact_speeds(selected, P, start.before, v_end, w_end))
@@ -227,10 +227,6 @@ def _turn_about(start, free, limit, stops):
     turns = both(stops > 0.0, forward * free < -limit, limit > 0.0)
     share = where(turns, abs(start) / (limit - forward * free), 0.0)
     return turns, where(turns, forward * limit * (2.0 * share - 1.0), 0.0)
-
-
-def _mean(a, b):
-    return 0.5 * (a + b)
 
 
 @traced

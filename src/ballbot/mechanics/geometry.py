@@ -85,7 +85,7 @@ def rotation(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArray[np.flo
     The angles [rad] broadcast to one shape S.
     """
     theta, phi, psi = np.broadcast_arrays(theta, phi, psi)
-    s1, c1, s2, c2, s3, c3 = *_sin_cos(theta), *_sin_cos(phi), *_sin_cos(psi)
+    s1, c1, s2, c2, s3, c3 = (f(angle) for angle in (theta, phi, psi) for f in (np.sin, np.cos))
     rows = (
         (c2 * c3, -c2 * s3, s2),
         (c1 * s3 + s1 * s2 * c3, c1 * c3 - s1 * s2 * s3, -s1 * c2),
@@ -129,12 +129,8 @@ def body_rates_matrix(theta: ArrayLike, phi: ArrayLike, psi: ArrayLike) -> NDArr
     The angles [rad] broadcast to one shape S. B does not depend on theta. It is singular at phi = +-pi/2.
     """
     _, phi, psi = np.broadcast_arrays(theta, phi, psi)
-    s2, c2, s3, c3 = *_sin_cos(phi), *_sin_cos(psi)
+    s2, c2, s3, c3 = (f(angle) for angle in (phi, psi) for f in (np.sin, np.cos))
     return _matrix(phi.shape, ((c2 * c3, s3, 0.0), (-c2 * s3, c3, 0.0), (s2, 0.0, 1.0)))
-
-
-def _sin_cos(angle: NDArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.sin(angle), np.cos(angle)
 
 
 def _matrix(shape: tuple[int, ...], rows: Sequence[Sequence[ArrayLike]]) -> NDArray[np.float64]:

@@ -33,7 +33,7 @@ import numpy as np
 
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.tracing import both, either, greatest, least, root, traced, where
-from ballbot.mechanics.engine.vector import inner, scale, solve_dense, summed
+from ballbot.mechanics.engine.vector import inner, scale, solve_dense, subtract, summed
 
 _DISC_TOLERANCE = 1e-13  # of the disc's force, change in the last round
 _TRIES, _SWEEPS, _ROUNDS = 100, 2, 4  # of Newton's method, each after so many sweeps and of so many rounds
@@ -135,11 +135,7 @@ def _sweep(forces, G, b, limits, rolling_force):
 def _eased_round(s, G, b, limits, rolling_force):
     """Return the forces after one eased round, their probe and the error of the optimality conditions."""
     forces, after, _ = newton_round(s, G, b, limits, rolling_force, _EASING)
-    return forces, after, largest_of(_difference(_projection(after, limits, rolling_force), forces))
-
-
-def _difference(first, other):
-    return tuple(a - b for a, b in zip(first, other, strict=True))
+    return forces, after, largest_of(subtract(_projection(after, limits, rolling_force), forces))
 
 
 @traced
@@ -196,7 +192,7 @@ def found_forces(G, b, rates, limits, rolling_force):
 @traced
 def all_rest(forces, s, b):
     """Return 1 if every contact's speed is rounding, else 0."""
-    return where(largest_of(_difference(s, forces)) <= _AT_REST * largest_of(b), 1.0, 0.0)
+    return where(largest_of(subtract(s, forces)) <= _AT_REST * largest_of(b), 1.0, 0.0)
 
 
 @traced

@@ -99,7 +99,8 @@ class FrictionLaw:
         return f"{self.file}:{self.name}" if self.file else self.name
 
 
-_LAWS: dict[str, FrictionLaw] = {}
+#: the registered laws, by their names
+REGISTERED: dict[str, FrictionLaw] = {}
 #: parameters of all registered laws, by their dotted names
 OWN_PARAMETERS: dict[str, Parameter] = {}
 
@@ -167,7 +168,7 @@ def register_friction_law(
             f"{', '.join(own) or 'none'}; they must be speed, load and at most {MOST_PARAMETERS} parameters, each "
             f"described or one of {', '.join(SHARED)}."
         )
-    for other in _LAWS.values():
+    for other in REGISTERED.values():
         for parameter in other.own if other.name != name else ():
             if own.get(parameter.name, parameter) != parameter:
                 raise InputError(
@@ -176,8 +177,8 @@ def register_friction_law(
     described, file = tuple(own.values()), _LOADING.get("file")
     law = FrictionLaw(name=name, size=size, own=described, takes=takes, formula=formula or name, file=file)
     _check_proportional(law)
-    _LAWS[name] = law
-    stated = [parameter.stated for law in _LAWS.values() for parameter in law.own]
+    REGISTERED[name] = law
+    stated = [parameter.stated for law in REGISTERED.values() for parameter in law.own]
     OWN_PARAMETERS.clear()
     OWN_PARAMETERS.update({parameter.name: parameter for parameter in stated})
     return law
@@ -215,11 +216,6 @@ def _check_proportional(law: FrictionLaw) -> None:
 _LOADING: dict[str, Path] = {}
 
 
-def registered_laws() -> list[str]:
-    """Return the names of the registered laws."""
-    return list(_LAWS)
-
-
 def friction_law(text: str) -> FrictionLaw | None:
     """Return the law that a robot names, or that FILE.py:NAME registers; None for the classical one.
 
@@ -227,21 +223,21 @@ def friction_law(text: str) -> FrictionLaw | None:
     """
     path, _, name = text.rpartition(":")
     file = Path(path).resolve() if path.endswith(".py") else None
-    if file and (name not in _LAWS or _LAWS[name].file != file):
+    if file and (name not in REGISTERED or REGISTERED[name].file != file):
         _LOADING["file"] = file
         try:
             user_module(file)
         finally:
             del _LOADING["file"]
-        if name in _LAWS and _LAWS[name].file != file:
+        if name in REGISTERED and REGISTERED[name].file != file:
             raise InputError(
                 f"{path} and another file or program register a friction law {name}; rename one of them."
             )
-    if name in _LAWS:
-        return _LAWS[name]
+    if name in REGISTERED:
+        return REGISTERED[name]
     if name == CLASSICAL and not path:
         return None
-    hint = suggest(name, [CLASSICAL, *_LAWS], otherwise="there are")
+    hint = suggest(name, [CLASSICAL, *REGISTERED], otherwise="there are")
     raise InputError(
         f"There is no friction law {text!r}; {hint} Register it with ballbot.register_friction_law, or name the Python "
         "file that does, as FILE.py:NAME."

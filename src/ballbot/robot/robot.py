@@ -93,16 +93,10 @@ class Robot(RobotValues, Plotted):
             law = str(numbers.pop("friction.law"))
             before = dataclasses.replace(self, friction=self.friction.with_law(law, dict(self.friction.own)))
         changed = with_values(before, {name: _shaped(before, name, value) for name, value in numbers.items()})
-        copy = Robot(
-            name=self.name if name is None else name,
-            gravity=changed.gravity if gravity is None else gravity,
-            ball=ball or changed.ball,
-            body=body or changed.body,
-            wheels=wheels or changed.wheels,
-            drive=drive or changed.drive,
-            sensors=sensors or changed.sensors,
-            friction=friction or changed.friction,
-        )
+        parts = {"ball": ball, "body": body, "wheels": wheels, "drive": drive, "sensors": sensors}
+        parts |= {"name": name, "friction": friction, "gravity": gravity}
+        given = {key: part for key, part in parts.items() if part is not None}
+        copy = dataclasses.replace(changed, **given) if given else changed
         stays = {key for key, item in BY_NAME.items() if value_of(copy, item) == value_of(self, item)}
         deviations = self.standard_deviations.items()
         return copy.annotated(

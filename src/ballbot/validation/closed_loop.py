@@ -61,7 +61,7 @@ def recover_gain(log: Log) -> RecoveredGain:
 
     InputError if no linear law explains the torques.
     """
-    errors, torques = heading_error(log.states, log.reference), log.torques
+    errors, torques = in_heading_frame(log.reference - log.states, log.states[:, 4]), log.torques
     largest = float(np.abs(torques).max())
     # a largest torque that recurs exactly is a limit
     clipped = largest > 0.0 and np.count_nonzero(np.abs(torques) == largest) > 3
@@ -114,11 +114,6 @@ def explained_share(torques: Floats, unexplained: Floats) -> Floats:
     """Return R^2 (n,) of each wheel: one less the unexplained share of the torque's variance."""
     total = np.sum((torques - torques.mean(axis=0)) ** 2, axis=0)
     return 1.0 - np.sum(unexplained**2, axis=0) / np.where(total > 0.0, total, np.inf)
-
-
-def heading_error(states: Floats, references: Floats) -> Floats:
-    """Return S(psi) (r - x) (N, 10)."""
-    return in_heading_frame(references - states, states[:, 4])
 
 
 def _fit_gain(errors: Floats, torques: Floats, delay: int, limit: float | None) -> RecoveredGain:

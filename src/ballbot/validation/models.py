@@ -31,7 +31,7 @@ from ballbot.arrays import Bools, Floats, Ints
 from ballbot.control.interface import Feedback
 from ballbot.errors import InputError, check_known
 from ballbot.findings import Finding
-from ballbot.fitting.comparison import LEAST_RUNS, Verdict, ratio_interval, verdicts
+from ballbot.fitting.comparison import FINEST, LEAST_RUNS, Verdict, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES, Log
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
 from ballbot.mechanics.equations import LARGEST_LEAN
@@ -120,10 +120,6 @@ class ModelPair:
         return self.first.model, self.second.model
 
 
-#: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
-#: million times the rounding of a double
-FINEST = 1e-9
-
 Interval = tuple[float, float]
 C = TypeVar("C", bound="Comparison")
 Record = TypeVar("Record", bound="DataclassInstance")
@@ -169,11 +165,15 @@ def forecast(
     Row k of a log has the state at t_k and the torques that act from then on, so that the forecast from row k with the
     torques of rows k .. k + samples - 1 predicts the states of rows k + 1 .. k + samples. Returns the states (models,
     starts, samples, 10); a forecast stops at the largest lean. `initial` (starts, 10) replaces the measured initial
-    states.
+    states. InputError if a robot has another number of wheels than the log.
     """
     states = []
     for model in models:
-        check_wheels(model, log)
+        have, need = log.torques.shape[1], model.robot.wheel_count
+        if have != need:
+            raise InputError(
+                f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
+            )
         lanes = Lanes(
             parameters=model.packed[None],
             initial=log.states[starts] if initial is None else initial,
@@ -224,15 +224,6 @@ def recoverable_leans(model: Model, directions: Floats, *, largest: Floats) -> F
             np.interp(0.0, outward[lost - 1 : lost + 1], leans[lost - 1 : lost + 1]) if lost else LARGEST_LEAN
         )
     return limits
-
-
-def check_wheels(model: Model, log: Log) -> None:
-    """Refuse a log whose torques are not those of the model's wheels; InputError with both numbers."""
-    have, need = log.torques.shape[1], model.robot.wheel_count
-    if have != need:
-        raise InputError(
-            f"The log has the torques of {have} wheels, but the robot {model.robot.name} has {need} wheels."
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -361,7 +352,7 @@ class ErrorPair:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         return self.rmse / np.where(self.spread > FINEST, self.spread, np.nan)
 
-    def ratio_interval(self, *, seed: int = 0) -> Floats:
+    def ratio_interval(self) -> Floats:
         """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
         The bootstrap draws whole runs in blocks of neighbours, with both models' errors of a run together.
@@ -369,7 +360,7 @@ class ErrorPair:
         if self.runs < LEAST_RUNS:
             return np.full((2, len(STATE_NAMES)), np.nan)
         first, second = self._resolved().swapaxes(0, 1)
-        return ratio_interval(second, first, overlap=self.overlap, seed=seed)
+        return ratio_interval(second, first, overlap=self.overlap)
 
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdict on the first model from the interval on each state's ratio."""

@@ -23,7 +23,7 @@ from ballbot.log.fingerprints import logs_among
 from ballbot.mechanics.model import Model
 from ballbot.progress import Progress
 from ballbot.robot import RobotLike, as_robot
-from ballbot.validation.models import FINEST, Case, Interval, ModelPair, check_wheels, stretches
+from ballbot.validation.models import FINEST, Case, Interval, ModelPair, stretches
 from ballbot.validation.result import Validation
 from ballbot.validation.ways import WAYS
 
@@ -96,7 +96,6 @@ def validate_pair(
     """
     references = [name for name in ("ref_x", "ref_y", "ref_psi") if name in log]
     log = log.complete(*STATE_NAMES, *torque_names(models.first.model.robot.wheel_count), *references)
-    check_wheels(models.first.model, log)
     case = Case(models=models, log=log, parts=stretches(log, holdout), controller=controller, seed=run.seed)
     nothing_shown = no_evidence(case)
     disturbed = next((finding.text for finding in check_disturbance(log, models.first.model.robot)), None)

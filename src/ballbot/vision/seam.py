@@ -41,8 +41,8 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import Floats
 from ballbot.errors import InputError, check_known
 
-#: points of a curve: 0.003 rad apart at the most, an eighth of a seam's width
-_POINTS = 4096
+#: parameter of a curve's points: 0.003 rad apart at the most, an eighth of a seam's width
+_T: Floats = np.linspace(0.0, 2.0 * np.pi, 4096, endpoint=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,7 +72,7 @@ def thesis_seam(a: float = 0.65) -> Seam:
     """
     if not 0.5 < a < 1.0:
         raise InputError(f"a of the seam is {a:g} ball radii; (V.4) needs a value between 0.5 and 1.")
-    t, b = _parameter(), 1.0 - a
+    t, b = _T, 1.0 - a
     x = a * np.cos(t) + b * np.cos(3.0 * t)
     y = a * np.sin(t) - b * np.sin(3.0 * t)
     z = 2.0 * np.sqrt(a * b) * np.sin(2.0 * t)
@@ -86,8 +86,7 @@ def basketball_seam() -> Seam:
     The ovals are 45 degrees from the x axis where the great circle z = 0 intersects them and 62 degrees at their far
     ends; manufacturers differ, and none publishes a curve.
     """
-    t = _parameter()
-    zero = np.zeros_like(t)
+    t, zero = _T, np.zeros_like(_T)
     equator = np.column_stack([np.cos(t), np.sin(t), zero])
     meridian = np.column_stack([zero, np.cos(t), np.sin(t)])
     opening = np.radians(45.0) + np.radians(17.0) * np.sin(t) ** 2
@@ -109,10 +108,6 @@ def seam_named(name: str) -> Seam:
     """Return the seam of that name; InputError if there is none."""
     check_known(name, SEAMS, f"There is no seam {name!r}", otherwise="the seams are")
     return SEAMS[name]()
-
-
-def _parameter() -> Floats:
-    return np.linspace(0.0, 2.0 * np.pi, _POINTS, endpoint=False)
 
 
 #: cells along a side; one is about 0.006 rad across

@@ -532,8 +532,7 @@ def _residual_findings(best: AxisEstimate) -> Iterator[Finding]:
         force, rows = motion.force(interpolated=best.model.interpolated), motion.moving
         left = force - axis.other_forces(force, motion.position, motion.speed, motion.acceleration)
         left = motion.lowpassed(left - axis.friction(motion.speed))
-        # records have blocks of their own
-        columns = (left, motion.block + number * 10**6, motion.position, motion.speed, motion.record.t)
+        columns = (left, motion.block_of(number), motion.position, motion.speed, motion.record.t)
         tables.append(np.array(columns)[:, rows])
     left, block, *columns = np.hstack(tables)
     for (quantity, advice), column in zip(_ADVICE.items(), columns, strict=True):

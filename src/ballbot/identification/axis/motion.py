@@ -81,10 +81,9 @@ class AxisMotion:
         """Return values (N,) with the filter of the regression's columns."""
         return _filtered(self.record, values, _COLUMN_FILTER * self.bandwidth)
 
-    @cached_property
-    def block(self) -> Ints:
-        """The block of time of each row (N,)."""
-        return (self.record.t // BLOCK).astype(np.int64)
+    def block_of(self, number: int) -> Ints:
+        """Return the block of time of each row (N,); records of other numbers have others."""
+        return (self.record.t // BLOCK).astype(np.int64) + number * 10**6
 
 
 def motion_of(record: AxisRecord) -> AxisMotion:
@@ -148,10 +147,7 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
     names = tuple(name for name in model.names if name in parts[0])
     force = np.concatenate([part["force"] for part in parts])
     X = np.column_stack([np.concatenate([part[name] for part in parts]) for name in names])
-    begins = np.cumsum([0, *(int(motion.block[-1]) + 1 for motion in motions)])
-    block = np.concatenate(
-        [motion.block[motion.moving] + a for motion, a in zip(motions, begins[:-1], strict=True)]
-    )
+    block = np.concatenate([motion.block_of(number)[motion.moving] for number, motion in enumerate(motions)])
     lengths = np.linalg.norm(X, axis=0)
     singular, directions = np.linalg.svd(X / np.maximum(lengths, 1e-300), full_matrices=False)[1:]
     if len(X) <= len(names) or singular[0] > LARGEST_CONDITION * singular[-1]:

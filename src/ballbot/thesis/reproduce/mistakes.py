@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ballbot.arrays import Floats
+from ballbot.control.source import Law
 from ballbot.log import Log
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.model import Model
@@ -303,28 +304,14 @@ def clear_correlation(correlations: Correlations) -> float:
     return 4.0 / float(np.sqrt(correlations.counts[cell]))
 
 
-class FixedFrame:
-    """u = K (r - x) with the gain of psi = 0 and no turn into the heading's frame, as the thesis has it."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.gain, self.sample_time = bench.design.gain, bench.robot.sensors.sample_time
-
-    def reset(self) -> None:
-        """Forget the past; this controller has none."""
-
-    def update(
-        self,
-        t: float,  # noqa: ARG002
-        state: Floats,
-        reference: Floats,
-    ) -> Floats:
-        """Return the wheel torques (n,) [N m]."""
-        return self.gain @ (reference - state)
+def fixed_frame(bench: Bench) -> Law:
+    """Return u = K (r - x) with the gain of psi = 0 and no turn into the heading's frame, as the thesis has it."""
+    return lambda _, state, reference: bench.design.gain @ (reference - state)
 
 
 def gain_at_other_headings(bench: Bench) -> Mistake:
     """Mistake 14."""
-    run = simulate(Model(bench.robot), FixedFrame(bench), CHANGE, duration=20.0, initial_state=np.zeros(10))
+    run = simulate(Model(bench.robot), fixed_frame(bench), CHANGE, duration=20.0, initial_state=np.zeros(10))
     fell = float(run.t[-1]) if run.ended else float("nan")
     turned = float(np.degrees(largest_lean(bench.frictionless("exact", CHANGE))))
     return Mistake(
@@ -464,7 +451,7 @@ def reference_and_stability(bench: Bench) -> Mistake:
     # where x_dot = A x + B K (r - x) is zero
     rest = np.linalg.solve(linear.A - linear.B @ gain, -linear.B @ gain @ reference)
     run = simulate(
-        Model(bench.robot), FixedFrame(bench), lambda _: reference, duration=60.0, initial_state=np.zeros(10)
+        Model(bench.robot), fixed_frame(bench), lambda _: reference, duration=60.0, initial_state=np.zeros(10)
     )
     last = run.states[-1] if not run.ended else np.full(10, np.nan)
     rates, input_size = (float(np.abs(values).max()) for values in (last[5:], linear.A @ reference))

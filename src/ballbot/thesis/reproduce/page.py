@@ -42,7 +42,14 @@ def reproduction_report(made: Reproduction) -> Result:
             "Sizes that depend on the thesis's gain and friction, which it does not print: shapes and ratios must "
             "agree, and such sizes only roughly.",
         ),
-        data=_data(made),
+        data={
+            "seed": made.bench.seed,
+            "friction_identified": made.friction
+            and {name: value for name, value in asdict(made.friction).items() if value != ()},
+            "runs": RUNS,
+            "items": [{"name": name} | _item_results(item) for name, item in made.items.items()],
+            "mistakes": [{"number": k} | to_results(mistake) for k, mistake in enumerate(made.mistakes, 1)],
+        },
     )
 
 
@@ -94,20 +101,8 @@ def _mistake_section(mistakes: Sequence[Mistake]) -> Section:
     )
 
 
-def _data(made: Reproduction) -> dict[str, object]:
-    """Return what results.json holds."""
-    return {
-        "seed": made.bench.seed,
-        "friction_identified": {name: value for name, value in asdict(made.friction).items() if value != ()}
-        if made.friction
-        else None,
-        "runs": RUNS,
-        "items": [{"name": name} | _item_results(item) for name, item in made.items.items()],
-        "mistakes": [{"number": k} | to_results(mistake) for k, mistake in enumerate(made.mistakes, 1)],
-    }
-
-
 def _item_results(item: Item) -> dict[str, object]:
+    """Return what results.json holds of a figure or table."""
     return {
         "title": item.title,
         "thesis": item.thesis,

@@ -43,9 +43,9 @@ def distance_at(log: Log, t: float) -> float:
     return float(position_error(log)[np.searchsorted(log.t, t - 1e-6)])
 
 
-def steady_error(log: Log, *, seconds: float = 5.0) -> float:
-    """Return the mean distance from the reference over a run's last seconds [m]."""
-    return float(position_error(log)[log.t >= log.t[-1] - seconds].mean())
+def steady_error(log: Log) -> float:
+    """Return the mean distance from the reference over a run's last 5 s [m]."""
+    return float(position_error(log)[log.t >= log.t[-1] - 5.0].mean())
 
 
 def apart(first: Log, second: Log, name: str) -> float:
