@@ -264,11 +264,11 @@ def compile_export(export: Export) -> None:
             write_text(folder / path, text)
         for compiler in COMPILERS:
             _library_compiles(compiler)
-            flags = ("-O2", "-c", f"-I{folder / LIBRARY}", f"-I{folder}")
+            flags = ("-O2", "-c", f"-I{folder / LIBRARY}")
             # all that includes the controller's numbers or its weights
-            for source in ("robot.c", f"{LIBRARY}/parts/policy.c", "examples/bare_metal.c"):
+            for source in ("robot.c", "parts/policy.c"):
                 target = (folder / source).with_suffix(f".{compiler}.o")
-                compile_sources(target, [folder / source], flags=flags, compiler=compiler)
+                compile_sources(target, [folder / LIBRARY / source], flags=flags, compiler=compiler)
 
 
 class Board:
