@@ -267,7 +267,7 @@ def compile_export(export: Export) -> None:
             flags = ("-O2", "-c", f"-I{folder / LIBRARY}")
             # all that includes the controller's numbers or its weights
             for source in ("robot.c", "parts/policy.c"):
-                target = (folder / source).with_suffix(f".{compiler}.o")
+                target = (folder / LIBRARY / source).with_suffix(f".{compiler}.o")
                 compile_sources(target, [folder / LIBRARY / source], flags=flags, compiler=compiler)
 
 

@@ -118,11 +118,22 @@ from ballbot_loop import Loop
 loop, rows = Loop(), json.load(open(sys.argv[2]))
 loop.skip_self_test()
 assert loop.arm()
-commands = [loop.update(row["t"], row, [0.1, 0.0, 0.0, 0.0, 0.2]) for row in rows]
+commands = [loop.update(row["t"], row, reference) for row, reference in rows]
 assert "numpy" not in sys.modules and "site" not in sys.modules
 json.dump([commands, loop.stop], sys.stdout)
 """
-    (tmp_path / "rows.json").write_text(json.dumps(rows))
+    # as the log's own controller followed it: a wheel that turned under other torques seems stuck
+    references = [
+        [
+            0.25 * math.sin(1.3 * row["t"]),
+            0.25 * math.sin(1.9 * row["t"] + 1.0),
+            0,
+            0,
+            0.6 * math.sin(1.1 * row["t"]),
+        ]
+        for row in rows
+    ]
+    (tmp_path / "rows.json").write_text(json.dumps(list(zip(rows, references, strict=True))))
     command = [sys.executable, "-I", "-S", "-c", program, given / "loop", tmp_path / "rows.json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     commands, stop = json.loads(done.stdout)
@@ -133,7 +144,7 @@ json.dump([commands, loop.stop], sys.stdout)
     firmware, encoders = Firmware(exported.parameters), ctypes.create_string_buffer(64)
     firmware.skip_self_test()
     firmware.arm()
-    for row, command in zip(rows, commands, strict=True):
+    for row, reference, command in zip(rows, references, commands, strict=True):
         record = np.zeros(1, READING.dtype("single"))
         record["fix_position"], record["fix_heading"] = np.nan, np.nan
         record["gyro"] = [[np.nan if row[f"gyro_{axis}"] is None else row[f"gyro_{axis}"] for axis in "xyz"]]
@@ -144,9 +155,7 @@ json.dump([commands, loop.stop], sys.stdout)
             encoders, ctypes.c_void_p(exported.parameters.ctypes.data),
             None if counts is None else ctypes.c_void_p(counts.ctypes.data), ctypes.c_void_p(record.ctypes.data),
         )  # fmt: skip
-        torques = firmware.update(
-            record, round(1e6 * row["t"]), np.array([0.1, 0, 0, 0, 0.2, 0, 0, 0, 0, 0.0])
-        )
+        torques = firmware.update(record, round(1e6 * row["t"]), np.array([*reference, 0, 0, 0, 0, 0.0]))
         assert [command[f"u{i}"] for i in (1, 2, 3)] == torques.tolist()
     assert np.abs(torques).max() > 0.01
 
