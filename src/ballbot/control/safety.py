@@ -104,9 +104,9 @@ class SafetyLimits:
     ) -> SafetyLimits:
         """Return the limits for a real robot, whose sensors have noise and whose loop may be late.
 
-        A sample may be late by as much as a bridged gap lasts. A wheel must turn under twice its break-away torque, but
-        never only under more than the middle between break-away and limit. It may take as long as a wheel that turns
-        round within a count of its encoder.
+        A sample may be late by as much as a bridged gap lasts. A wheel must turn under somewhat more than the
+        break-away torque of all wheels, as the ball couples them, but never only under more than three quarters of the
+        way from its own to the limit. It may take as long as a wheel that turns round within a count of its encoder.
 
         InputError if the lean is not above zero and at most 1.2 rad, or a wheel does not break away under the limit.
         """
@@ -124,9 +124,12 @@ class SafetyLimits:
                 "with a higher torque limit."
             )
         friction = friction or min(UNKNOWN_FRICTION * robot.drive.torque_limit, _MOST_UNKNOWN * limit)
-        turning = min(_TURNING * friction, 0.5 * (friction + limit))
+        mobility = np.abs(wheel_mobility(robot))
+        own = mobility.diagonal()
+        together = friction * float((mobility / own).sum(axis=0).max())
+        turning = min(_ABOVE * together, friction + _REACHED * (limit - friction))
         # from one count into the next and back, under the least torque that counts
-        acceleration = float(wheel_mobility(robot).diagonal().min()) * (turning - friction)
+        acceleration = float(own.min()) * max(turning - together, _LEAST_SPARE * turning)
         count = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
         turned_round = 2.0 * math.sqrt(2.0 * count / acceleration)
         unchanged = max(_STUCK_TIME, _MARGIN * turned_round)
@@ -140,8 +143,11 @@ class SafetyLimits:
 
 #: longest time for which a sensor of a real robot may repeat itself [s]; an IMU of 100 Hz does so for 0.01 s
 _STUCK_TIME = 0.1
-#: ratio to the break-away torque at which a wheel must turn, since the other wheels' friction adds through the ball
-_TURNING = 2.0
+#: part of the way from break-away to the controller's limit that the torque on a wheel that is stuck reaches
+_REACHED = 0.75
+#: ratio to the torque at which a sound wheel turns, for friction that the file does not have exactly; and the part of
+#: the torque that moves it, at least
+_ABOVE, _LEAST_SPARE = 1.1, 0.1
 #: ratio to the time in which a sound wheel turns round, for friction and inertia that the file does not have exactly
 _MARGIN = 1.5
 #: break-away torque of a wheel whose file states no friction, over its motor's limit; geared motors have 3 to 15 %
