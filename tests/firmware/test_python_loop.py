@@ -110,6 +110,12 @@ def rows() -> list[dict[str, float | None]]:
     return [{"t": t, **reading} for t, reading in zip(log.t.tolist(), readings, strict=False)]
 
 
+def followed(t: float) -> list[float]:
+    """Return what the swaying robot followed; a wheel that turned under other torques would seem stuck."""
+    x, y, psi = 0.25 * math.sin(1.3 * t), 0.25 * math.sin(1.9 * t + 1.0), 0.6 * math.sin(1.1 * t)
+    return [x, y, 0.0, 0.0, psi]
+
+
 def test_module_alone_gives_the_bits_of_the_firmware_on_a_log(given, rows, tmp_path):
     program = """
 import json, sys
@@ -122,17 +128,7 @@ commands = [loop.update(row["t"], row, reference) for row, reference in rows]
 assert "numpy" not in sys.modules and "site" not in sys.modules
 json.dump([commands, loop.stop], sys.stdout)
 """
-    # as the log's own controller followed it: a wheel that turned under other torques seems stuck
-    references = [
-        [
-            0.25 * math.sin(1.3 * row["t"]),
-            0.25 * math.sin(1.9 * row["t"] + 1.0),
-            0,
-            0,
-            0.6 * math.sin(1.1 * row["t"]),
-        ]
-        for row in rows
-    ]
+    references = [followed(row["t"]) for row in rows]
     (tmp_path / "rows.json").write_text(json.dumps(list(zip(rows, references, strict=True))))
     command = [sys.executable, "-I", "-S", "-c", program, given / "loop", tmp_path / "rows.json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -241,8 +237,10 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
         assert loop.arm()
     torques = np.zeros((len(log.t), 3))
     for k, t in enumerate(log.t):
-        torques[k] = [*loops[0].update(t, {name: seen[name][k] for name in plain.COLUMNS}).values()]
-        command = loops[1].update(1e3 * t, {name: table[name][k] for name in mapped.COLUMNS})
+        torques[k] = [
+            *loops[0].update(t, {name: seen[name][k] for name in plain.COLUMNS}, followed(t)).values()
+        ]
+        command = loops[1].update(1e3 * t, {name: table[name][k] for name in mapped.COLUMNS}, followed(t))
         for column, value in command.items():
             table[column][k] = value
     assert loops[0].stop == loops[1].stop == ""
