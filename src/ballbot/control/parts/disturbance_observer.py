@@ -6,9 +6,9 @@ By the linearised exact model without friction, x' = A x + B u in the heading fr
 sample needed the torques B^+ (x' - A x). B^+ is the least-squares left inverse: three torques cannot match the changes
 of five rates, and these minimise the sum of squares, in which m/s^2 and rad/s^2 have the same weight. The excess of the
 motors' torques was lost to friction, a slope or a push. Four wheels can push against each other without moving the
-robot; the motion does not show such torques, so they are left out of d. Unlike friction compensation the observer needs no
-friction model and also corrects slope and payload, but with a lag of 1/w, and it passes the sensors' noise on. Beside a
-compensation it adds the remainder.
+robot; the motion does not show such torques, so they are left out of d. Unlike friction compensation the observer needs
+no friction model and also corrects slope and payload, but with a lag of 1/w, and it passes the sensors' noise on.
+Beside a compensation it adds the remainder.
 """
 
 import math
