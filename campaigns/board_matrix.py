@@ -102,7 +102,7 @@ class Result:
         return self.failures[0][0] if self.failures else "passed"
 
     @property
-    def told(self) -> str:
+    def sentence(self) -> str:
         """What went wrong, in words."""
         fell = f'"{self.refused}" It falls in {self.fell} of {REFUSED_RUNS} runs.' if self.refused else ""
         return fell or "; ".join(f"{stage}: {what}" for stage, what in self.failures)
@@ -210,7 +210,7 @@ def recovered_push(number: int, drawn: DrawnRobot) -> float:
     directions = 2.0 * math.pi * (np.arange(DIRECTIONS) + 0.3) / DIRECTIONS  # not along a wheel
 
     def stood(sizes: Floats) -> int:
-        """Return how many of the sizes, from the first on, it stands in every direction."""
+        """Return how many of the sizes, from the first on, it recovers from in every direction."""
         pushes = [push_of(drawn, size, towards) for size in sizes.tolist() for towards in directions.tolist()]
         survived = simulate_batch(
             loop.model,
@@ -414,14 +414,14 @@ def campaign() -> Section:
         for number, drawn in enumerate(drawn_robots(JUDGING_SEED, ROBOTS))
     ]
     passed, refused = (sum(one.end == end for one in made) for end in ("passed", "refused"))
-    told = [f"- robot {one.number}, {one.kind}: {one.told}" for one in made if one.end != "passed"]
+    failures = [f"- robot {one.number}, {one.kind}: {one.sentence}" for one in made if one.end != "passed"]
     found = [one.found for one in made if one.end == "passed"]
     return Section(
         title="From any robot to its board",
         before=f"{ROBOTS} robots of the seed {JUDGING_SEED}, drawn by the rule of `campaigns/drawn_robots.py`, with a "
         "nominal, a precise and a learned controller each: designed, exported, compiled by GCC and by Clang "
         f"(ziglang) without a warning; the exported C allows its numbers, passes its self-test, balances {BALANCE:g} s "
-        "on the compiled loop's plant, stands half of the push that the nominal gain recovers from, names a wheel that "
+        "on the compiled loop's plant, recovers from half of the nominal gain's largest push, names a wheel that "
         f"sticks within {FOUND_WITHIN:g} s of a push half as large, and gives no torque after a stop. Motors: times "
         "the torque that a lean of 8 degrees needs. Counts: of a turn of the wheel. Friction: break-away over the "
         "motors' torque.",
@@ -429,7 +429,7 @@ def campaign() -> Section:
         rows=rows,
         after=f"{share_words(passed, len(made))} of {len(made)} cases passed; {refused} were refused by `design`, and "
         f"fall with what was refused; {len(made) - passed - refused} failed. A wheel that sticks was named after "
-        f"{np.median(found):.2f} s (median; at most {max(found):.2f} s).\n\n" + "\n".join(told),
+        f"{np.median(found):.2f} s (median; at most {max(found):.2f} s).\n\n" + "\n".join(failures),
     )
 
 
@@ -460,7 +460,7 @@ def main() -> None:
     for one in made:
         print(
             f"{one.number:3d} {one.kind:8s} {one.end:15s} {one.push:7.3g} N s {one.found:5.2f} s "
-            f"{one.wandered:6.3f} m {one.told}"
+            f"{one.wandered:6.3f} m {one.sentence}"
         )
     print(Counter((one.kind, one.end) for one in made).most_common())
 

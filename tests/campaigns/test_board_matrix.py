@@ -40,5 +40,5 @@ def test_preset_goes_from_its_design_to_a_stop_on_its_board(name, kind, monkeypa
     check_scenario(scenario, robot)
     drawn = DrawnRobot(robot=robot, input="torque", delay=0.0, scenario=scenario)
     result = judged_case(Case(number=1, drawn=drawn, kind=kind), 0.5 * recovered_push(1, drawn))
-    assert result.end == "passed", result.told
+    assert result.end == "passed", result.sentence
     assert result.push > 0.0

@@ -247,7 +247,7 @@ def test_mapping_turned_round_is_the_inverse_of_the_log_s_reader(given, tmp_path
     found = apply_mapping(mapping, table, robot=ROBOT)
     zeros = {"current and direction": 12.0}.get(name, 0.0)
     for i, u in enumerate(torques.T, start=1):
-        # within the dead band a command is none
+        # a command within the dead band is zero
         commanded = np.abs(table[mapping.sources[f"u{i}"].column] - zeros) > 1e-9
         assert np.count_nonzero(commanded) > 500
         # single precision of the readings; without a yaw, the log's reader integrates the gyro by trapezoids
