@@ -38,7 +38,7 @@ from ballbot.control.parts.part import (
 )
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
-from ballbot.control.parts.reference_shaping import restart_shaping, shape
+from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
 from ballbot.estimation.heading import TURN, compiled_turns_after
@@ -203,6 +203,8 @@ def _decide(law, memory, weights, measured, reference, torques):
     wanted = _followed(law, memory, Measured(a, state), reference, asked)
     error = lean_error(law, _heading_error(a, state, moved, wanted), a, wanted)
     e, error_limited = limit_error(law, memory, error)
+    if error_limited:
+        slow_motion(law, memory)
     now = Sample(a, state, wanted, e)
     for i in range(n):
         feedback = row_times(law.gain[i], e) + row_times(memory.tuning.gain[i], e)

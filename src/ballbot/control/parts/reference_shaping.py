@@ -8,7 +8,10 @@ For x and y together and for psi alike, a point p with velocity v follows a targ
 
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
 can still stop it, near it at the rate `_APPROACH`; b is somewhat below a. What torque a wheel needs against lasting
-disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs.
+disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
+more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
+within a second. (Without this a jump of the reference that follows a push lets the robot fall after a third of the push
+that it recovers from otherwise; `python -m campaigns.evidence tune_sequences`.)
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -103,7 +106,7 @@ class ShapingState:
     started: int = field(metadata=whole())
     change: NDArray[np.float64] = field(metadata=number("m/s", 3))
     bend: NDArray[np.float64] = field(metadata=number("m/s^2", 3))
-    #: largest torque of a wheel against lasting disturbances
+    #: largest torque of a wheel against lasting disturbances, or all of it while the robot catches itself
     lost: float = field(metadata=number("N m"))
 
 
@@ -147,6 +150,12 @@ def _left(law, memory, a):
     own = memory.shaping
     own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
     return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / law.torque_limit)
+
+
+@inlined
+def slow_motion(law, memory):
+    """Leave motions the least acceleration: the robot needs its torque to catch itself."""
+    memory.shaping.lost = law.torque_limit
 
 
 @inlined

@@ -128,6 +128,9 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     now.error_limited = false;
     ballbot_feed_forward_error(law, &now);
     ballbot_lean_limit_error(law, memory, &now);
+    if (now.error_limited) {
+        ballbot_shaping_slow(law, memory);
+    }
 
     for (int32_t i = 0; i < n; ++i) {
         torques[i] = feedback(law->gain[i], now.e);

@@ -33,6 +33,9 @@ void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sa
 void ballbot_lean_limit_error(const struct ballbot_law *law, const struct ballbot_memory *memory,
                               struct ballbot_sample *now);
 
+/* then, if the error is limited: leave motions the least acceleration, for the robot needs its torque to catch itself */
+void ballbot_shaping_slow(const struct ballbot_law *law, struct ballbot_memory *memory);
+
 /* torque: add the part's summand to the feedback's torques [N m] */
 void ballbot_feed_forward_torque(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
                                  int32_t n);

@@ -88,6 +88,11 @@ static float left(const struct ballbot_law *law, struct ballbot_memory *memory, 
     return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * state->lost / law->torque_limit);
 }
 
+void ballbot_shaping_slow(const struct ballbot_law *law, struct ballbot_memory *memory)
+{
+    memory->shaping.lost = law->torque_limit;
+}
+
 /* Return the length of the axes' part of a vector. */
 static float length(const struct limits *of, const float v[3])
 {
