@@ -10,8 +10,7 @@ so that s has four derivatives, which the feed-forward needs. Far from its targe
 can still stop it, near it at the rate `_APPROACH`; b is somewhat below a. What torque a wheel needs against lasting
 disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
 more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
-within a second. (Without this a jump of the reference that follows a push lets the robot fall after a third of the push
-that it recovers from otherwise; `python -m campaigns.evidence tune_sequences`.)
+within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
