@@ -1,9 +1,8 @@
 """A result on one screen: its title, rows of names and values, and sentences, as text and as HTML for notebooks.
 
 A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
-and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in
-`ballbot.report.plots`: figures stand in packages that the result's own package must not import. A result whose
-sentences stand there too is `Reported`.
+and what a notebook shows of it, from that. A result that is `Plotted` has the figure that is registered for its class
+(`ballbot.registry`), which a notebook shows below; of one that is `Reported` the sentences are those of its page, too.
 
 Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
 """
@@ -12,14 +11,16 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot import registry
+from ballbot.errors import InputError
 from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
@@ -60,8 +61,17 @@ class Summary:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return all of it as HTML, as it stands on a terminal."""
-        return f"<pre>{escape(str(self))}</pre>"
+        """Return all of it as HTML: the rows as a table, the sentences as a list."""
+        columns = max((len(value) for _, value in self.rows if isinstance(value, tuple)), default=1)
+        rows = [
+            _element(
+                "tr", _element("th", _escaped(name), ' style="text-align:left"') + _html_cells(value, columns)
+            )
+            for name, value in self.rows
+        ]
+        sentences = [_element("li", _escaped(one)) for one in self.sentences]
+        parts = (("b", [_escaped(self.title)]), ("table", rows), ("ul", sentences))
+        return "".join(_element(name, "".join(inside)) for name, inside in parts if inside)
 
     def _lines(self) -> list[str]:
         lines = _wrapped(self.title, "")
@@ -78,6 +88,20 @@ class Summary:
         for one in self.sentences:
             lines += _wrapped(one, "- ", indent=2)
         return lines
+
+
+def _element(name: str, inside: str, attributes: str = "") -> str:
+    return f"<{name}{attributes}>{inside}</{name}>"
+
+
+def _escaped(text: str) -> str:
+    return escape(printable_line(text))
+
+
+def _html_cells(value: str | tuple[str, ...], columns: int) -> str:
+    if isinstance(value, str):
+        return _element("td", _escaped(value), f' colspan="{columns}" style="text-align:left"')
+    return "".join(_element("td", _escaped(cell)) for cell in value)
 
 
 def _in_columns(value: str | tuple[str, ...], width: int) -> str:
@@ -107,13 +131,17 @@ S = TypeVar("S", bound=HasSummary)
 
 
 def summarized(kind: type[S]) -> type[S]:
-    """Give a dataclass the `repr` and the notebook's picture of its summary, and `to_dict` unless it has its own."""
+    """Give a dataclass the `repr` of its summary, `to_dict` unless it has its own, and for notebooks its figure too."""
 
     def __repr__(self: S) -> str:  # noqa: N807
         return repr(self.summary())
 
     def _repr_html_(self: S) -> str:
-        return self.summary()._repr_html_()
+        text, svg = self.summary()._repr_html_(), ""
+        if isinstance(self, Plotted):
+            with suppress(InputError):  # a log that has nothing to draw
+                svg = self.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+        return text + svg[svg.find("<svg") :]
 
     def to_dict(self: S) -> dict[str, object]:
         return to_results(self)  # pyright: ignore[reportArgumentType]
@@ -123,21 +151,12 @@ def summarized(kind: type[S]) -> type[S]:
     return kind
 
 
-def plotted(value: object) -> Figure:
-    """Return the figure of a value, in the reports' style; a notebook shows it as it is.
-
-    The figure belongs to no window: `figure.savefig("name.svg")` writes it.
-    """
-    draw = import_module("ballbot.report.plots").FIGURES[type(value)]
-    return import_module("ballbot.report.style").plotted(draw, value)
-
-
 class Plotted:
     """Base of results with a figure."""
 
     def plot(self) -> Figure:
         """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
-        return plotted(self)
+        return registry.figure(self)
 
 
 @summarized
@@ -146,16 +165,11 @@ class Reported(Plotted):
 
     def summary(self) -> Summary:
         """Return the verdict on one screen."""
-        return _page(self).summary()
+        return registry.page(self).summary()
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        return _page(self).to_dict()
-
-
-def _page(value: object) -> Any:
-    """Return the `ballbot.report.blocks.Result` of a value."""
-    return import_module("ballbot.report.plots").RESULTS[type(value)](value)
+        return registry.page(self).to_dict()
 
 
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:

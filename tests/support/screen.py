@@ -2,7 +2,8 @@
 
 from html import unescape
 
-from ballbot.summary import HEIGHT, WIDTH, HasSummary
+from ballbot.printable import printable_line
+from ballbot.summary import HEIGHT, WIDTH, HasSummary, Plotted
 
 
 def assert_fits_a_screen(result: HasSummary) -> None:
@@ -11,4 +12,11 @@ def assert_fits_a_screen(result: HasSummary) -> None:
     assert 1 < len(lines) <= HEIGHT
     assert max(map(len, lines)) <= WIDTH, max(lines, key=len)
     page = result._repr_html_()  # pyright: ignore[reportAttributeAccessIssue]
-    assert unescape(page).removeprefix("<pre>").removesuffix("</pre>") == str(result.summary())
+    cells = [
+        cell
+        for _, value in result.summary().rows
+        for cell in (value if isinstance(value, tuple) else (value,))
+    ]
+    for text in (result.summary().title, *cells, *result.summary().sentences):
+        assert printable_line(text) in unescape(page)
+    assert ("<svg" in page) <= isinstance(result, Plotted)  # a log may have nothing to draw

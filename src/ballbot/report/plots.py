@@ -1,12 +1,11 @@
-"""For each class of results: the `Result` behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
+"""Register the page of a class of results, behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
 
-from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from ballbot import registry
 from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
@@ -22,7 +21,6 @@ from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.report.axis import laws_figure
 from ballbot.report.bench import curve_figure
-from ballbot.report.blocks import Result
 from ballbot.report.comparison import course_figure, league_report, paths_figure
 from ballbot.report.design import bode_figure, poles_figure
 from ballbot.report.identification import friction_figure
@@ -31,11 +29,10 @@ from ballbot.report.limits import planes_figure
 from ballbot.report.run import over_time
 from ballbot.report.series import TimeSeries
 from ballbot.report.study import study_report
-from ballbot.report.style import series_figure
+from ballbot.report.style import plotted, series_figure
 from ballbot.report.validation import horizon_figure
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
-from ballbot.summary import Reported
 from ballbot.validation.result import Validation
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.league import League
@@ -78,10 +75,8 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
-#: of a `Reported` value; `summary()`, `repr` and `to_dict()` are those of its page
-RESULTS: Mapping[type[Reported], Callable[[Any], Result]] = {League: league_report, Study: study_report}
-#: draws the figure
-FIGURES: Mapping[type, Callable[[Any], Figure]] = {
+registry.PAGES.update({League: league_report, Study: study_report})
+for kind, draw in {
     AxisIdentification: laws_figure,
     Controller: controller_figure,
     ControllerDesign: lambda design: bode_figure(design.loop_margins),
@@ -99,4 +94,5 @@ FIGURES: Mapping[type, Callable[[Any], Figure]] = {
     Study: lambda study: paths_figure(study.choice.runs),
     UpsideDown: upside_down_figure,
     Validation: lambda validation: horizon_figure(validation.horizon, validation.models.names),
-}
+}.items():
+    registry.FIGURES[kind] = partial(plotted, draw)
