@@ -33,5 +33,5 @@ def figure(value: object) -> Figure:
 
 
 def _load() -> None:
-    while LOADERS:
-        LOADERS.pop()()
+    for load in LOADERS:
+        load()

@@ -144,7 +144,7 @@ def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Bloc
 
 def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with intervals and verdicts."""
-    ends, verdicts, known = pair.ratio_interval().T, pair.verdicts(), pair.runs >= LEAST_RUNS
+    ends, verdicts, known = pair.ratio_interval.T, pair.verdicts(), pair.runs >= LEAST_RUNS
 
     def of_models(i: int, values: Floats) -> list[str]:
         # below the rounding error digits mean nothing
@@ -181,7 +181,7 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
     errors = horizon.errors
-    ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
+    ahead, better = 1e3 * errors.horizons, errors.ratio_interval[0] > 1.0
     # errors below any sensor's resolution are drawn at that resolution
     shown = [*np.maximum(errors.rmse, FINEST), horizon.noise_floor, better]
     for axes, name, *columns in zip(panels.flat, STATE_NAMES, *(each.T for each in shown), strict=True):

@@ -78,7 +78,7 @@ class Validation(Plotted):
             del verdicts["open_loop"]  # the table has it
             title += f": open-loop error {second} over error {first} (above 1, the model {first} is better)"
             errors = self.open_loop.errors
-            lower, upper = errors.ratio_interval()
+            lower, upper = errors.ratio_interval
             for i, verdict in enumerate(errors.verdicts()):
                 interval = f" (95 % interval {lower[i]:.3g} to {upper[i]:.3g}): {verdict}"
                 interval = interval if np.isfinite(lower[i]) else " (too few runs)"
