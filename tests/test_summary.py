@@ -13,14 +13,13 @@ from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import loop_margins
 from ballbot.control.presets import nominal_controller
-from ballbot.findings import Finding, note, warning
 from ballbot.fitting.sweep import digest
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.summary import HEIGHT, WIDTH, Summary, first_texts
+from ballbot.summary import HEIGHT, WIDTH, Summary
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES
 from ballbot.workflows.controller_design import design_controller
@@ -116,16 +115,6 @@ def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():
     figure = RESULTS["controller of an unstable loop"]().plot()
     assert figure.axes[0].get_xlabel() == "real part [rad/s]"
     assert RESULTS["controller"]().plot().axes[0].get_ylabel() == "gain [dB]"
-
-
-def test_first_findings_are_the_most_serious_ones():
-    findings = [
-        note("a", "Note."),
-        warning("b", "First."),
-        Finding(code="c", severity="error", text="Error."),
-        warning("d", "Second."),
-    ]
-    assert first_texts(findings) == ("Error.", "First.", "Second.", "1 more finding")
 
 
 def test_robots_of_one_summary_have_different_digests():

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -21,11 +22,9 @@ from numpy.typing import NDArray
 
 from ballbot import registry
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, texts
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
 from ballbot.results import to_results
-from ballbot.rounding import between, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,14 +76,14 @@ class Summary:
         lines = _wrapped(self.title, "")
         names = [len(printable_line(name)) for name, _ in self.rows]
         column = 4 + min(max(names, default=0), _LONGEST_NAME)
-        cells = [len(one) for _, value in self.rows if isinstance(value, tuple) for one in value]
-        width = max(cells, default=0)
+        table = zip_longest(*(value for _, value in self.rows if isinstance(value, tuple)), fillvalue="")
+        widths = [max(map(len, cells)) for cells in table]
         for name, value in self.rows:
             shown = f"  {printable_line(name)}"
             if len(shown) > column - 2:
                 lines += _wrapped(name, "  ", indent=2)
                 shown = ""
-            lines += _wrapped(_in_columns(value, width), f"{shown:<{column}}", indent=column)
+            lines += _wrapped(_in_columns(value, widths), f"{shown:<{column}}", indent=column)
         for one in self.sentences:
             lines += _wrapped(one, "- ", indent=2)
         return lines
@@ -104,9 +103,11 @@ def _html_cells(value: str | tuple[str, ...], columns: int) -> str:
     return "".join(_element("td", _escaped(cell)) for cell in value)
 
 
-def _in_columns(value: str | tuple[str, ...], width: int) -> str:
-    """Return a value as text; cells are set to the right of columns of that width."""
-    return value if isinstance(value, str) else "  ".join(f"{one:>{width}}" for one in value)
+def _in_columns(value: str | tuple[str, ...], widths: Sequence[int]) -> str:
+    """Return a value as text; cells are set to the right of columns of these widths."""
+    if isinstance(value, str):
+        return value
+    return "  ".join(f"{one:>{width}}" for one, width in zip(value, widths, strict=False))
 
 
 def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
@@ -176,32 +177,6 @@ def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, dig
     """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
     numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())
     return f"{numbers} {unit}".rstrip()
-
-
-def estimated(
-    values: float | Sequence[float],
-    errors: float | Sequence[float],
-    unit: str = "",
-    *,
-    intervals: Sequence[tuple[float, float] | None] = (),
-) -> str:
-    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "not identified".
-
-    An interval takes the place of the standard error.
-    """
-    numbers, of_numbers = np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist()
-    each = zip(numbers, of_numbers, intervals or [None] * len(numbers), strict=True)
-    shown = [
-        plus_minus(one, error) if ends is None or not np.isfinite(one) else between(one, *ends)
-        for one, error, ends in each
-    ]
-    return f"{', '.join(shown)} {unit}".rstrip()
-
-
-def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:
-    """Return the sentences of the most serious findings, and how many more there are."""
-    more = len(findings) - most
-    return (*texts(by_severity(findings)[:most]), *([counted(more, "more finding")] if more > 0 else []))
 
 
 def counted(number: int, what: str) -> str:

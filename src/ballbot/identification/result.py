@@ -40,7 +40,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits
-from ballbot.summary import Plotted, Summary, counted, estimated, first_texts, summarized
+from ballbot.summary import Reported, counted
 
 #: logs disagree if the dry friction varies between them by more than this share of it (standard deviation)
 WIDELY = 0.5
@@ -48,9 +48,8 @@ WIDELY = 0.5
 ParameterTable = dict[str, list[float] | float]
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Reported):
     """The identified parameters of a robot, friction's 3 n + 3 first; `plot()` shows it over speed, with a band."""
 
     robot: Robot  #: with the friction found
@@ -162,26 +161,6 @@ class Identification(Plotted):
                 for label, name in zip(self.labels, names, strict=True)
                 if name == "coulomb" and varied.get(label, 0.0) > WIDELY * dry
             ],
-        )
-
-    def summary(self) -> Summary:
-        """Return the verdict, each parameter with its standard error, the error on held-out windows, and warnings."""
-        rows = [("parameter", "value ± standard error, or 95 % interval")]
-        values, errors, shown = self.parameters, self.standard_errors, self.names
-        for quantity in (BY_NAME[name] for name in self.layout.names if name in shown):
-            unit, symbol = quantity.unit.removeprefix("1"), quantity.symbol
-            known = map(self.intervals.get, quantity.labels(self.layout.wheel_count))
-            # an interval from a profile replaces the standard error
-            ends = [(i.lower, i.upper) if i and i.method == "profile" else None for i in known]
-            rows.append((symbol, estimated(values[symbol], errors[symbol], unit, intervals=ends)))
-        ratios = np.array(list(self.held_out.with_over_without.values()))
-        share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
-        error = f"{share} of that without friction (median of the states, held out)"
-        windows = f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s"
-        return Summary(
-            title=f"Identification of the robot {self.robot.name}. {self.verdict.sentence}",
-            rows=(*rows, ("prediction error", error), ("windows", windows)),
-            sentences=first_texts([*self.log_findings, *self.findings]),
         )
 
     def to_dict(self) -> dict[str, object]:

@@ -48,7 +48,7 @@ def _nothing_compensated(design: ControllerDesign) -> str:
     return NO_FRICTION
 
 
-def controller_design_report(design: ControllerDesign, findings: Sequence[Finding]) -> Result:
+def controller_design_report(design: ControllerDesign, findings: Sequence[Finding] | None = None) -> Result:
     """Return the page of a design."""
     controller, nothing = design.controller, _nothing_compensated(design)
     robot, kind = controller.robot, controller.compensation

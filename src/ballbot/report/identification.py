@@ -10,6 +10,7 @@ covariance. A parameter without a standard error takes that of a uniform distrib
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -36,11 +37,11 @@ from ballbot.rounding import digits, interval, unit_heading, value_and_error
 
 def identification_report(
     fit: Identification,
-    logs: Mapping[str, Log],
+    logs: Mapping[str, Log] = MappingProxyType({}),
     *,
-    findings: Sequence[Finding],
-    selection: LawSelection | None,
-    holdouts: Sequence[HoldoutResult],
+    findings: Sequence[Finding] | None = None,
+    selection: LawSelection | None = None,
+    holdouts: Sequence[HoldoutResult] = (),
 ) -> Result:
     """Return the page; `selection` compares laws, if several were fitted."""
     one_log = "How much the estimate differs from log to log: there is one log."
@@ -123,7 +124,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
         *(["other optimum"] if other else []),
         "allowed",
     )
-    return Sheet(headings, rows, caption)
+    return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 1))
 
 
 def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:

@@ -37,7 +37,7 @@ from ballbot.validation.ways import WAYS
 def validation_report(
     validation: Validation,
     *,
-    title: str = "Validation",
+    title: str = "",
     lead: str = "",
     by_log: Mapping[str, Validation] = MappingProxyType({}),
 ) -> Result:
@@ -46,7 +46,8 @@ def validation_report(
     first, *rest = validation_sections(validation)
     logs = {"by_log": {name: part.results() for name, part in by_log.items()}} if by_log else {}
     return Result(
-        title=title,
+        title=title
+        or f"Validation of the model {validation.models.first.name} on {validation.duration:.3g} s",
         lead=lead,
         verdict=[("", verdict)],
         sections=[first, details("What else was found", Bullets(others)), *rest],
@@ -169,6 +170,7 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
         headings=("state", *models.names, "", "95 %", "verdict", *models.names),
         rows=rows,
         caption=caption,
+        brief=(0, 3, 4, 5),
         shaded=frozenset(i for i, row in enumerate(rows) if row[5] != "better"),
     )
 

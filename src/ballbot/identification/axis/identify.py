@@ -31,7 +31,7 @@ from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values
 from ballbot.identification.axis.motion import (
     AxisMotion,
     inverse_model,
@@ -41,7 +41,7 @@ from ballbot.identification.axis.motion import (
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
-from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
+from ballbot.summary import Reported
 
 #: length of a window [s]; shorter if the records would have fewer than `_LEAST_WINDOWS`
 WINDOW = 1.0
@@ -266,9 +266,8 @@ class AxisOptions:
 DEFAULT_OPTIONS = AxisOptions()
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AxisIdentification(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AxisIdentification(Reported):
     """Result of `identify_axis`; `plot()` shows each law's gain on held-out blocks over the simpler one."""
 
     records: tuple[str, ...]  #: names of the fitted records
@@ -284,21 +283,6 @@ class AxisIdentification(Plotted):
     def best(self) -> AxisEstimate:
         """The estimate by the law that was selected or requested."""
         return self.by_law[self.law]
-
-    def summary(self) -> Summary:
-        """Return the parameters with standard errors, the expected error on other records, and findings."""
-        best, unit = self.best, f"m{self.unit}"
-        rows = [
-            (name, estimated(value, best.standard_errors[name], unit_for(PARAMETERS[name], self.unit)))
-            for name, value in best.values.items()
-        ]
-        error, low, high = (f"{1e3 * value:.3g} {unit}" for value in self.expected)
-        expected = f"{error} RMS over {self.window:.3g} s, 95 % interval {low} to {high}"
-        return Summary(
-            title=f"Axis of {', '.join(self.records)}, law {self.law}: value ± standard error",
-            rows=(*rows, ("error elsewhere", expected)),
-            sentences=first_texts(self.findings),
-        )
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
