@@ -170,7 +170,7 @@ class Reported(Plotted):
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        return registry.page(self).to_dict()
+        return to_results(registry.page(self).to_dict())
 
 
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import every
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, neighbours
@@ -180,14 +180,14 @@ class Identification(Reported):
                 if (also := BY_NAME[name].stands_for) is not None
             },
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
-            "held_out": self.held_out.to_dict(),
-            "fit": self.fit.to_dict(),
+            "held_out": self.held_out,
+            "fit": self.fit,
             "excluded_states": list(self.excluded_states),
             "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
             "other_optimum": self.other
             and {"parameters": self.layout.by_symbol(self.other.values), "rise_of_cost": self.other.rise},
             "windows": {"fit": self.fit.spans, "held_out": self.held_out.spans},
-            "findings": finding_results([*self.log_findings, *self.findings]),
+            "findings": by_severity([*self.log_findings, *self.findings]),
         }
         return to_results(results)
 
@@ -221,13 +221,13 @@ class LawCandidate:
             "law": self.law.name,
             "formula": self.law.formula,
             "within": self.law.within,
-            "gain": self.gain.to_dict(),
+            "gain": self.gain.with_interval(),
             "highest_accepted_below": self.over,
-            "gain_over_highest_accepted": self.gain_over.to_dict(),
+            "gain_over_highest_accepted": self.gain_over.with_interval(),
             "accepted": self.accepted,
             "decision": self.decision,
             "error_over_no_friction": self.error,
-            "parameters": self.found.to_dict()["parameters"],
+            "parameters": self.found.parameters,
         }
 
 
@@ -246,7 +246,7 @@ class LawSelection:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
-            "candidates": [candidate.to_dict() for candidate in self.candidates],
+            "candidates": self.candidates,
             "best": self.best.law.name,
         }
 

@@ -22,11 +22,11 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.findings import Finding, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import correlation, discrepancy
+from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
@@ -36,7 +36,6 @@ from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress
-from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.summary import Reported
@@ -241,22 +240,6 @@ class UpsideDown(Reported):
         ends = zip(np.maximum(own.values - half, 0.0).tolist(), (own.values + half).tolist(), strict=True)
         by_label = dict(zip(own.labels, ends, strict=True))
         return {label: interval for label, interval in by_label.items() if np.isfinite(interval[1])}
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        windows = {"fit": self.fit_windows, "held_out": self.held_out_windows}
-        matrix = correlation(self.estimate.covariance)
-        results = {
-            "verdict": self.verdict,
-            "parameters": self.parameters,
-            "standard_errors": self.standard_errors,
-            "intervals": self.intervals,
-            "correlation": {"labels": list(self.estimate.labels), "matrix": matrix},
-            "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
-            "windows": {"length": self.window, **windows},
-            "findings": finding_results(self.findings),
-        }
-        return to_results(results)
 
 
 def _by_symbol(numbers: Floats) -> dict[str, list[float] | float]:

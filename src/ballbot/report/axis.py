@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding, finding_results, texts
+from ballbot.findings import Finding, by_severity, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
@@ -117,7 +117,19 @@ def axis_report(
             "The friction at speeds, loads and temperatures that the records do not have.",
         ],
         findings=findings,
-        data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
+        data={
+            "records": fit.records,
+            "unit": fit.unit,
+            "law": fit.law,
+            "terms": {name: gain.with_interval() for name, gain in fit.forces.items()},
+            "force_between_rows": "interpolated" if fit.best.model.interpolated else "held",
+            "window": fit.window,
+            "parameters": fit.best.values,
+            "standard_errors": fit.best.standard_errors,
+            "laws": fit.by_law,
+            "expected_elsewhere": {"position_rmse": fit.expected[0], "interval_95": fit.expected[1:]},
+            "findings": by_severity([*findings, *fit.findings]),
+        },
     )
 
 

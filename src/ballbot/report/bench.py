@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.findings import Finding, finding_results, texts
-from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
+from ballbot.findings import Finding, by_severity, texts
+from ballbot.fitting.uncertainty import correlation
+from ballbot.identification.driveline import BALL_NAMES, NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
@@ -122,7 +123,16 @@ def upside_down_report(
             "floor.",
         ],
         findings=findings,
-        data=fit.to_dict() | {"findings": finding_results([*(findings or ()), *fit.findings])},
+        data={
+            "verdict": fit.verdict,
+            "parameters": fit.parameters,
+            "standard_errors": fit.standard_errors,
+            "intervals": fit.intervals,
+            "correlation": {"labels": fit.estimate.labels, "matrix": correlation(fit.estimate.covariance)},
+            "rmse": {"columns": BALL_NAMES, "held_out": fit.held_out},
+            "windows": {"length": fit.window, "fit": fit.fit_windows, "held_out": fit.held_out_windows},
+            "findings": by_severity([*(findings or ()), *fit.findings]),
+        },
     )
 
 
@@ -181,7 +191,7 @@ def geometry_report(
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
-        data=to_results(geometry) | {"findings": finding_results([*log_findings, *findings])},
+        data=to_results(geometry) | {"findings": by_severity([*log_findings, *findings])},
     )
 
 
@@ -291,7 +301,7 @@ def driveline_report(
             "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
             "rmse": [fit.rmse for fit in fits],
             "rmse_without_friction": [fit.rmse_without for fit in fits],
-            "findings": finding_results([*findings, *of_fits]),
+            "findings": by_severity([*findings, *of_fits]),
         },
     )
 

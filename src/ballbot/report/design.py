@@ -37,6 +37,7 @@ from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
+from ballbot.workflows.robot_check import linearization_results
 
 
 def _nothing_compensated(design: ControllerDesign) -> str:
@@ -85,7 +86,18 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             "" if design.uncertainty.parts else uncertain,
         ],
         findings=findings,
-        data=design.to_dict(),
+        data={
+            "robot": robot.name,
+            "sample_time": controller.sample_time,
+            "compensation": kind,
+            "gain": controller.gain,
+            "poles": design.gain.poles,
+            "linearization": linearization_results(frictionless_model(robot)),
+            "loop_margins": design.loop_margins,
+            "gain_standard_deviation": design.uncertainty.deviation if design.uncertainty.parts else None,
+            "gain_variance_shares": dict(design.uncertainty.largest(len(design.uncertainty.parts))),
+            "compensation_margin": design.margin,
+        },
     )
 
 

@@ -66,8 +66,8 @@ def identification_report(
         findings=findings,
         data={
             **fit.to_dict(),
-            **({"ladder": selection.to_dict()} if selection else {}),
-            **({"judged_on": {holdout.name: holdout.to_dict() for holdout in holdouts}} if holdouts else {}),
+            **({"ladder": selection} if selection else {}),
+            **({"judged_on": {holdout.name: holdout for holdout in holdouts}} if holdouts else {}),
         },
     )
 

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
 
 from ballbot.arrays import Bools, Floats
+from ballbot.findings import by_severity
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
@@ -53,7 +54,7 @@ def validation_report(
         sections=[first, details("What else was found", Bullets(others)), *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
-        data=validation.to_dict() | {"validation": validation.results() | logs},
+        data={"validation": validation.results() | logs, "findings": by_severity(validation.log_findings)},
     )
 
 

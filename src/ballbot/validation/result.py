@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.findings import Finding, by_severity, note, warning
 from ballbot.summary import Reported
 from ballbot.validation.closed_loop import ClosedLoop
 from ballbot.validation.horizons import Horizons
@@ -71,17 +71,13 @@ class Validation(Reported):
                 {"name": name, "robot": model.robot.name, "formulation": model.formulation}
                 for name, model in zip(self.models.names, self.models.both, strict=True)
             ],
-            "findings": finding_results(findings(self)),
+            "findings": by_severity(findings(self)),
             "duration": self.duration,
             **dict.fromkeys(way.key for way in WAYS),
             **{key: comparison.results() for key, comparison in self.comparisons.items()},
             **{f"no_{way.key}": self.refused.get(way.key) for way in WAYS if way.undisturbed},
             "recovered_gain": closed and closed.recovered,
         }
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the contents of results.json."""
-        return {"validation": self.results(), "findings": finding_results(self.log_findings)}
 
 
 def findings(validation: Validation) -> tuple[Finding, ...]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import refuse_without_margin
-from ballbot.control.lqr import LqrDesign, frictionless_model
+from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.overcompensation import (
     CompensationMargin,
@@ -26,7 +26,6 @@ from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
 from ballbot.summary import Reported
-from ballbot.workflows.robot_check import linearization_results
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,22 +80,6 @@ class ControllerDesign(Reported):
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
     loop_margins: Margins
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the design's entries of results.json."""
-        spread = self.uncertainty
-        return {
-            "robot": self.controller.robot.name,
-            "sample_time": self.controller.sample_time,
-            "compensation": self.controller.compensation,
-            "gain": self.controller.gain,
-            "poles": self.gain.poles,
-            "linearization": linearization_results(frictionless_model(self.controller.robot)),
-            "loop_margins": self.loop_margins.to_dict(),
-            "gain_standard_deviation": spread.deviation if spread.parts else None,
-            "gain_variance_shares": dict(spread.largest(len(spread.parts))),
-            "compensation_margin": self.margin,
-        }
 
 
 def design_controller(

@@ -20,7 +20,7 @@ from ballbot.control.presets import KINDS
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results, stop_on_errors
+from ballbot.findings import Finding, by_severity, stop_on_errors
 from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
@@ -172,8 +172,8 @@ class CheckedRobot:
             "standard_deviations": self.robot.standard_deviations,
             "unstable_pole_uncertainty": self.spread,
             "loop_margins": {"controller": self.controller, **margins},
-            "findings": finding_results(self.findings),
-            "swing": self.swing and self.swing.to_dict(),
+            "findings": by_severity(self.findings),
+            "swing": self.swing,
             "reference": self.following,
         }
 

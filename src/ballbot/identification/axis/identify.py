@@ -23,7 +23,7 @@ import numpy as np
 
 from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
-from ballbot.findings import Finding, finding, finding_results, note, warning
+from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.least_squares import fit_linear
@@ -196,7 +196,7 @@ class AxisEstimate:
             "intervals_95": {name: [v - halves[name], v + halves[name]] for name, v in self.values.items()},
             "errors": self.errors,
             "simpler": LAWS[self.model.law][1],
-            "gain": self.gain.to_dict() if self.gain else None,
+            "gain": self.gain and self.gain.with_interval(),
         }
 
 
@@ -283,22 +283,6 @@ class AxisIdentification(Reported):
     def best(self) -> AxisEstimate:
         """The estimate by the law that was selected or requested."""
         return self.by_law[self.law]
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "records": list(self.records),
-            "unit": self.unit,
-            "law": self.law,
-            "terms": {name: gain.to_dict() for name, gain in self.forces.items()},
-            "force_between_rows": "interpolated" if self.best.model.interpolated else "held",
-            "window": self.window,
-            "parameters": self.best.values,
-            "standard_errors": self.best.standard_errors,
-            "laws": {name: estimate.to_dict() for name, estimate in self.by_law.items()},
-            "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
-            "findings": finding_results(self.findings),
-        }
 
 
 def identify_axis(
