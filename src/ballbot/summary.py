@@ -1,8 +1,8 @@
 """A result on one screen: its title, rows of names and values, and sentences, as text and as HTML for notebooks.
 
-A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
-and what a notebook shows of it, from that. A result that is `Plotted` has the figure that is registered for its class
-(`ballbot.registry`), which a notebook shows below; of one that is `Reported` the sentences are those of its page, too.
+A result is `Summarized`: its method `summary` returns a `Summary`, from which come its `repr` and what a
+notebook shows of it. A result that is `Plotted` has the figure that is registered for its class (`ballbot.registry`),
+and of one that is `Reported` the summary is that of its page, too.
 
 Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
 """
@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,47 +122,40 @@ def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
     ) or [begin.rstrip()]
 
 
-class HasSummary(Protocol):
-    """Anything with a summary."""
+class Summarized:
+    """Base of results: their `repr`, what a notebook shows of them, and what results.json holds, by their fields."""
 
-    def summary(self) -> Summary: ...
+    def summary(self) -> Summary:
+        """Return the result on one screen."""
+        raise NotImplementedError
 
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return to_results(self)  # pyright: ignore[reportArgumentType] (a dataclass)
 
-S = TypeVar("S", bound=HasSummary)
-
-
-def summarized(kind: type[S]) -> type[S]:
-    """Give a dataclass the `repr` of its summary, `to_dict` unless it has its own, and for notebooks its figure too."""
-
-    def __repr__(self: S) -> str:  # noqa: N807
+    def __repr__(self) -> str:
         return repr(self.summary())
 
-    def _repr_html_(self: S) -> str:
-        text, svg = self.summary()._repr_html_(), ""
-        if isinstance(self, Plotted):
-            with suppress(InputError):  # a log that has nothing to draw
-                svg = self.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
-        return text + svg[svg.find("<svg") :]
-
-    def to_dict(self: S) -> dict[str, object]:
-        return to_results(self)  # pyright: ignore[reportArgumentType]
-
-    for method in (__repr__, _repr_html_, *(() if hasattr(kind, "to_dict") else (to_dict,))):
-        setattr(kind, method.__name__, method)
-    return kind
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
 
 
-class Plotted:
-    """Base of results with a figure."""
+class Plotted(Summarized):
+    """Base of results with a figure, which a notebook shows below the summary."""
 
     def plot(self) -> Figure:
         """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
         return registry.figure(self)
 
+    def _repr_html_(self) -> str:
+        svg = ""
+        with suppress(InputError):  # a log that has nothing to draw
+            svg = self.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+        return super()._repr_html_() + svg[svg.find("<svg") :]
 
-@summarized
+
 class Reported(Plotted):
-    """Base of results whose report has their sentences, their figure and what results.json holds of them."""
+    """Base of results whose page has their summary, their figure and what results.json holds of them."""
 
     def summary(self) -> Summary:
         """Return the verdict on one screen."""

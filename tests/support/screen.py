@@ -3,15 +3,15 @@
 from html import unescape
 
 from ballbot.printable import printable_line
-from ballbot.summary import HEIGHT, WIDTH, HasSummary, Plotted
+from ballbot.summary import HEIGHT, WIDTH, Plotted, Summarized
 
 
-def assert_fits_a_screen(result: HasSummary) -> None:
+def assert_fits_a_screen(result: Summarized) -> None:
     """Assert that the `repr` of a result fits 80 x 24 characters, and that a notebook is given all of it."""
     lines = repr(result).splitlines()
     assert 1 < len(lines) <= HEIGHT
     assert max(map(len, lines)) <= WIDTH, max(lines, key=len)
-    page = result._repr_html_()  # pyright: ignore[reportAttributeAccessIssue]
+    page = result._repr_html_()
     cells = [
         cell
         for _, value in result.summary().rows

@@ -22,7 +22,7 @@ from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
-from ballbot.summary import Plotted, Summary, summarized
+from ballbot.summary import Plotted, Summary
 
 Compensation = Literal["none", "full", "partial"]
 
@@ -85,7 +85,6 @@ def torque_limit_words(controller: Controller) -> str:
     return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"
 
 
-@summarized
 class Controller(Plotted):
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 

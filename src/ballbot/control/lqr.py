@@ -26,7 +26,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.robot import Friction, Robot
-from ballbot.summary import Plotted, Summary, pole_words, summarized
+from ballbot.summary import Plotted, Summary, pole_words
 
 #: negative eigenvalues of a weight down to this fraction of the largest count as rounding
 _ROUNDING = 1e-12
@@ -55,8 +55,7 @@ class Linearizable(Protocol):
     def linearize(self) -> StateSpace: ...
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LqrDesign(Plotted):
     """An optimal gain, with the closed loop's poles, which `plot()` shows, and its cost."""
 

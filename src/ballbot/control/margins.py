@@ -39,7 +39,7 @@ from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.results import reported
 from ballbot.robot import RobotLike
-from ballbot.summary import Plotted, Summary, summarized
+from ballbot.summary import Plotted, Summary
 
 #: factors of the torques at which stability is tested; beyond them a margin counts as unlimited
 _GAINS = np.geomspace(1.0, 1e3, 150)
@@ -90,8 +90,7 @@ class LoopMargins:
     disk: DiskMargin
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Margins(Plotted):
     """The margins of a robot's loop; `plot()` shows its Bode diagram."""
 

@@ -37,7 +37,7 @@ from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
 from ballbot.robot import RobotLike
-from ballbot.summary import Plotted, Summary, counted, duration_words, range_words, summarized
+from ballbot.summary import Plotted, Summary, counted, duration_words, range_words
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Index, Series
@@ -46,8 +46,7 @@ if TYPE_CHECKING:
 _TRACKED = ("x", "y", "psi")
 
 
-@summarized
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Log(Plotted):
     """A log in memory; read one with `Log.read`, `plot()` shows path, lean and torques over time.
 
