@@ -17,9 +17,11 @@ from ballbot.fitting.sweep import digest
 from ballbot.identification.driveline import DrivelineFit
 from ballbot.log import Log
 from ballbot.mechanics.model import Model
+from ballbot.registry import FIGURES, PAGES
+from ballbot.report import plots  # noqa: F401 (registers them)
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.summary import HEIGHT, WIDTH, Summary
+from ballbot.summary import HEIGHT, WIDTH, Plotted, Reported, Summary
 from ballbot.twin.scenario import Scenario
 from ballbot.twin.scenario_file import EXAMPLES
 from ballbot.workflows.controller_design import design_controller
@@ -109,6 +111,15 @@ def test_plot_returns_a_figure_that_a_notebook_shows(name):
     figure = RESULTS[name]().plot()
     assert isinstance(figure, Figure)
     assert "<svg" in figure._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_every_class_of_results_has_its_figure_and_page():
+    assert descendants(Plotted) - {Reported} == set(FIGURES)
+    assert descendants(Reported) == set(PAGES)
+
+
+def descendants(kind: type) -> set[type]:
+    return {one for own in kind.__subclasses__() for one in (own, *descendants(own))}
 
 
 def test_plot_of_a_controller_whose_loop_is_unstable_shows_its_poles():

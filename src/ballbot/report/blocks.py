@@ -10,7 +10,7 @@
     )
 
 From it come the terminal's lines (`parts`), the page and results.json (`ballbot.report.page.render`), and `summary()`,
-`repr` and `to_dict()` of the value it is about (`ballbot.report.plots`). A table and its entries in results.json come
+`repr` and `to_dict()` of the value it is about (`ballbot.registry`). A table and its entries in results.json come
 from one list of columns:
 
     COLUMNS = (
