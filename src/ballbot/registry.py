@@ -7,31 +7,22 @@ may name every package, says what registers them; that is imported when the firs
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
 
-#: makes the page (`ballbot.report.blocks.Result`), or draws the figure, of a value of a class
+#: makes the page (`ballbot.report.blocks.Result`), or draws the figure in the reports' style, of a value of a class
 PAGES: dict[type, Callable[[Any], Any]] = {}
 FIGURES: dict[type, Callable[[Any], Figure]] = {}
 #: imports what registers them
 LOADERS: list[Callable[[], object]] = []
 
 
-def page(value: object) -> Any:
-    """Return the page of a result."""
-    _load()
-    return PAGES[type(value)](value)
-
-
-def figure(value: object) -> Figure:
-    """Return the figure of a result, in the reports' style; it belongs to no window, and a notebook shows it."""
-    _load()
-    return FIGURES[type(value)](value)
-
-
-def _load() -> None:
+def registered(table: dict[type, Callable[[Any], T]], value: object) -> T:
+    """Return what one of the tables above makes of a value."""
     for load in LOADERS:
         load()
+    return table[type(value)](value)

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot import registry
 from ballbot.errors import InputError
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
+from ballbot.registry import FIGURES, PAGES, registered
 from ballbot.results import to_results
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class Plotted(Summarized):
 
     def plot(self) -> Figure:
         """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
-        return registry.figure(self)
+        return registered(FIGURES, self)
 
     def _repr_html_(self) -> str:
         svg = ""
@@ -159,11 +159,11 @@ class Reported(Plotted):
 
     def summary(self) -> Summary:
         """Return the verdict on one screen."""
-        return registry.page(self).summary()
+        return registered(PAGES, self).summary()
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        return to_results(registry.page(self).to_dict())
+        return to_results(registered(PAGES, self).to_dict())
 
 
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:

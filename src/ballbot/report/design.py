@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
 from ballbot.control.linear import RobotLoop, step_response
-from ballbot.control.lqr import frictionless_model
+from ballbot.control.lqr import frictionless_model, matrix_rows
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
@@ -139,10 +139,7 @@ def gain_sheet(
     # integral action adds states
     names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
     names += [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
-    rows = [
-        (name, *(f"{value:.4f}" for value in column))
-        for name, column in zip(names, (np.round(gain, 4) + 0.0).T, strict=True)
-    ]
+    rows = [(name.strip(), *cells) for name, cells in matrix_rows(gain.T, names)]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
     return Sheet(("state", *wheels), rows, caption)
 

@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot import registry
 from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
@@ -19,6 +18,7 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.learning.learn import Learned
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
+from ballbot.registry import FIGURES, PAGES
 from ballbot.report.axis import axis_report, laws_figure
 from ballbot.report.bench import curve_figure, upside_down_report, wheel_report
 from ballbot.report.comparison import course_figure, league_report, paths_figure
@@ -77,7 +77,7 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
-registry.PAGES.update(
+PAGES.update(
     {
         AxisIdentification: axis_report,
         ControllerDesign: controller_design_report,
@@ -111,4 +111,4 @@ for kind, draw in {
     UpsideDown: upside_down_figure,
     Validation: lambda validation: horizon_figure(validation.horizon, validation.models.names),
 }.items():
-    registry.FIGURES[kind] = partial(plotted, draw)
+    FIGURES[kind] = partial(plotted, draw)
