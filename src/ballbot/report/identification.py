@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.findings import Finding, texts
+from ballbot.findings import texts
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
@@ -38,12 +38,9 @@ from ballbot.rounding import digits, interval, unit_heading, value_and_error
 def identification_report(
     fit: Identification,
     logs: Mapping[str, Log] = MappingProxyType({}),
-    *,
-    findings: Sequence[Finding] | None = None,
-    selection: LawSelection | None = None,
     holdouts: Sequence[HoldoutResult] = (),
 ) -> Result:
-    """Return the page; `selection` compares laws, if several were fitted."""
+    """Return the page, with the friction over the speeds of the logs and the errors on others."""
     one_log = "How much the estimate differs from log to log: there is one log."
     return Result(
         title=f"{fit.robot.name}: friction from balancing logs",
@@ -51,7 +48,7 @@ def identification_report(
         verdict=[("Verdict", fit.verdict.sentence), ("Friction", friction_sentence(fit))],
         sections=[
             section("Parameters", *parameter_blocks(fit, logs.values())),
-            section("Friction laws", _selection_sheet(selection) if selection else None),
+            section("Friction laws", _selection_sheet(fit.selection) if fit.selection else None),
             details(
                 "Errors on held-out windows",
                 _error_sheet(fit, holdouts),
@@ -63,10 +60,10 @@ def identification_report(
             one_log if fit.variation.logs == 1 else "",
             "The friction at speeds, loads and temperatures that the logs do not have.",
         ],
-        findings=findings,
+        findings=fit.log_findings,
         data={
             **fit.to_dict(),
-            **({"ladder": selection} if selection else {}),
+            **({"ladder": fit.selection} if fit.selection else {}),
             **({"judged_on": {holdout.name: holdout for holdout in holdouts}} if holdouts else {}),
         },
     )
