@@ -62,15 +62,12 @@ class Summary:
     def _repr_html_(self) -> str:
         """Return all of it as HTML: the rows as a table, the sentences as a list."""
         columns = max((len(value) for _, value in self.rows if isinstance(value, tuple)), default=1)
-        rows = [
-            _element(
-                "tr", _element("th", _escaped(name), ' style="text-align:left"') + _html_cells(value, columns)
-            )
+        rows = "".join(
+            f'<tr><th style="text-align:left">{_escaped(name)}</th>{_html_cells(value, columns)}</tr>'
             for name, value in self.rows
-        ]
-        sentences = [_element("li", _escaped(one)) for one in self.sentences]
-        parts = (("b", [_escaped(self.title)]), ("table", rows), ("ul", sentences))
-        return "".join(_element(name, "".join(inside)) for name, inside in parts if inside)
+        )
+        sentences = "".join(f"<li>{_escaped(one)}</li>" for one in self.sentences)
+        return f"<b>{_escaped(self.title)}</b><table>{rows}</table><ul>{sentences}</ul>"
 
     def _lines(self) -> list[str]:
         lines = _wrapped(self.title, "")
@@ -89,18 +86,14 @@ class Summary:
         return lines
 
 
-def _element(name: str, inside: str, attributes: str = "") -> str:
-    return f"<{name}{attributes}>{inside}</{name}>"
-
-
 def _escaped(text: str) -> str:
     return escape(printable_line(text))
 
 
 def _html_cells(value: str | tuple[str, ...], columns: int) -> str:
     if isinstance(value, str):
-        return _element("td", _escaped(value), f' colspan="{columns}" style="text-align:left"')
-    return "".join(_element("td", _escaped(cell)) for cell in value)
+        return f'<td colspan="{columns}" style="text-align:left">{_escaped(value)}</td>'
+    return "".join(f"<td>{_escaped(cell)}</td>" for cell in value)
 
 
 def _in_columns(value: str | tuple[str, ...], widths: Sequence[int]) -> str:
