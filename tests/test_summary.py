@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
 from ballbot.control.lqr import LqrDesign
@@ -101,16 +100,7 @@ RESULTS = {
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_result_fits_a_screen(name):
-    assert_fits_a_screen(RESULTS[name]())
-
-
-@pytest.mark.parametrize(
-    "name", ["robot", "log", "controller", "gain with integral", "driveline", "limits", "margins"]
-)
-def test_plot_returns_a_figure_that_a_notebook_shows(name):
-    figure = RESULTS[name]().plot()
-    assert isinstance(figure, Figure)
-    assert "<svg" in figure._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+    assert_fits_a_screen(RESULTS[name](), drawn=name != "log of one row")  # which has nothing to draw
 
 
 def test_every_class_of_results_has_its_figure_and_page():
