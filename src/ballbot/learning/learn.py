@@ -27,11 +27,11 @@ from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import PUSH, Task, task_named
 from ballbot.log import Log
 from ballbot.progress import Progress, sparkline
-from ballbot.results import left_out, to_results
+from ballbot.results import left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Push
-from ballbot.summary import Plotted, Summary, counted, summarized
+from ballbot.summary import Reported
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
 from ballbot.workflows.metrics import position_error, true_place
@@ -78,9 +78,8 @@ class Confirmed:
     rms_velocity: float  #: likewise, of the velocity's difference from the one that is asked for [m/s]
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Learned(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Learned(Reported):
     """A learned controller, how it was learned, and what it is worth; `plot()` shows the learning curve."""
 
     controller: Controller = field(metadata=left_out)
@@ -96,29 +95,6 @@ class Learned(Plotted):
     stopped: bool  #: by the user before its end
     confirmed: tuple[Confirmed, ...] = ()
     baseline_confirmed: tuple[Confirmed, ...] = ()
-
-    def summary(self) -> Summary:
-        """Return what was learned, in how much time, and how it did."""
-        last = self.curve[-1]
-        rows = [
-            ("training", f"{last.samples:,} samples of the loop in {last.seconds:.1f} s"),
-            (
-                "reward a second",
-                f"{last.reward:.3f} with exploration; {self.baseline:.3f} of the controller without",
-            ),
-        ]
-        rows += [
-            (
-                f"on the {tried.plant}",
-                f"{counted(tried.fell, 'fall')} in {tried.runs} runs of {tried.duration:g} s",
-            )
-            for tried in self.confirmed
-        ]
-        return Summary(title=f"{self.task.name} of {self.controller.robot.name}, learned", rows=tuple(rows))
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the entries of results.json; the policy itself is in the controller's file."""
-        return {"robot": self.controller.robot.name} | to_results(self)
 
 
 def base_controller(robot: Robot) -> Controller:

@@ -31,7 +31,7 @@ from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
-from ballbot.summary import Plotted, Summary, summarized
+from ballbot.summary import Plotted, Summary
 from ballbot.twin.scenario import Scenario
 from ballbot.validation.models import recoverable_leans
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
@@ -199,8 +199,7 @@ class Plane:
     upper_area: float  #: if wheels never slip
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotLimits(Plotted):
     """The limits of one closed loop; `plot()` shows the leans and lean rates that it recovers from."""
 
