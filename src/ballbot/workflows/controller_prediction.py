@@ -46,7 +46,7 @@ MIN_RUNS = 6
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
 #: and 97.5th percentile of the twins that did not fall, beyond the spread of the draws; of the torque margin, of the
-#: share of the limit that is used. `python -m campaigns.controller_prediction` prints them, for both gains.
+#: share of the limit that is used. By kind of controller; `python -m campaigns.controller_prediction` prints them.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "precise": {
         "peak_error": (0.39, 4.5),
@@ -55,7 +55,7 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "lean": (0.92, 1.4),
         "torque_margin": (0.83, 2.0),
     },
-    "none": {
+    "nominal": {
         "peak_error": (0.72, 3.4),
         "rms_error": (0.54, 2.2),
         "roughness": (0.98, 9.0),
@@ -63,6 +63,16 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "torque_margin": (0.8, 4.3),
     },
 }
+
+
+def discrepancy_of(candidate: str) -> Mapping[str, tuple[float, float]]:
+    """Return a candidate's discrepancy; of a kind for which none is calibrated the widest of those that are."""
+    kinds = tuple(DISCREPANCY.values())
+    widest = {
+        name: (min(kind[name][0] for kind in kinds), max(kind[name][1] for kind in kinds))
+        for name in kinds[0]
+    }
+    return DISCREPANCY.get(CANDIDATES[candidate][0].name, widest)
 
 
 #: the quantities of a `Performance`
@@ -112,6 +122,14 @@ class ControllerPrediction:
         """Of the intervals."""
         return CONFIDENCE
 
+    @property
+    def calibration(self) -> str:
+        """The sentence on a kind of controller whose discrepancy is not calibrated; empty if it is."""
+        kind, _ = CANDIDATES[self.controller]
+        if kind.name in DISCREPANCY:
+            return ""
+        return f" No model discrepancy is calibrated for {kind.name} controllers: the widest of other kinds is taken."
+
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
     """Predict the chosen controller's next run on six robots drawn or more; None if none was chosen."""
@@ -127,8 +145,9 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
             for performance, run in zip(trial.performances, trial.scores, strict=True)
             if run.ended is None
         ]
-        kind = "precise" if CANDIDATES[candidate][0] == "precise" else "none"
-        return performance_intervals(stood, discrepancy=DISCREPANCY[kind]) if len(stood) >= MIN_RUNS else None
+        if len(stood) < MIN_RUNS:
+            return None
+        return performance_intervals(stood, discrepancy=discrepancy_of(candidate))
 
     predicted = intervals(chosen)
     assert predicted is not None, "the chosen candidate falls nowhere"
