@@ -28,7 +28,7 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import Processes
 from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
+from ballbot.log.placement import TURNING_BY_WHEELS
 from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.arrays import Bools, Floats
-from ballbot.log.balancing_motion import block_sums
 from ballbot.log.columns import FACTORS, Columns
+from ballbot.log.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
-from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.placement import (
+from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
+from ballbot.log.placement import (
     STILL_HEADING,
     LeanTest,
     advantage,
@@ -24,7 +24,6 @@ from ballbot.log.mapping_search.placement import (
     lean_test,
     left_by_readings,
 )
-from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
     Smooth,
@@ -38,6 +37,7 @@ from ballbot.log.signals import (
     unwrapped,
     without_resets,
 )
+from ballbot.log.torque_balance import block_sums
 from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset

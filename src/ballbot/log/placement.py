@@ -56,8 +56,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from ballbot.arrays import Bools, Floats
-from ballbot.log.balancing_motion import block_sums, clarity
-from ballbot.log.mapping_search.evidence import (
+from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
@@ -71,9 +70,8 @@ from ballbot.log.mapping_search.evidence import (
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.log.torque_balance import Complex, block_sums, clarity
 from ballbot.robot import Robot
-
-Complex = NDArray[np.complex128]
 
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
 #: smooths, which looks like a better fit; and the lag with which the weights are first found
