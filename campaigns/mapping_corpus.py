@@ -2,8 +2,8 @@
 
 BALLBOT_VARIANTS=200 .venv/bin/python -m campaigns.evidence mapping_corpus    that many variants, each failure named
 
-A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`), with the kind of
-its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
+A variant is a stretch of a recorded log, written as a team might write it (`tests.support.foreign_logs`), with the kind
+of its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
 compared with the recorded one. A result is
 
 right    the log is the recorded one, up to a transformation that leaves every measured signal and the robot's dynamics
@@ -32,9 +32,9 @@ from ballbot.log.placement import TURNING_BY_WHEELS
 from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot
-from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named
 from campaigns.section import Section, finished, share_words
+from tests.support.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 
 Floats = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import Section, public_file, share_words
+from tests.support.axis_machines import Drive, Logging, Machine, Motion, record_of
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
