@@ -274,7 +274,7 @@ def lean_test(
     )
 
 
-def left_by_readings(
+def unexplained_by_readings(
     robot: Robot, readings: Sequence[tuple[float, Smooth]], wheels: Smooth, usable: Bools
 ) -> tuple[list[Floats], Floats]:
     """Return the squares (B,) that the wheels leave of the lean's acceleration by each reading of it, and the weights.

@@ -22,7 +22,7 @@ from ballbot.log.placement import (
     advantage,
     heading_of,
     lean_test,
-    left_by_readings,
+    unexplained_by_readings,
 )
 from ballbot.log.signals import (
     INTERVAL,
@@ -319,13 +319,13 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     if not usable.any() or float(np.std(heading[usable])) < STILL_HEADING:
         return Tilts()
     readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
-    evidence = [left_by_readings(base.robot, readings, wheels, usable)]
+    evidence = [unexplained_by_readings(base.robot, readings, wheels, usable)]
     if base.roles.gyro:
         rates = smooth(
             even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1]
         )
         named = base.roles.unit(base.roles.gyro)
-        left = [_left_of_gyro(reading, rates.value, named, usable) for _, reading in readings]
+        left = [_unexplained_by_gyro(reading, rates.value, named, usable) for _, reading in readings]
         evidence.append((left, usable.astype(np.float64)))
 
     def odds(one: int, other: int) -> float:
@@ -343,7 +343,7 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     )
 
 
-def _left_of_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
+def _unexplained_by_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
     """Return the squares (B,) that a gyro (N, 3) leaves of the rates about x and y by angles (N, 3) [rad]."""
     gyro, body = _gyro_fit(angles, rates, named, with_yaw=True), _body_rates(angles)
     left = ((body if gyro is None else gyro.rates(rates) - body)[:, :2]) * usable[:, None]
