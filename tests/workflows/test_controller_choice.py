@@ -30,7 +30,7 @@ from ballbot.workflows.controller_choice import (
 )
 from ballbot.workflows.controller_prediction import discrepancy_of
 from ballbot.workflows.grid import Condition, grid_runs, run_grid
-from ballbot.workflows.metrics import QUANTITIES, Performance, Score
+from ballbot.workflows.metrics import QUANTITIES, LogScore, Score
 from ballbot.workflows.statistics import median_with_interval
 from ballbot.workflows.study import sampled_at
 from tests.support.control_examples import FRICTION, alten
@@ -201,7 +201,7 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     log = log.with_columns(
         {"theta": np.where(t == t[700], 0.03, 0.0), "phi": np.where(t == t[700], 0.04, 0.0)}
     )
-    found = Performance.of(log, torque_limit=0.5)
+    found = LogScore.of(log, torque_limit=0.5)
     assert found.peak_error == pytest.approx(0.02)
     assert found.rms_error == pytest.approx(0.02)
     # about 0.05: the two add in squares
@@ -209,5 +209,5 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     assert found.torque_margin == pytest.approx(0.8)
     assert found.roughness == pytest.approx(np.sqrt(np.mean(np.diff(torques["u1"]) ** 2)))
     # measured torques beyond the limit leave no margin, and not less
-    assert Performance.of(log, torque_limit=0.099).torque_margin == 0.0
+    assert LogScore.of(log, torque_limit=0.099).torque_margin == 0.0
     assert len(QUANTITIES) == 5

@@ -43,7 +43,7 @@ from ballbot.workflows.grid import (
     grid_runs,
     run_grid,
 )
-from ballbot.workflows.metrics import Performance, Score, falls_of, values_of
+from ballbot.workflows.metrics import LogScore, Score, falls_of, values_of
 from ballbot.workflows.statistics import MedianEstimate, median_with_interval
 
 
@@ -110,7 +110,7 @@ class Trial:
 
     controller: Controller
     scores: tuple[Score, ...]  #: by the true position
-    performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
+    performances: tuple[LogScore, ...] = ()  #: as the robot's own log shows them
     log: Log | None = None  #: of the first run, if it is kept
 
     @property
@@ -237,10 +237,10 @@ def run_trials(
         for draw in plants
     ]
 
-    def ask(grid_run: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
+    def ask(grid_run: GridRun, log: Log) -> tuple[Score, LogScore, Log | None]:
         assert isinstance(grid_run.controller, Controller)
         kept = log if logged and grid_run.condition is conditions[0] else None
-        return grid_run.score(log), Performance.of(log, torque_limit=grid_run.controller.torque_limit), kept
+        return grid_run.score(log), LogScore.of(log, torque_limit=grid_run.controller.torque_limit), kept
 
     table = run_grid(grid_runs(controllers, conditions), ask, workers=Threads(), run=run)
     trials = {}

@@ -38,7 +38,7 @@ from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
-from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
+from ballbot.workflows.metrics import QUANTITIES, LogScore, Metric
 from ballbot.workflows.statistics import CONFIDENCE, student_quantile
 
 #: fewest performances for an interval
@@ -75,7 +75,7 @@ def discrepancy_of(candidate: str) -> Mapping[str, tuple[float, float]]:
     return DISCREPANCY.get(CANDIDATES[candidate][0].name, widest)
 
 
-#: the quantities of a `Performance`
+#: the quantities of a `LogScore`
 SHOWN: Mapping[str, Metric] = {
     metric.key: metric
     for metric in (
@@ -113,7 +113,7 @@ class ControllerPrediction:
     torque_limit: float  #: of the controller, each wheel [N m]
     scenario: str  #: name of the scenario of the robots
     draws: int  #: number of robots
-    chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
+    chosen: Mapping[str, PredictionInterval]  #: by quantity of `LogScore`
     none: Mapping[str, PredictionInterval] | None  #: the soft gain's; None if too few stood
     log_findings: tuple[str, ...] = ()  #: codes of the findings on the study's logs
 
@@ -170,7 +170,7 @@ def checksum_of(controller: Controller) -> str:
 
 
 def performance_intervals(
-    performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
+    performances: Sequence[LogScore], *, discrepancy: Mapping[str, tuple[float, float]]
 ) -> dict[str, PredictionInterval]:
     """Return each quantity's prediction interval for a new run on a robot with unknown faults (`DISCREPANCY`)."""
     sizes = [performance.sizes() for performance in performances]
@@ -310,7 +310,7 @@ def evaluate_log(
         )
     run = course_of(complete, prediction, sample_time=controller.sample_time)
     ended = _why_ended(run, prediction)
-    seen = Performance.of(run, torque_limit=prediction.torque_limit)
+    seen = LogScore.of(run, torque_limit=prediction.torque_limit)
     quantities = tuple(
         QuantityResult(name=name, predicted=prediction.chosen[name], value=value)
         for name, value in vars(seen).items()
