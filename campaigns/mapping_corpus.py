@@ -271,7 +271,8 @@ def campaign() -> Section:
     return Section(
         title="Mappings proposed for foreign logs",
         before=f"Stretches of 15 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"
-        " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
+        " (`tests/support/foreign_logs.py`): renamed, "
+        "permuted, negated, scaled, turned, mirrored, late, noisy, in several"
         " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`. 15 s is what `docs/first_log.md` asks for. (Of 918 stretches of 5 to"
         " 15 s, measured once at commit 2aa9aa1d, 526 were right and 3 wrong, without a question.) Intervals are of 95"

@@ -174,7 +174,8 @@ def machines() -> Section:
     ]
     return Section(
         title="One axis: simulated machines",
-        before="Random machines (campaigns/axis_machines.py), simulated apart from Ballbot and identified with the law "
+        before="Random machines (tests/support/axis_machines.py), "
+        "simulated apart from Ballbot and identified with the law "
         f"coulomb, all else selected. {SEEDS} seeds with each of three motions, 8 s at 200 Hz: a slide and a "
         "pendulum with rigid drives, and wheels that drive 30 to 60 % of the inertia by gears with a play of 0.5 to 4 "
         "mrad to either side, or by an elastic shaft (15 to 40 Hz); the uneven log comes from a loop at 1 kHz. "
