@@ -12,16 +12,16 @@ from ballbot.control.law import ALLOWED, LAW, MEMORY, control_law
 from ballbot.control.records import converted
 from ballbot.firmware.build import compile_sources, compilers, weights_folder
 from ballbot.firmware.header import SOURCES
-from campaigns import firmware_numbers
-from campaigns.firmware_numbers import TOLERANCE, compare, updates
+from tests.support import law_comparison
 from tests.support.compiled_estimators import DOUBLE
 from tests.support.compiled_firmware import Library, library, library_of, weights_of
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 from tests.support.friction_law_examples import robot_by_law
+from tests.support.law_comparison import TOLERANCE, compare, updates
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
-CONTROLLERS = firmware_numbers.controllers()
+CONTROLLERS = law_comparison.controllers()
 LAW_SOURCES = [SOURCES / "law.c", SOURCES / "attitude.c", *sorted((SOURCES / "parts").glob("*.c"))]
 
 

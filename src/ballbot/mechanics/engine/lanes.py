@@ -15,14 +15,13 @@ import numpy as np
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import each
-from ballbot.mechanics.friction import under_load
+from ballbot.mechanics.friction import Wheel, under_load
 from ballbot.mechanics.parameters import (
     LARGEST_ROW,
     RIGID_SHAPE,
     WHEEL_SHAPE,
     Pivoting,
     RobotNumbers,
-    Wheel,
     parameter_count,
 )
 
