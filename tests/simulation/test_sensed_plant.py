@@ -42,7 +42,7 @@ TURNING = np.ones(3)
 
 def of_wheels(plant: SensedPlant, first: int) -> np.ndarray:
     """Return a number of each wheel (n,) from the work array: its place in the play, or the torque passed on."""
-    return plant._block.work[first * LANES : (first + plant.robot.wheel_count) * LANES : LANES].copy()
+    return plant._memory.work[0, first * LANES : (first + plant.robot.wheel_count) * LANES : LANES].copy()
 
 
 def torques_of(seed: int, samples: int, size: float = 0.3) -> np.ndarray:

@@ -69,7 +69,7 @@ class Twins:
         return self._placed[lane, which]
 
     def _reset(self, world: LaneArrays, lane: int) -> None:
-        for memory in (world.blocks.memories, world.blocks.commanded, world.blocks.last):
+        for memory in (world.memory.laws, world.memory.commanded, world.memory.last):
             memory[lane] = 0.0
         seed = int(world.episodes.streams[lane, 0] >> np.uint64(33))
         twin, push = self._of(world, lane)
@@ -79,12 +79,12 @@ class Twins:
 
     def _move(self, world: LaneArrays, lane: int) -> None:
         (twin, push), age = self._of(world, lane), int(world.commands.ages[lane])
-        torques, last = world.blocks.commanded[lane], world.blocks.last[lane]
+        torques, last = world.memory.commanded[lane], world.memory.last[lane]
         last[:] = torques
         torques[:] = world.commands.torques[lane]
         if world.inputs.law_code:
-            law, memory, own = world.inputs.laws[0], world.blocks.memories[lane], np.zeros(len(torques))
-            control_law(law, memory, world.blocks.states[lane], world.commands.references[lane], own)
+            law, memory, own = world.inputs.laws[0], world.memory.laws[lane], np.zeros(len(torques))
+            control_law(law, memory, world.memory.states[lane], world.commands.references[lane], own)
             torques[:] = np.clip(torques + own, -law[LIMIT_AT], law[LIMIT_AT])
             memory[: len(torques)] = torques  # the law's history begins with the torques that act
         if world.task.impulse > 0.0:
@@ -99,5 +99,5 @@ class Twins:
 
     def _take(self, world: LaneArrays, lane: int, measured: Measurement) -> None:
         truth = measured.state if measured.truth is None else measured.truth
-        world.blocks.truths[lane] = truth
-        world.blocks.states[lane] = truth if self.estimator is None else measured.state
+        world.memory.truths[lane] = truth
+        world.memory.states[lane] = truth if self.estimator is None else measured.state

@@ -281,6 +281,8 @@ class LoopRecord:
     winding: float = field(default=1.0, metadata=number("ohm"))
     ampere: float = field(default=1.0, metadata=number("N m/A"))
     back: float = field(default=0.0, metadata=number("V s/rad"))
+    #: largest deviation of a sampling instant
+    jitter: float = field(default=0.0, metadata=number("s"))
     torque_noise: float = field(default=0.0, metadata=number("N m"))
     #: time constant of the motors
     lag: float = field(default=0.0, metadata=number("s"))
@@ -360,6 +362,7 @@ def loop_record(
         "limited": 1,
         "torque_limit": drive.torque_limit,
         "top_speed": drive.top_speed,
+        "jitter": imperfections.jitter,
         "torque_noise": imperfections.torque_noise,
         "lag": imperfections.lag,
         "play": imperfections.backlash,
