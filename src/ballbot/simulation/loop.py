@@ -806,17 +806,18 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
         "pivoting": (robots,),
         "truths": (robots, 10),
         "states": (robots, 10),
-        "filters": (blocks, FILTER_ROWS * LANES if filtering else LANES),
         "attitude": (robots, 3),
         "start": (robots, 10),
         "force": (robots, 6),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    # a row is a whole number of cache lines
-    work = np.stack([new_work.py_func()] * blocks)  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
+    new = new_work.py_func  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
+    work, filters = (
+        new(blocks * rows).reshape(blocks, -1) for rows in (ROWS, FILTER_ROWS if filtering else 1)
+    )
     for robot in range(robots):
         work[robot // LANES, ROBOT * LANES + robot % LANES] = robot
-    others = {"by_steps": by_steps, "work": work}
+    others = {"by_steps": by_steps, "work": work, "filters": filters}
     return LoopMemory(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 
