@@ -88,7 +88,7 @@ def test_encoders_count_the_motors_angles(backlash):
     plant = SensedPlant(STUCK, replace(NOMINAL, backlash=backlash))
     plant.reset(leaning(0.05), seed=2)
     start = plant.motor_angles
-    count = encoder_step(encoder_counts=NOMINAL.sensors.encoder_counts, gear_ratio=DRIVE.gear_ratio)
+    count = encoder_step(STUCK.robot, NOMINAL.sensors)
     before = np.zeros(3)
     for u in torques_of(3, 40, size=2.0):
         measured = plant.step(u, SAMPLE)

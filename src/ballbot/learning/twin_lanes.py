@@ -25,13 +25,14 @@ from ballbot.workflows.grid import LoopRobot
 
 def twin_scenario(drawn: LoopRobot, scenario: Scenario) -> Scenario:
     """Return the scenario in which a twin has the friction, the delay and the floor of a robot that was drawn."""
-    borne = drawn.imperfections
-    about_x = math.atan(borne.slope[1])
-    timing = Timing(delay=borne.delay, jitter=borne.jitter) if borne.delay or borne.jitter else None
+    given = drawn.imperfections
+    (along, across), delay, jitter = given.slope, given.delay, given.jitter
+    about_x = math.atan(across)
+    timing = Timing(delay=delay, jitter=jitter) if delay or jitter else None
     return replace(
         with_identified(scenario, drawn.model.robot.friction),
         timing=timing,
-        floor_tilt=(about_x, -math.atan(borne.slope[0] * math.cos(about_x))),
+        floor_tilt=(about_x, -math.atan(along * math.cos(about_x))),
         payload=None,  # the robot that was drawn carries it
     )
 

@@ -423,7 +423,7 @@ def _of_sensors(
     memory = math.exp(-sample_time / faults.lean_error_time)
     return {
         "estimator": 1 if estimator == "onboard" else 2,
-        "count": encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio),
+        "count": encoder_step(robot, sensors),
         "speed_window": imperfections.speed_window,
         "window_time": imperfections.speed_window * sample_time,
         "gyro_noise": sensors.gyro_noise,
