@@ -237,7 +237,6 @@ def _block(controller: Controller, drawn: Drawn, first: int, *, tuned: bool) -> 
         steps=models[0].steps_in(h),
         every=samples,
         lost_lean=FALLEN,
-        grip=np.inf,
     )
     out = empty_outcome(width, 1, samples, n)
     draws = draws_of([(lane, lane.seed) for lane in lanes], width, n=n, samples=samples, sample_time=h)

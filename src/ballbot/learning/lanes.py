@@ -40,6 +40,7 @@ from ballbot.simulation.loop import (
     Sampling,
     advance_block,
     begin_block,
+    command,
     new_memory,
 )
 from ballbot.workflows.grid import LoopRobot
@@ -289,8 +290,13 @@ def play(selected, world, span, samples, ending):
 
 @compiled
 def prepare(world, sample, samples, ending):
-    """Say what is done next with all lanes, where the loop does not do it: see `_prepare`."""
-    _prepare(borrowed(world), 0, len(world.commands.todo), sample, samples, ending)
+    """Say what is done next with all lanes, and by what torques, where the loop does not do it: see `_prepare`."""
+    world = borrowed(world)
+    inputs, _, _, memory, commands, _, _, _, _ = world
+    _prepare(world, 0, len(commands.todo), sample, samples, ending)
+    for lane in range(len(commands.todo)):
+        if commands.todo[lane] == ADVANCED:
+            command(inputs, memory, commands, lane)
 
 
 @compiled
@@ -417,9 +423,6 @@ class TaskLanes:
                 references=np.zeros((1, 10)),
                 sample_time=self.sample_time,
                 steps=models[0].steps_in(self.sample_time),
-                every=1,
-                lost_lean=np.inf,
-                grip=np.inf,
             ),
             memory=new_memory(pool.loops, lanes, n, filtering=inputs.filter_code != 0),
             commands=new_commands(lanes, n, references=lanes),

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ballbot.control.law import LIMIT_AT, control_law
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.learning.lanes import LaneArrays
@@ -80,20 +79,12 @@ class Twins:
 
     def _move(self, world: LaneArrays, lane: int) -> None:
         (twin, push), age = self._of(world, lane), int(world.commands.ages[lane])
-        torques, last = world.memory.commanded[lane], world.memory.last[lane]
-        last[:] = torques
-        torques[:] = world.commands.torques[lane]
-        if world.inputs.law_code:
-            law, memory, own = world.inputs.laws[0], world.memory.laws[lane], np.zeros(len(torques))
-            control_law(law, memory, world.memory.states[lane], world.commands.references[lane], own)
-            torques[:] = np.clip(torques + own, -law[LIMIT_AT], law[LIMIT_AT])
-            memory[: len(torques)] = torques  # the law's history begins with the torques that act
         if world.task.impulse > 0.0:
             begin, end, *force, height = world.inputs.pushes[lane, 0].tolist()
             push.clear()
             if begin <= age < end:
                 push.add(force, height)
-        measured = twin.step(torques, world.task.sample_time)
+        measured = twin.step(world.memory.commanded[lane], world.task.sample_time)
         if measured.ended:
             world.out.ended[lane] = age + 1
         self._take(world, lane, measured)

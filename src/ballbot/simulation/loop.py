@@ -132,9 +132,9 @@ class Sampling(NamedTuple):
     references: NDArray[np.float64]  #: (samples, 10)
     sample_time: float  #: [s]
     steps: int  #: in a sample
-    every: int  #: so many samples between records
-    lost_lean: float  #: [rad] a lane that leans farther, and outward, is left
-    grip: float  #: of the wheels on the ball; a lane that needs more is left
+    every: int = 1  #: so many samples between records
+    lost_lean: float = math.inf  #: [rad] a lane that leans farther, and outward, is left
+    grip: float = math.inf  #: of the wheels on the ball; a lane that needs more is left
 
 
 class Outcome(NamedTuple):
@@ -685,7 +685,7 @@ def _see(inputs, memory, robot, sample):
 
 
 @inlined
-def _command(inputs, memory, commands, robot):
+def command(inputs, memory, commands, robot):
     """Decide a robot's torques: those commanded, or its law's and what is commanded beside them."""
     held, commanded = memory.commanded[robot], commands.torques[robot]
     fill(memory.last[robot], held)
@@ -888,7 +888,7 @@ def advance_block(selected, inputs, draws, sampling, memory, commands, out, begi
             continue
         moving += 1
         age, drawn = commands.ages[robot], commands.ages[robot] % draws.samples
-        _command(inputs, memory, commands, robot)
+        command(inputs, memory, commands, robot)
         noise = draws.noise[robot, (n + 6) * drawn + 6 : (n + 6) * drawn + 6 + n]
         _drive(inputs, memory, robot, age, noise, out.changes)
         h = draws.durations[robot, drawn] if draws.durations.shape[1] > 0 else sampling.sample_time

@@ -79,9 +79,6 @@ class SensedPlant:
             references=np.zeros((1, 10)),
             sample_time=self._sample_time,
             steps=model.steps_in(self._sample_time),
-            every=1,
-            lost_lean=np.inf,
-            grip=np.inf,
         )
         self.reset()
 
