@@ -39,7 +39,6 @@ from ballbot.simulation.loop import (
     Outcome,
     Sampling,
     advance_block,
-    begin_block,
     command,
     new_memory,
 )
@@ -135,8 +134,7 @@ def _end(task, inputs, memory, commands, out, episodes, lane):
     """Reward a lane's sample, and end its episode where that is due."""
     if commands.todo[lane] != ADVANCED:
         return
-    truth, age = memory.truths[lane], commands.ages[lane] + 1
-    commands.ages[lane] = age
+    truth, age = memory.truths[lane], commands.ages[lane]
     episodes.rewards[lane] += reward(
         task, truth, episodes.references[lane], memory.commanded[lane], memory.last[lane]
     )
@@ -281,10 +279,8 @@ def play(selected, world, span, samples, ending):
         last = min(first + LANES, span[1])
         for sample in range(samples + 1):
             moving = _prepare(world, first, last, sample, samples, ending)
-            if moving > 0 and sample < samples:
+            if moving > 0:
                 advance_block(selected, inputs, draws, sampling, memory, commands, out, first, last - first)
-            elif moving > 0:
-                begin_block(selected, inputs, draws, memory, commands, first, last - first)
             _conclude(world, first, last, sample, samples)
 
 

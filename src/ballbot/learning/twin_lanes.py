@@ -79,6 +79,7 @@ class Twins:
 
     def _move(self, world: LaneArrays, lane: int) -> None:
         (twin, push), age = self._of(world, lane), int(world.commands.ages[lane])
+        world.commands.ages[lane] += 1
         if world.task.impulse > 0.0:
             begin, end, *force, height = world.inputs.pushes[lane, 0].tolist()
             push.clear()

@@ -848,41 +848,25 @@ class Commands(NamedTuple):
     """What is done with robots, a row for each."""
 
     todo: NDArray[np.int64]  #: `LEFT`, `ADVANCED`, `STARTED` or `CHANGED`
-    ages: NDArray[np.int64]  #: samples since each robot's start
+    ages: NDArray[np.int64]  #: samples since each robot's start, which the loop counts
     #: (robots, n) commanded from outside, beside those of the laws, if there are any; else without columns
     torques: NDArray[np.float64]
     references: NDArray[np.float64]  #: (1 or robots, 10) for the laws
 
 
 @inlined
-def begin_block(selected, inputs, draws, memory, commands, begin, width):
-    """Start the robots begin .. begin + width - 1 that are to be `STARTED`; what each then sees is in the memory.
-
-    A block begins at a multiple of `LANES`.
-    """
-    work = memory.work[begin // LANES]
-    for lane in range(width):
-        robot = robot_in(work, lane)
-        if commands.todo[robot] == CHANGED:
-            _change(selected, work, lane, inputs, memory)
-        if commands.todo[robot] == STARTED:
-            commands.ages[robot] = 0
-            _clear(work, lane, memory)
-            _start(selected, work, lane, inputs, draws, memory)
-            _measure(work, lane, inputs, draws, memory, 0)
-            _see(inputs, memory, robot, 0)
-
-
-@inlined
 def advance_block(selected, inputs, draws, sampling, memory, commands, out, begin, width):
-    """Take the robots begin .. begin + width - 1 that are to be `ADVANCED` on by a sample.
+    """Do what is to be done with robots begin .. begin + width - 1; what each then sees is in the memory.
 
-    What each then sees is in the memory. While others advance, only robots that ended may be `LEFT`.
+    A block begins at a multiple of `LANES`. While others advance, only robots that ended may be `LEFT`.
     """
     n, moving, filtering = memory.acting.shape[1], 0, len(inputs.filters) > 0
     work, plays = memory.work[begin // LANES], _loop_of(inputs, begin).play > 0.0  # all robots, or none
     for lane in range(width):
         robot = robot_in(work, lane)
+        if commands.todo[robot] == CHANGED:
+            _change(selected, work, lane, inputs, memory)
+            commands.todo[robot] = ADVANCED
         if commands.todo[robot] != ADVANCED:
             work[STEP * LANES + lane] = 0.0  # the lane stays where it is
             continue
@@ -894,39 +878,40 @@ def advance_block(selected, inputs, draws, sampling, memory, commands, out, begi
         h = draws.durations[robot, drawn] if draws.durations.shape[1] > 0 else sampling.sample_time
         work[STEP * LANES + lane] = h / sampling.steps
         _take_pushes(selected, work, lane, inputs, memory, sampling, age)
-    if moving == 0:
-        return
-    _move(selected, work, width, plays, inputs, memory, sampling)
-    _turn_motors(selected, work, width, plays, memory, sampling.steps)
+    if moving > 0:
+        _move(selected, work, width, plays, inputs, memory, sampling)
+        _turn_motors(selected, work, width, plays, memory, sampling.steps)
     for lane in range(width):
         robot = robot_in(work, lane)
-        age = commands.ages[robot] + 1
-        if commands.todo[robot] == ADVANCED:
-            _end_where_due(selected, work, lane, inputs, sampling, memory, out, age)
-            _measure(work, lane, inputs, draws, memory, age)
-    if filtering:
+        if commands.todo[robot] == LEFT:
+            continue
+        if commands.todo[robot] == STARTED:
+            commands.ages[robot] = 0
+            _clear(work, lane, memory)
+            _start(selected, work, lane, inputs, draws, memory)
+        else:
+            commands.ages[robot] += 1
+            _end_where_due(selected, work, lane, inputs, sampling, memory, out, commands.ages[robot])
+        _measure(work, lane, inputs, draws, memory, commands.ages[robot])
+    if filtering and moving > 0:
         sample_block(inputs.filter_code, memory.filters[begin // LANES], width)
     for robot in range(begin, begin + width):
-        if commands.todo[robot] == ADVANCED:
-            _see(inputs, memory, robot, commands.ages[robot] + 1)
+        if commands.todo[robot] != LEFT:
+            _see(inputs, memory, robot, commands.ages[robot])
 
 
 @compiled
 def run_block(selected, inputs, draws, sampling, memory, commands, out, span):
-    """Take a block of robots from a sample to another, each as `commands` has it at first and until it ends.
+    """Start a block of robots, if they are `STARTED`, and take them from a sample to another, each until it ends.
 
     What is recorded of a robot that has ended is what stood at its end.
     """
     inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
     memory, commands, out = borrowed(memory), borrowed(commands), borrowed(out)
-    width = len(commands.todo)
-    begin_block(selected, inputs, draws, memory, commands, 0, width)
-    for robot in range(width):
-        if commands.todo[robot] != LEFT:
-            commands.todo[robot] = ADVANCED
-    for sample in range(span[0], span[1]):
-        record, recorded = sample // sampling.every, sample % sampling.every == 0
-        fill(commands.references[0], sampling.references[sample])
+    width, starts = len(commands.todo), 1 if commands.todo[0] == STARTED else 0
+    for sample in range(span[0] - starts, span[1]):  # a start takes a turn of its own
+        record, recorded = sample // sampling.every, sample >= span[0] and sample % sampling.every == 0
+        fill(commands.references[0], sampling.references[max(sample, 0)])
         for robot in range(width if recorded else 0):
             fill(out.states[robot, record], memory.truths[robot])
             fill(out.seen[robot, record], memory.states[robot])
@@ -937,8 +922,6 @@ def run_block(selected, inputs, draws, sampling, memory, commands, out, span):
             if recorded:
                 fill(out.torques[robot, record], memory.acting[robot])
                 fill(out.commanded[robot, record], memory.commanded[robot])
-            commands.ages[robot] += 1
-            if out.ended[robot] <= commands.ages[robot]:
-                commands.todo[robot] = LEFT
+            commands.todo[robot] = ADVANCED if out.ended[robot] > commands.ages[robot] else LEFT
     for robot in range(width):
         fill(out.finals[robot], memory.truths[robot])
