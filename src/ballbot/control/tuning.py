@@ -90,8 +90,8 @@ def tune(law, memory):
 
 @inlined
 def compensated_share(memory):
-    """Return the share of the compensation in use."""
-    return 1.0 - memory.tuning.now[_COMPENSATION]
+    """Return the share of the compensation in use: whatever a memory holds, none and no more than the law's own."""
+    return max(0.0, min(1.0, 1.0 - memory.tuning.now[_COMPENSATION]))
 
 
 @dataclass(frozen=True, kw_only=True)

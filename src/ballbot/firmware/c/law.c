@@ -145,8 +145,8 @@ static void decide(const struct ballbot_law *law, struct ballbot_memory *memory,
     ballbot_integral_learn(law, memory, &now, limited);
 }
 
-int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
-                            const float measured[10], const float reference[10], float torques[])
+int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, const float measured[10],
+                            const float reference[10], float torques[], int32_t n)
 {
     const int32_t refused = ballbot_refused_place(law, reference);
 
