@@ -76,6 +76,8 @@ def tune(law, memory):
             state.now[k] = state.wanted[k]
         else:
             state.now[k] += own.step / largest * (state.wanted[k] - state.now[k])
+    if own.others == 0:
+        return
     first, second = state.now[0], state.now[1]
     for i in range(MAX_WHEELS):
         for j in range(10):
