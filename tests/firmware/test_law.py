@@ -31,7 +31,10 @@ from tests.support.friction_law_examples import robot_by_law
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
 CONTROLLERS = firmware_numbers.controllers()
-LAW_SOURCES = [SOURCES / "law.c", SOURCES / "attitude.c", *sorted((SOURCES / "parts").glob("*.c"))]
+LAW_SOURCES = [
+    *(SOURCES / name for name in ("law.c", "decide.c", "estimation/heading.c")),
+    *sorted((SOURCES / "parts").glob("*.c")),
+]
 
 
 @pytest.mark.parametrize("name", CONTROLLERS)

@@ -7,8 +7,8 @@ psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
-updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
-a part is one file with these two structs and a function for each of its steps; `law.c` has the calls in order.
+updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
+firmware's C is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
 from dataclasses import dataclass, field

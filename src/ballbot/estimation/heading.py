@@ -33,7 +33,7 @@ def turns_after(angle: float, last: float, turns: int) -> int:
 #: the same for compiled code
 compiled_turns_after = inlined(turns_after)
 #: a turn in single precision, and what it lacks [rad]
-_TURN, _TURN_REST = 6.2831854820251465, -1.7484556025237907e-07
+_SINGLE_TURN, _LACKING = 6.2831854820251465, -1.7484556025237907e-07
 
 
 @inlined
@@ -43,7 +43,7 @@ def unwrapped(memory, angle):
     memory.turns = compiled_turns_after(angle, last, memory.turns)
     memory.last = angle
     memory.started = 1
-    return (angle + _TURN * memory.turns) + _TURN_REST * memory.turns
+    return (angle + _SINGLE_TURN * memory.turns) + _LACKING * memory.turns
 
 
 @dataclass

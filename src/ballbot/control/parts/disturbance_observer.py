@@ -81,7 +81,7 @@ def observe(law, memory, a, seen, n):
 def _step_estimates(law, memory, a, seen, n):
     """Step the estimate of each wheel."""
     own, past, found = law.disturbance_observer, memory.history, memory.disturbance_observer.estimate
-    changes = _changes(a, memory.disturbance_observer.rates, seen, law.rate)
+    changes = _rate_changes(a, memory.disturbance_observer.rates, seen, law.rate)
     lean = turned(a, seen.theta, seen.phi)
     for i in range(n):
         if over_last_sample(law.prediction, past.limited, i) > 0.0:
@@ -97,7 +97,7 @@ def _step_estimates(law, memory, a, seen, n):
 
 
 @inlined
-def _changes(a, rates, seen, rate):
+def _rate_changes(a, rates, seen, rate):
     """Return the rates' change since the last sample; `rate` is samples a second."""
     speed = turned(a, rate * (seen.x_dot - rates[0]), rate * (seen.y_dot - rates[1]))
     lean = turned(a, rate * (seen.theta_dot - rates[2]), rate * (seen.phi_dot - rates[3]))

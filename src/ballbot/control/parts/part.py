@@ -27,7 +27,7 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    without in `needs`.
 7. The disturbance observer takes `acting` of the history, the filtered and limited command, as the motors' torque; the
    prediction takes it less both compensations.
-8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
+8. Have its C written: `docs/architecture.md` says how, and `tests/firmware/test_law.py` compares both.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.

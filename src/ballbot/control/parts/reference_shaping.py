@@ -237,14 +237,14 @@ def _keep(state, place, turn):
 @inlined
 def _moved(own, limits, motion, r, away):
     """Return a motion after a sample with the reference r, which is `away` from p."""
-    noticed = _noticed(own, limits, motion, r)
-    asked = _asked(own, limits, noticed, away)
+    noticed = _notice(own, limits, motion, r)
+    asked = _ask(own, limits, noticed, away)
     change = _limited(_plus(asked, -1.0, motion.velocity), limits.acceleration / own.rate)
     return _Motion(_plus(motion.velocity, 1.0, change), r, noticed.change, noticed.bend)
 
 
 @inlined
-def _noticed(own, limits, motion, r):
+def _notice(own, limits, motion, r):
     """Return a motion with r' and r'' filtered; a jump has no velocity, and r'' counts up to the limit."""
     d = _plus(r, -1.0, motion.last)
     rate = own.rate if own.rate * _length(d) <= (1.0 + _ROUNDING) * limits.speed else 0.0
@@ -259,7 +259,7 @@ def _noticed(own, limits, motion, r):
 
 
 @inlined
-def _asked(own, limits, motion, away):
+def _ask(own, limits, motion, away):
     """Return the velocity that is asked of p: that of its target, and what takes it there."""
     w, tau, braking = limits.frequency, own.delay, _BRAKING * limits.acceleration
     now = _plus(motion.change, _LAG, motion.bend)

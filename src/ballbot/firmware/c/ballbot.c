@@ -2,14 +2,14 @@
 
 #include <stddef.h>
 
-#include "attitude.h"
 #include "ballbot_math.h"
+#include "estimation/heading.h"
 #include "estimation/kalman.h"
 #include "estimation/known.h"
 #include "estimation/onboard.h"
 #include "imu_check.h"
 #include "law.h"
-#include "parts/parts.h"
+#include "parts/policy.h"
 
 /* Lean from which no robot recovers [rad]. With a larger limit the robot is held: it does not balance, and the IMU's axes are not
  * checked. */
