@@ -53,6 +53,7 @@ CAMPAIGNS = {
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",
     "motor_faults": "campaigns.motor_faults",
+    "board_matrix": "campaigns.board_matrix",
     "firmware_timing": "campaigns.firmware_timing",
     "firmware_numbers": "campaigns.firmware_numbers",
     "firmware_fuzz": "campaigns.firmware_fuzz",

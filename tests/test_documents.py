@@ -189,7 +189,7 @@ _WITH_EXAMPLES = (
     "identification.driveline identification.geometry identification.holdout identification.identify "
     "identification.quantities identification.swing identification.upside_down log.checks log.collection "
     "log.columns log.log mechanics.model robot.derived robot.friction_law robot.robot robot.variations "
-    "simulation.batch simulation.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
+    "simulation.batch twin.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
 )
 
 

@@ -22,7 +22,10 @@ COMPILING = {"compiled", "compiled_alone", "inlined"}
 
 @cache
 def imports() -> dict[str, set[str]]:
-    """Return which modules each module imports, anywhere in it: at its top, in a function or for types only."""
+    """Return which modules each module imports: at its top, in a function, for types only, or by name in a string.
+
+    Its own packages, which Python imports before it, do not count.
+    """
     found = defaultdict(set)
     for name in modules():
         for node in nodes_of(name):
@@ -31,6 +34,8 @@ def imports() -> dict[str, set[str]]:
                 found[name] |= {one if one in modules() else node.module for one in wanted}
             elif isinstance(node, ast.Import):
                 found[name] |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found[name] |= {node.value} if not name.startswith(f"{node.value}.") else set()
     return {
         name: {one for one in wanted if one in modules() and one != name} for name, wanted in found.items()
     }
@@ -98,6 +103,18 @@ def test_a_package_imports_only_those_before_it():
             ):
                 against.append(f"{name} imports {other}")
     assert against == []
+
+
+def test_modules_are_imported_by_a_computed_name_only_within_their_package():
+    """The front page's names are in strings, which `imports` sees; those of commands and presets are their files'."""
+    importing = {
+        module
+        for module in modules()
+        for node in nodes_of(module)
+        if isinstance(node, ast.Name | ast.Attribute)
+        and ast.unparse(node).rpartition(".")[2] in ("import_module", "__import__")
+    }
+    assert importing == {"ballbot", "ballbot.cli.app", "ballbot.cli.completion", "ballbot.control.presets"}
 
 
 def test_every_package_has_its_place_in_the_order():

@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from ballbot.registry import LOADERS
+
 if TYPE_CHECKING:
     from ballbot.control.controller import Controller as Controller
     from ballbot.control.lqr import lqr as lqr
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
     from ballbot.robot.friction_law import LawParameter as LawParameter
     from ballbot.robot.friction_law import register_friction_law as register_friction_law
     from ballbot.simulation.batch import simulate_batch as simulate_batch
-    from ballbot.simulation.run import simulate as simulate
+    from ballbot.twin.run import simulate as simulate
     from ballbot.twin.twin import Twin as Twin
     from ballbot.validation import validate as validate
     from ballbot.workflows.league import compare as compare
@@ -49,7 +51,7 @@ _HOME = {
     "plan": "ballbot.workflows.plan",
     "record": "ballbot.workflows.record",
     "register_friction_law": "ballbot.robot.friction_law",
-    "simulate": "ballbot.simulation.run",
+    "simulate": "ballbot.twin.run",
     "simulate_batch": "ballbot.simulation.batch",
     "study": "ballbot.workflows.study",
     "validate": "ballbot.validation",
@@ -59,6 +61,8 @@ _PACKAGES = (
     "robot", "mechanics", "log", "estimation", "control", "simulation", "twin", "fitting",
     "identification", "validation", "vision", "workflows", "learning", "firmware", "link", "viewer", "report",
 )  # fmt: skip
+
+LOADERS.append(lambda: import_module("ballbot.report.plots"))
 
 __all__ = ["__version__", *sorted(_HOME)]
 

@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Literal
 
 from ballbot.errors import InputError, suggest
-from ballbot.results import to_results
 
 Severity = Literal["error", "warning", "note"]
 
@@ -226,8 +225,3 @@ def stop_on_errors(
         f"{f'{file}: ' if file else ''}{text}{f' ({more})' if len(errors) > 1 else ''} To continue despite this: "
         f"{going_on(codes)}."
     )
-
-
-def finding_results(findings: Iterable[Finding]) -> list[dict[str, object]]:
-    """Return what results.json holds of findings, errors first; errors are there only if the user accepted them."""
-    return [to_results(finding) for finding in by_severity(findings)]

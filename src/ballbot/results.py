@@ -96,12 +96,12 @@ def plain(value: object) -> object:
             return None
         case float() if math.isinf(value):
             return "Infinity" if value > 0.0 else "-Infinity"
-    if is_dataclass(value) and not isinstance(value, type):
-        return to_results(value)
     if hasattr(value, "as_quat"):  # a rotation of SciPy's: its unit quaternion in the order wxyz
         return plain(value.as_quat(canonical=True)[..., [3, 0, 1, 2]])  # pyright: ignore[reportAttributeAccessIssue]
-    if hasattr(value, "to_dict"):  # a controller
+    if hasattr(value, "to_dict"):  # whose entries are not its fields
         return plain(value.to_dict())  # pyright: ignore[reportAttributeAccessIssue]
+    if is_dataclass(value) and not isinstance(value, type):
+        return to_results(value)
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [plain(entry) for entry in value]
     return value

@@ -1,9 +1,8 @@
 """A result on one screen: its title, rows of names and values, and sentences, as text and as HTML for notebooks.
 
-A class that is a result has a method `summary` that returns a `Summary`; the decorator `summarized` makes its `repr`,
-and what a notebook shows of it, from that. Its method `plot` returns the figure that `plotted` finds in
-`ballbot.report.plots`: figures stand in packages that the result's own package must not import. A result whose
-sentences stand there too is `Reported`.
+A result is `Summarized`: its method `summary` returns a `Summary`, from which come its `repr` and what a
+notebook shows of it. A result that is `Plotted` has the figure that is registered for its class (`ballbot.registry`),
+and of one that is `Reported` the summary is that of its page, too.
 
 Names in a summary may be others', as of robots, files and columns: nothing in them is obeyed, by a terminal or a page.
 """
@@ -12,19 +11,20 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from html import escape
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from itertools import zip_longest
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.findings import Finding, by_severity, texts
+from ballbot.errors import InputError
 from ballbot.printable import printable_line
 from ballbot.progress import as_clock
+from ballbot.registry import FIGURES, PAGES, registered
 from ballbot.results import to_results
-from ballbot.rounding import between, plus_minus
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,29 +60,47 @@ class Summary:
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        """Return all of it as HTML, as it stands on a terminal."""
-        return f"<pre>{escape(str(self))}</pre>"
+        """Return all of it as HTML: the rows as a table, the sentences as a list."""
+        columns = max((len(value) for _, value in self.rows if isinstance(value, tuple)), default=1)
+        rows = "".join(
+            f'<tr><th style="text-align:left">{_escaped(name)}</th>{_html_cells(value, columns)}</tr>'
+            for name, value in self.rows
+        )
+        sentences = "".join(f"<li>{_escaped(one)}</li>" for one in self.sentences)
+        return f"<b>{_escaped(self.title)}</b><table>{rows}</table><ul>{sentences}</ul>"
 
     def _lines(self) -> list[str]:
         lines = _wrapped(self.title, "")
         names = [len(printable_line(name)) for name, _ in self.rows]
         column = 4 + min(max(names, default=0), _LONGEST_NAME)
-        cells = [len(one) for _, value in self.rows if isinstance(value, tuple) for one in value]
-        width = max(cells, default=0)
+        table = zip_longest(*(value for _, value in self.rows if isinstance(value, tuple)), fillvalue="")
+        widths = [max(map(len, cells)) for cells in table]
         for name, value in self.rows:
             shown = f"  {printable_line(name)}"
             if len(shown) > column - 2:
                 lines += _wrapped(name, "  ", indent=2)
                 shown = ""
-            lines += _wrapped(_in_columns(value, width), f"{shown:<{column}}", indent=column)
+            lines += _wrapped(_in_columns(value, widths), f"{shown:<{column}}", indent=column)
         for one in self.sentences:
             lines += _wrapped(one, "- ", indent=2)
         return lines
 
 
-def _in_columns(value: str | tuple[str, ...], width: int) -> str:
-    """Return a value as text; cells are set to the right of columns of that width."""
-    return value if isinstance(value, str) else "  ".join(f"{one:>{width}}" for one in value)
+def _escaped(text: str) -> str:
+    return escape(printable_line(text))
+
+
+def _html_cells(value: str | tuple[str, ...], columns: int) -> str:
+    if isinstance(value, str):
+        return f'<td colspan="{columns}" style="text-align:left">{_escaped(value)}</td>'
+    return "".join(f"<td>{_escaped(cell)}</td>" for cell in value)
+
+
+def _in_columns(value: str | tuple[str, ...], widths: Sequence[int]) -> str:
+    """Return a value as text; cells are set to the right of columns of these widths."""
+    if isinstance(value, str):
+        return value
+    return "  ".join(f"{one:>{width}}" for one, width in zip(value, widths, strict=False))
 
 
 def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
@@ -97,97 +115,54 @@ def _wrapped(text: str, begin: str, *, indent: int = 0) -> list[str]:
     ) or [begin.rstrip()]
 
 
-class HasSummary(Protocol):
-    """Anything with a summary."""
-
-    def summary(self) -> Summary: ...
-
-
-S = TypeVar("S", bound=HasSummary)
-
-
-def summarized(kind: type[S]) -> type[S]:
-    """Give a dataclass the `repr` and the notebook's picture of its summary, and `to_dict` unless it has its own."""
-
-    def __repr__(self: S) -> str:  # noqa: N807
-        return repr(self.summary())
-
-    def _repr_html_(self: S) -> str:
-        return self.summary()._repr_html_()
-
-    def to_dict(self: S) -> dict[str, object]:
-        return to_results(self)  # pyright: ignore[reportArgumentType]
-
-    for method in (__repr__, _repr_html_, *(() if hasattr(kind, "to_dict") else (to_dict,))):
-        setattr(kind, method.__name__, method)
-    return kind
-
-
-def plotted(value: object) -> Figure:
-    """Return the figure of a value, in the reports' style; a notebook shows it as it is.
-
-    The figure belongs to no window: `figure.savefig("name.svg")` writes it.
-    """
-    draw = import_module("ballbot.report.plots").FIGURES[type(value)]
-    return import_module("ballbot.report.style").plotted(draw, value)
-
-
-class Plotted:
-    """Base of results with a figure."""
-
-    def plot(self) -> Figure:
-        """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
-        return plotted(self)
-
-
-@summarized
-class Reported(Plotted):
-    """Base of results whose report has their sentences, their figure and what results.json holds of them."""
+class Summarized:
+    """Base of results: their `repr`, what a notebook shows of them, and what results.json holds, by their fields."""
 
     def summary(self) -> Summary:
-        """Return the verdict on one screen."""
-        return _page(self).summary()
+        """Return the result on one screen."""
+        raise NotImplementedError
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
-        return _page(self).to_dict()
+        return to_results(self)  # pyright: ignore[reportArgumentType] (a dataclass)
+
+    def __repr__(self) -> str:
+        return repr(self.summary())
+
+    def _repr_html_(self) -> str:
+        return self.summary()._repr_html_()
 
 
-def _page(value: object) -> Any:
-    """Return the `ballbot.report.blocks.Result` of a value."""
-    return import_module("ballbot.report.plots").RESULTS[type(value)](value)
+class Plotted(Summarized):
+    """Base of results with a figure, which a notebook shows below the summary."""
+
+    def plot(self) -> Figure:
+        """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
+        return registered(FIGURES, self)
+
+    def _repr_html_(self) -> str:
+        svg = ""
+        with suppress(InputError):  # a log that has nothing to draw
+            svg = self.plot()._repr_svg_()  # pyright: ignore[reportAttributeAccessIssue]
+        return super()._repr_html_() + svg[svg.find("<svg") :]
+
+
+class Reported(Plotted):
+    """Base of results whose page has their summary, their figure and what results.json holds of them."""
+
+    def summary(self) -> Summary:
+        """Return the verdict on one screen."""
+        return registered(PAGES, self).summary()
+
+    def to_dict(self) -> dict[str, object]:
+        """Return what results.json holds."""
+        return to_results(registered(PAGES, self).to_dict())
 
 
 def listed(values: Sequence[float] | NDArray[np.float64], unit: str = "", *, digits: int = 3) -> str:
     """Return numbers with that many significant digits, and their unit: 0.014, 0.016, 0.013 N m."""
     numbers = ", ".join(f"{value + 0.0:.{digits}g}" for value in np.atleast_1d(values).tolist())
     return f"{numbers} {unit}".rstrip()
-
-
-def estimated(
-    values: float | Sequence[float],
-    errors: float | Sequence[float],
-    unit: str = "",
-    *,
-    intervals: Sequence[tuple[float, float] | None] = (),
-) -> str:
-    """Return estimates with their standard errors, and their unit: 0.133 ± 0.0085 N m; NaN is "not identified".
-
-    An interval takes the place of the standard error.
-    """
-    numbers, of_numbers = np.atleast_1d(values).tolist(), np.atleast_1d(errors).tolist()
-    each = zip(numbers, of_numbers, intervals or [None] * len(numbers), strict=True)
-    shown = [
-        plus_minus(one, error) if ends is None or not np.isfinite(one) else between(one, *ends)
-        for one, error, ends in each
-    ]
-    return f"{', '.join(shown)} {unit}".rstrip()
-
-
-def first_texts(findings: Sequence[Finding], *, most: int = 3) -> tuple[str, ...]:
-    """Return the sentences of the most serious findings, and how many more there are."""
-    more = len(findings) - most
-    return (*texts(by_severity(findings)[:most]), *([counted(more, "more finding")] if more > 0 else []))
 
 
 def counted(number: int, what: str) -> str:

@@ -5,12 +5,19 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from ballbot import Controller, InputError
+from ballbot import Controller, InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import write_controller
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.presets import (
+    NOMINAL_STATE_WEIGHTS,
+    PRECISE_STATE_WEIGHTS,
+    design_gain,
+    nominal_controller,
+    precise_controller,
+)
 from ballbot.firmware import processor_load
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.export import export_controller, exported_names
@@ -101,6 +108,15 @@ def test_gain_of_another_robot_is_refused():
     controller = nominal_controller(ROBOT)
     with pytest.raises(InputError, match=r"does not stabilise the robot 'alten': an error grows by a factor"):
         export_controller(Controller(ROBOT, -controller.gain))
+
+
+def test_gain_that_recovers_from_less_is_not_mixed_in():
+    # a stiffer gain of a tall robot: they share a Lyapunov function, and it recovers from some 77 %
+    robot = Robot.load("kugle")
+    weights = np.array(NOMINAL_STATE_WEIGHTS) ** 0.7 * np.array(PRECISE_STATE_WEIGHTS) ** 0.3
+    stiffer = Controller(robot, design_gain(robot, state_weights=weights.tolist()).gain)
+    with pytest.raises(InputError, match=r"Gain 2 recovers from \d\d % of the impulse"):
+        export_controller(nominal_controller(robot), [stiffer])
 
 
 def test_policy_too_large_for_firmware_is_refused():

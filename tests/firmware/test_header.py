@@ -40,7 +40,7 @@ def test_generated_sources_are_those_of_the_records_the_model_and_the_law():
 def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) -> Iterator[tuple[str, int]]:
     """Return each member's path and its place in bytes."""
     for name, one in schema.fields.items():
-        inner, place = dtype.fields[name][:2]
+        inner, place = (dtype.fields or {})[name][:2]
         yield f"{above}{name}", first + place
         if isinstance(one, Schema):
             yield from offsets(one, inner, f"{above}{name}.", first + place)
@@ -50,6 +50,7 @@ def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) ->
 def test_compiler_lays_structs_out_as_numpy_lays_records_out(tmp_path):
     lines = ["#include <stddef.h>", f'#include "{TYPES_HEADER}"']
     for schema in FIRMWARE.fields.values():
+        assert isinstance(schema, Schema)
         dtype, name = schema.dtype("single"), f"struct {struct_name(schema)}"
         lines.append(f"typedef char {schema.name}_size[(sizeof({name}) == {dtype.itemsize}u) ? 1 : -1];")
         for number, (path, place) in enumerate(offsets(schema, dtype)):

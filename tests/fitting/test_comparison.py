@@ -51,7 +51,7 @@ def test_overlapping_forecasts_do_not_make_an_interval_narrower():
         errors = HorizonErrors(
             horizons=np.linspace(0.005, 0.5, 12), differences=errors_of_all[:, which], overlap=5
         )
-        lower, upper = np.log(errors.ratio_interval())
+        lower, upper = np.log(errors.ratio_interval)
         return float(np.mean(upper - lower))
 
     # 300 rows that are 60 have about the width of 60 (which few blocks widen), not one over the root of five of it

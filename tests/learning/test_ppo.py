@@ -40,7 +40,18 @@ def test_training_repeats_bit_for_bit_with_its_seed_only(other):
     ends = []
     for seed in (0, other):
         lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=SMALL.lanes, seed=seed)
-        *_, last = train(lanes, SMALL, torque_scale=3.0, seed=seed)
+        *_, last = train(lanes, SMALL, moving=np.eye(3), torque_scale=3.0, seed=seed)
         lanes.close()
         ends.append(b"".join(layer.tobytes() for layer in last.actor))
     assert (ends[0] == ends[1]) == (other == 0)
+
+
+def test_torques_that_move_nothing_are_not_learned():
+    lanes = TaskLanes(ROBOTS, task_named("balance"), lanes=SMALL.lanes, seed=0)
+    idle = np.array([1.0, -2.0, 1.0]) / 6.0**0.5
+    moving = np.eye(3) - np.outer(idle, idle)
+    *_, last = train(lanes, SMALL, moving=moving, torque_scale=3.0, seed=0)
+    lanes.close()
+    # rounding of single precision
+    for layer in last.actor[-2:]:
+        np.testing.assert_allclose(layer @ idle, 0.0, atol=1e-6)

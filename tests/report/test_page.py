@@ -222,6 +222,7 @@ def test_a_column_is_in_the_table_and_in_results_json(tmp_path):
         "  a          250",
         "  b          500",
         "- It works.",
+        "- everything else",
     ]
 
 

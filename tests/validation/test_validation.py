@@ -302,6 +302,7 @@ def test_an_error_below_the_floor_counts_as_the_floor():
     )
     assert np.all(exact.unresolved)
     np.testing.assert_allclose(exact.ratio, 1.0)
-    np.testing.assert_allclose(exact.ratio_interval(), 1.0)
+    np.testing.assert_allclose(exact.ratio_interval, 1.0)
+    assert exact.ratio_interval is exact.ratio_interval  # its bootstrap is drawn once
     assert set(exact.verdicts()) == {"undecided"}
     assert np.isnan(exact.normalised_rmse).all()

@@ -89,10 +89,9 @@ def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
     assert all(end - start <= 8.0 + 1e-9 for start, end in stretches)
 
 
-def test_study_and_what_it_holds_fit_a_screen_and_can_be_plotted(small: Study):
+def test_study_and_what_it_holds_fit_a_screen(small: Study):
     for result in (small, small.found, small.validation):
         assert_fits_a_screen(result)
-        assert result.plot().axes
 
 
 def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):

@@ -120,9 +120,7 @@ def identify(
             cross_validate(fit, log, name=name, starts=_states_at(path, each, described))
             for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
         ]
-        page = identification_report(
-            fit, checked.logs, findings=checked.findings, selection=fit.selection, holdouts=holdouts
-        )
+        page = identification_report(fit, checked.logs, holdouts)
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)
 

@@ -114,7 +114,7 @@ def identify_upside_down(
     with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         run = Run(seed=seed, progress=result.report)
         fit = find_friction(described, list(named.values()), window=window, run=run)
-        page = upside_down_report(fit, described, named, findings=findings)
+        page = upside_down_report(fit, named, findings=findings)
         step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)
 

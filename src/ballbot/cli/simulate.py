@@ -13,8 +13,8 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.progress import in_stage
 from ballbot.report.run import simulation_report
 from ballbot.robot.file import robot_text
-from ballbot.simulation.run import simulate as run
 from ballbot.twin.imperfections import left_out
+from ballbot.twin.run import simulate as run
 from ballbot.twin.scenario_file import load_scenario
 
 _WRITTEN = (*(f"log{suffix}" for suffix in WRITTEN_SUFFIXES), "robot.toml")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,10 +22,7 @@ from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import Value
-from ballbot.summary import Summary, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary
 
 Compensation = Literal["none", "full", "partial"]
 
@@ -88,11 +85,11 @@ def torque_limit_words(controller: Controller) -> str:
     return f"{limit:.4g} N m of the {motors:.4g} N m that the motors give{why}"
 
 
-@summarized
-class Controller:
+class Controller(Plotted):
     """u = K S(psi) (r - x) + friction compensation, limited, and what is added to it; see `ballbot.control.law`.
 
     Its settings are fixed once it is made; `tune` changes them within bounds while it runs, `reset` clears its memory.
+    `plot()` shows the Bode diagram of the loop; of an unstable one its poles.
 
     Parameters
     ----------
@@ -199,10 +196,6 @@ class Controller:
         )
         title = f"Controller of the robot {self.robot.name}, {sampling_words(self.sample_time)}"
         return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
-
-    def plot(self) -> Figure:
-        """Return the Bode diagram of the loop; of an unstable one its poles are drawn."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return its settings; the robot by name and with the friction that is compensated."""

@@ -40,7 +40,7 @@ from ballbot.control.parts.part import (
 )
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
-from ballbot.control.parts.reference_shaping import restart_shaping, shape
+from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
 from ballbot.estimation.heading import unwrapped
@@ -222,6 +222,8 @@ def decide(law, memory, weights, measured, reference, torques, n):
     error = _heading_error(ahead.a, ahead.state, to)
     error_with_lean = lean_error(law, ahead.a, to, error)
     less = limit_error(law, memory, error_with_lean)
+    if less.limited:
+        slow_motion(law, memory)
     now = Sample(ahead.a, ahead.state, to, less.e)
     for i in range(n):
         torques[i] = _feedback(law.gain[i], now.e)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,10 +26,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.robot import Friction, Robot
-from ballbot.summary import Summary, plotted, pole_words, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary, pole_words
 
 #: negative eigenvalues of a weight down to this fraction of the largest count as rounding
 _ROUNDING = 1e-12
@@ -58,10 +55,9 @@ class Linearizable(Protocol):
     def linearize(self) -> StateSpace: ...
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LqrDesign:
-    """An optimal gain, with the closed loop's poles and its cost."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LqrDesign(Plotted):
+    """An optimal gain, with the closed loop's poles, which `plot()` shows, and its cost."""
 
     gain: NDArray[np.float64]  #: K (n, m) of u = -K x
     #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
@@ -79,10 +75,6 @@ class LqrDesign:
             title=f"LQR gain, {sampling_words(self.sample_time)}",
             rows=(*gain_rows(self.gain), *integral, ("poles", f"{pole_words(self.poles)} rad/s")),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the closed loop's poles."""
-        return plotted(self)
 
 
 def sampling_words(sample_time: float | None) -> str:

@@ -27,7 +27,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +39,7 @@ from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.results import reported
 from ballbot.robot import RobotLike
-from ballbot.summary import Summary, plotted, summarized
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from ballbot.summary import Plotted, Summary
 
 #: factors of the torques at which stability is tested; beyond them a margin counts as unlimited
 _GAINS = np.geomspace(1.0, 1e3, 150)
@@ -94,10 +90,9 @@ class LoopMargins:
     disk: DiskMargin
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Margins:
-    """The margins of a robot's loop."""
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Margins(Plotted):
+    """The margins of a robot's loop; `plot()` shows its Bode diagram."""
 
     loop: RobotLoop
     wheels: tuple[LoopMargins, ...]  #: each opened by itself, the others closed
@@ -130,10 +125,6 @@ class Margins:
             rows=tuple(rows),
             sentences=(MEANING,),
         )
-
-    def plot(self) -> Figure:
-        """Return a figure of the Bode diagram."""
-        return plotted(self)
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""

@@ -146,8 +146,9 @@ _STUCK_TIME = 0.1
 #: part of the way from break-away to the controller's limit that the torque on a wheel that is stuck reaches
 _REACHED = 0.75
 #: ratio to the torque at which a sound wheel turns, for friction that the file does not have exactly; and the part of
-#: the torque that moves it, at least. With 1.25 one wheel of 80 that stuck was not found in 10 s, with less than 1 a
-#: sound one of four wheels was (`python -m campaigns.board_matrix --seed 68`)
+#: the torque that moves it, at least. With 1.25 one wheel of 80 that stuck was not found in 10 s; with twice a wheel's
+#: own break-away torque, 0.69 of the friction of all four, a sound one was called stuck
+#: (`python -m campaigns.board_matrix --seed 68`)
 _ABOVE, _LEAST_SPARE = 1.1, 0.1
 #: ratio to the time in which a sound wheel turns round, for friction and inertia that the file does not have exactly
 _MARGIN = 1.5

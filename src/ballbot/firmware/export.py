@@ -38,6 +38,7 @@ from ballbot.firmware.header import (
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, STATE, parameter_record
 from ballbot.result_folder import result_folder
 from ballbot.robot import Robot, RobotLike, as_robot
+from ballbot.workflows.limits import refuse_weaker_gains
 
 #: build files and examples
 PROJECT = Path(__file__).parent / "project"
@@ -103,13 +104,16 @@ def export_controller(
     """Return a controller and its robot as firmware.
 
     InputError if the loop with the robot has no stability margin, the others differ in more than their gains, the gains
-    share no Lyapunov function, single precision cannot hold the controller, its policy is too large, the lean is not
-    above zero and at most 1.2 rad, the torque limit does not overcome the friction, or the firmware would refuse a
-    parameter (`ballbot.firmware.bounds`).
+    share no Lyapunov function, one of the others recovers from smaller impulses, single precision cannot hold the
+    controller, its policy is too large, the lean is not above zero and at most 1.2 rad, the torque limit does not
+    overcome the friction, or the firmware would refuse a parameter (`ballbot.firmware.bounds`).
     """
     refuse_without_margin(controller)
     controller = tunable(controller, others, robot=described)
-    gains = certified(controller) if others else None
+    gains = None
+    if others:
+        gains = certified(controller)
+        refuse_weaker_gains(controller)
     shaping = controller.parts.shaping
     if shaping and max(shaping.frequency, shaping.yaw_frequency) > _LARGEST_FREQUENCY:
         raise InputError(

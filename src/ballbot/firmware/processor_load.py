@@ -8,7 +8,7 @@ random states and references find in the parts of the controller (`tests/firmwar
 
 import importlib.util
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.results import reported
 from ballbot.robot import Robot
 
 _NO_HARDWARE = Path(__file__).parent / "no_hardware.c"
@@ -68,28 +69,20 @@ class ProcessorLoad:
         int  #: of `robot_step`, along the deepest chain of calls, without the board's own functions [bytes]
     )
 
-    @property
+    @reported
     def worst_cycles(self) -> int:
         """Cycles of an update without a fix, at most."""
         return round(CYCLES * self.worst_instructions)
 
-    @property
+    @reported
     def worst_share(self) -> float:
         """Largest share of the period that an update without a fix takes [1]."""
         return self.worst_cycles / (self.clock * self.period)
 
-    @property
+    @reported
     def highest_rate(self) -> float:
         """Rate at which the worst update would take the whole period [Hz]."""
         return self.clock / (CYCLES * max(self.worst_instructions, self.fix_instructions or 0))
-
-    def to_dict(self) -> dict[str, float | int | str | None]:
-        """Return the numbers for results.json."""
-        return asdict(self) | {
-            "worst_cycles": self.worst_cycles,
-            "worst_share": self.worst_share,
-            "highest_rate": self.highest_rate,
-        }
 
 
 def what_to_install() -> str:

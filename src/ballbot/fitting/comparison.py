@@ -16,6 +16,7 @@ runs^(1/3) and twice the runs that overlap.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -104,8 +105,9 @@ class HorizonErrors:
         first, second, *_ = np.sqrt(self._squares().mean(axis=1))
         return second / first
 
+    @cached_property
     def ratio_interval(self) -> Floats:
-        """Return the 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
+        """The 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
         shape = self.differences.shape[2:]
         if self.starts < LEAST_RUNS * self.overlap:
             return np.full((2, *shape), np.nan)

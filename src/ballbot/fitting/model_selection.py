@@ -34,8 +34,8 @@ class Gain:
         """Whether the interval is above zero."""
         return self.lower > 0.0
 
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
+    def with_interval(self) -> dict[str, object]:
+        """Return it for results.json, with its ends as an interval."""
         return {"share": self.share, "interval_95": [self.lower, self.upper]}
 
 

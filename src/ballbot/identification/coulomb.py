@@ -21,7 +21,7 @@ from ballbot.identification.quantities import Layout
 from ballbot.mechanics.friction import stribeck_decay
 from ballbot.results import key, left_out, reported
 from ballbot.robot.friction_law import FrictionLaw
-from ballbot.summary import estimated
+from ballbot.rounding import plus_minus
 
 #: quantile of the speeds driven that is W
 SHARE = 0.95
@@ -103,8 +103,13 @@ def coulomb_sentence(equivalent: CoulombEquivalent, names: Sequence[str]) -> str
         return ""
     if "stribeck" not in names:  # then c_e is c, which is in the table
         return "Compare the Coulomb friction c of each wheel with other logs and robots."
-    c = estimated(equivalent.coulomb.tolist(), equivalent.coulomb_errors.tolist(), "N m")
-    c_e = estimated(equivalent.values.tolist(), equivalent.standard_errors.tolist(), "N m")
+    c, c_e = (
+        f"{', '.join(map(plus_minus, values.tolist(), errors.tolist()))} N m"
+        for values, errors in (
+            (equivalent.coulomb, equivalent.coulomb_errors),
+            (equivalent.values, equivalent.standard_errors),
+        )
+    )
     compared, other = f"c of each wheel, {c}", f"the Coulomb equivalent, {c_e},"
     if equivalent.compared == "c_e":
         compared, other = f"the Coulomb equivalent of each wheel, {c_e}", f"c, {c},"

@@ -28,7 +28,7 @@ from ballbot.log.columns import wheel_angle_names
 from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
-from ballbot.summary import Plotted, Summary, estimated, summarized
+from ballbot.summary import Reported
 
 #: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
@@ -147,9 +147,8 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
     ]
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DrivelineFit(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DrivelineFit(Reported):
     """One driveline's friction; `plot()` shows it over speed."""
 
     wheel: int  #: from 1
@@ -167,18 +166,6 @@ class DrivelineFit(Plotted):
     def law(self) -> Classical:
         """The identified friction."""
         return classical(self.values)
-
-    def summary(self) -> Summary:
-        """Return each parameter with its standard error, and the speed error with friction and without."""
-        rows = [
-            (quantity.symbol, estimated(value, error, quantity.unit))
-            for quantity, value, error in zip(QUANTITIES, self.values, self.standard_errors, strict=True)
-        ]
-        errors = f"{self.rmse:.3g} rad/s RMS; without friction {self.rmse_without:.3g}"
-        return Summary(
-            title=f"Friction of the driveline of wheel {self.wheel}: value ± standard error",
-            rows=(*rows, ("error of the speed", errors)),
-        )
 
 
 def classical(values: Floats) -> Classical:

@@ -17,7 +17,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results, warning
+from ballbot.findings import Finding, by_severity, warning
 from ballbot.identification.excitation import chatter_findings
 from ballbot.identification.prediction import Predictor, WindowErrors, window_errors, windows_for
 from ballbot.identification.result import Identification
@@ -139,10 +139,10 @@ class HoldoutResult:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
-            "errors": self.errors.to_dict(),
+            "errors": self.errors,
             "with_over_without": self.errors.with_over_without,
             "horizons": {"causal_starts": self.causal, "errors": self.horizons},
-            "findings": finding_results(self.findings),
+            "findings": by_severity(self.findings),
         }
 
 

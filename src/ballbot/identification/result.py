@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import every
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.fitting.fit import OtherOptimum
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.model_selection import USEFUL_GAIN, Gain, gain_between, neighbours
@@ -40,7 +40,7 @@ from ballbot.log import STATE_NAMES
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import digits
-from ballbot.summary import Plotted, Summary, counted, estimated, first_texts, summarized
+from ballbot.summary import Reported, counted
 
 #: logs disagree if the dry friction varies between them by more than this share of it (standard deviation)
 WIDELY = 0.5
@@ -48,9 +48,8 @@ WIDELY = 0.5
 ParameterTable = dict[str, list[float] | float]
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Identification(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Identification(Reported):
     """The identified parameters of a robot, friction's 3 n + 3 first; `plot()` shows it over speed, with a band."""
 
     robot: Robot  #: with the friction found
@@ -164,26 +163,6 @@ class Identification(Plotted):
             ],
         )
 
-    def summary(self) -> Summary:
-        """Return the verdict, each parameter with its standard error, the error on held-out windows, and warnings."""
-        rows = [("parameter", "value ± standard error, or 95 % interval")]
-        values, errors, shown = self.parameters, self.standard_errors, self.names
-        for quantity in (BY_NAME[name] for name in self.layout.names if name in shown):
-            unit, symbol = quantity.unit.removeprefix("1"), quantity.symbol
-            known = map(self.intervals.get, quantity.labels(self.layout.wheel_count))
-            # an interval from a profile replaces the standard error
-            ends = [(i.lower, i.upper) if i and i.method == "profile" else None for i in known]
-            rows.append((symbol, estimated(values[symbol], errors[symbol], unit, intervals=ends)))
-        ratios = np.array(list(self.held_out.with_over_without.values()))
-        share = f"{np.nanmedian(ratios):.3g}" if np.isfinite(ratios).any() else "unknown"
-        error = f"{share} of that without friction (median of the states, held out)"
-        windows = f"{len(self.fit.spans)} fitted, {len(self.held_out.spans)} held out, {self.window:g} s"
-        return Summary(
-            title=f"Identification of the robot {self.robot.name}. {self.verdict.sentence}",
-            rows=(*rows, ("prediction error", error), ("windows", windows)),
-            sentences=first_texts([*self.log_findings, *self.findings]),
-        )
-
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         results = {
@@ -201,14 +180,14 @@ class Identification(Plotted):
                 if (also := BY_NAME[name].stands_for) is not None
             },
             "units": {BY_NAME[name].symbol: BY_NAME[name].unit for name in self.layout.names},
-            "held_out": self.held_out.to_dict(),
-            "fit": self.fit.to_dict(),
+            "held_out": self.held_out,
+            "fit": self.fit,
             "excluded_states": list(self.excluded_states),
             "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
             "other_optimum": self.other
             and {"parameters": self.layout.by_symbol(self.other.values), "rise_of_cost": self.other.rise},
             "windows": {"fit": self.fit.spans, "held_out": self.held_out.spans},
-            "findings": finding_results([*self.log_findings, *self.findings]),
+            "findings": by_severity([*self.log_findings, *self.findings]),
         }
         return to_results(results)
 
@@ -242,13 +221,13 @@ class LawCandidate:
             "law": self.law.name,
             "formula": self.law.formula,
             "within": self.law.within,
-            "gain": self.gain.to_dict(),
+            "gain": self.gain.with_interval(),
             "highest_accepted_below": self.over,
-            "gain_over_highest_accepted": self.gain_over.to_dict(),
+            "gain_over_highest_accepted": self.gain_over.with_interval(),
             "accepted": self.accepted,
             "decision": self.decision,
             "error_over_no_friction": self.error,
-            "parameters": self.found.to_dict()["parameters"],
+            "parameters": self.found.parameters,
         }
 
 
@@ -267,7 +246,7 @@ class LawSelection:
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds."""
         return {
-            "candidates": [candidate.to_dict() for candidate in self.candidates],
+            "candidates": self.candidates,
             "best": self.best.law.name,
         }
 

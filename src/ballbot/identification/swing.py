@@ -28,7 +28,7 @@ from scipy.special import ellipk, stdtrit
 
 from ballbot.arrays import Floats, real_array
 from ballbot.errors import InputError
-from ballbot.findings import Finding, by_severity, error, finding, finding_results, note, warning
+from ballbot.findings import Finding, by_severity, error, finding, note, warning
 from ballbot.fitting.experiment import Residuals, residuals_without_states
 from ballbot.fitting.fit import descend, fit
 from ballbot.fitting.intervals import HALF_WIDTH
@@ -405,7 +405,7 @@ class SwingInertia:
         """Return the entries of results.json, SI units; half widths are those of 95 % intervals."""
         fit, numbers = self.fit, self._numbers
         results = {
-            "findings": finding_results([*self.findings, *self.notes()]),
+            "findings": by_severity([*self.findings, *self.notes()]),
             "source": fit.swing.source,
             "swings": fit.swing.swings,
             "amplitude_first": fit.amplitudes[0],

@@ -22,11 +22,11 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results, note, warning
+from ballbot.findings import Finding, note, warning
 from ballbot.fitting.experiment import Dependence, Residuals, residuals_without_states
 from ballbot.fitting.fit import fit
 from ballbot.fitting.run import DEFAULT_RUN, Run
-from ballbot.fitting.uncertainty import correlation, discrepancy
+from ballbot.fitting.uncertainty import discrepancy
 from ballbot.identification.driveline import BALL_NAMES, QUANTITIES, robot_with_friction
 from ballbot.identification.excitation import WINDOWS_PER_PARAMETER
 from ballbot.identification.result import ParameterTable, Verdict, verdict_of
@@ -36,10 +36,9 @@ from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.progress import Progress
-from ballbot.results import to_results
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
-from ballbot.summary import Plotted, Summary, estimated, first_texts, listed, summarized
+from ballbot.summary import Reported
 
 #: the initial state of a window is the mean over so many samples on either side of its first
 NEIGHBOURS = 4
@@ -210,12 +209,12 @@ def momentum_balance(
     )
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class UpsideDown(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class UpsideDown(Reported):
     """Friction without the robot's weight on the ball, p = 3 n + 1 parameters; `plot()` shows it over speed."""
 
     robot: Robot  #: with the identified friction; its rolling friction is unchanged
+    described: Robot  #: as its file describes it
     verdict: Verdict  #: whether the friction is usable
     estimate: StageEstimate  #: b, c and s of each wheel and v_s (p,); errors clustered by window and widened
     held_out: Mapping[str, Floats]  #: RMSE (3,) [rad/s] by "found", "robot file", "none"
@@ -241,38 +240,6 @@ class UpsideDown(Plotted):
         ends = zip(np.maximum(own.values - half, 0.0).tolist(), (own.values + half).tolist(), strict=True)
         by_label = dict(zip(own.labels, ends, strict=True))
         return {label: interval for label, interval in by_label.items() if np.isfinite(interval[1])}
-
-    def summary(self) -> Summary:
-        """Return the verdict, each parameter with its standard error, held-out errors, and warnings."""
-        rows = [
-            (q.symbol, estimated(self.parameters[q.symbol], self.standard_errors[q.symbol], q.unit))
-            for q in QUANTITIES
-        ]
-        rows += [
-            (f"error, {key}", f"{listed(rmse, 'rad/s')}, held out") for key, rmse in self.held_out.items()
-        ]
-        windows = f"{len(self.fit_windows)} fitted, {len(self.held_out_windows)} held out, {self.window:g} s"
-        return Summary(
-            title=f"Friction of the robot {self.robot.name} upside down: value ± standard error",
-            rows=(*rows, ("windows", windows)),
-            sentences=(self.verdict.sentence, *first_texts(self.findings)),
-        )
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        windows = {"fit": self.fit_windows, "held_out": self.held_out_windows}
-        matrix = correlation(self.estimate.covariance)
-        results = {
-            "verdict": self.verdict,
-            "parameters": self.parameters,
-            "standard_errors": self.standard_errors,
-            "intervals": self.intervals,
-            "correlation": {"labels": list(self.estimate.labels), "matrix": matrix},
-            "rmse": {"columns": list(BALL_NAMES), "held_out": self.held_out},
-            "windows": {"length": self.window, **windows},
-            "findings": finding_results(self.findings),
-        }
-        return to_results(results)
 
 
 def _by_symbol(numbers: Floats) -> dict[str, list[float] | float]:
@@ -354,6 +321,7 @@ def identify_upside_down(
         verdict = replace(verdict, reasons=("no friction was found", *verdict.reasons))
     return UpsideDown(
         robot=identified,
+        described=robot,
         verdict=verdict,
         estimate=own,
         held_out={name: np.sqrt(square.mean(axis=0)) for name, square in squares.items()},

@@ -157,8 +157,14 @@ def new_actor(lanes: TaskLanes, training: Training, random: np.random.Generator)
     return new_layers(sizes, random, last=0.01)
 
 
-def train(lanes: TaskLanes, training: Training, *, torque_scale: float, seed: int) -> Iterator[TrainingState]:
-    """Train a network, and yield it after each update; the same seed gives the same bits on one machine."""
+def train(
+    lanes: TaskLanes, training: Training, *, moving: NDArray[np.float64], torque_scale: float, seed: int
+) -> Iterator[TrainingState]:
+    """Train a network, and yield it after each update; the same seed gives the same bits on one machine.
+
+    The torques (n,) are projected by `moving` (n, n): what four wheels give against each other moves nothing, so that
+    no reward teaches the network to leave it.
+    """
     random, n = random_of(seed), lanes.wheels
     lanes.start()
     hidden = (training.hidden, training.hidden)
@@ -171,6 +177,8 @@ def train(lanes: TaskLanes, training: Training, *, torque_scale: float, seed: in
         counts = _gather(lanes, experience, actor, critic, spread, training, torque_scale, random)
         rate = training.rate * (1.0 - 0.9 * update / training.updates)
         _improve(experience, actor, critic, spread, descents, training, rate, random)
+        for layer in actor[-2:]:
+            layer[:] = layer @ moving
         fallen, finished, seconds = counts
         yield TrainingState(
             actor=[layer.copy() for layer in actor],

@@ -37,20 +37,18 @@ from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping
 from ballbot.log.row_order import check_time
 from ballbot.log.wrapping import continuous_headings
 from ballbot.robot import RobotLike
-from ballbot.summary import Summary, counted, duration_words, plotted, range_words, summarized
+from ballbot.summary import Plotted, Summary, counted, duration_words, range_words
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
     from pandas import DataFrame, Index, Series
 
 #: states that a reference states
 _TRACKED = ("x", "y", "psi")
 
 
-@summarized
-@dataclass(frozen=True, eq=False)
-class Log:
-    """A log in memory; read one with `Log.read`.
+@dataclass(frozen=True, eq=False, repr=False)
+class Log(Plotted):
+    """A log in memory; read one with `Log.read`, `plot()` shows path, lean and torques over time.
 
     Parameters
     ----------
@@ -374,10 +372,6 @@ class Log:
             rows.append(("ended early", self.ended))
         title = f"Log of {counted(len(self), 'row')}: {duration_words(duration)}{rate}"
         return Summary(title=title, rows=tuple(rows))
-
-    def plot(self) -> Figure:
-        """Return a figure of the path, position, lean and torques over time, as far as the log has them."""
-        return plotted(self)
 
     def _need(self, names: Iterable[str]) -> None:
         """Raise InputError if one of these is no column."""

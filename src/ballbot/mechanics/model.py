@@ -32,15 +32,14 @@ from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.parameters import Exact, Formulation, Pivoting, RobotNumbers, Thesis, pack, selector
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.state import STATE_NAMES, torque_names
-from ballbot.summary import Summary, pole_words, summarized
+from ballbot.summary import Summarized, Summary, pole_words
 
 if TYPE_CHECKING:
     from control import StateSpace
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LinearModel:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LinearModel(Summarized):
     """x_dot = A x + B u about upright at psi = 0; x = [x y theta phi psi and their rates], u = wheel torques [N m]."""
 
     A: NDArray[np.float64]  #: (10, 10)
@@ -92,9 +91,8 @@ class LinearModel:
 _MAX_STEPS = 1e8  # of one call: most of a minute on one core
 
 
-@summarized
-@dataclass(frozen=True, init=False)
-class Model:
+@dataclass(frozen=True, init=False, repr=False)
+class Model(Summarized):
     """A robot's mechanics.
 
     Parameters

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.identification.turning import ANGLE_NAMES
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Result, Sheet, section
@@ -153,7 +153,7 @@ def _data(alignment: Alignment, log_findings: Sequence[Finding]) -> dict[str, ob
     """Return what results.json holds: SI units, quaternions wxyz, half widths of 95 %."""
     motion, sensors = alignment.motion, alignment.sensors
     return {
-        "findings": finding_results([*log_findings, *alignment_findings(alignment)]),
+        "findings": by_severity([*log_findings, *alignment_findings(alignment)]),
         "clock": to_results(motion.clock)
         | {
             "offset_half_width": motion.offset_half_width,

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.findings import Finding, finding_results, texts
+from ballbot.findings import Finding, by_severity, texts
 from ballbot.identification.axis import AxisIdentification, AxisRecord
 from ballbot.identification.axis.identify import AxisEstimate, open_loop_error
 from ballbot.identification.axis.model import LAWS, PARAMETERS, unit_for
@@ -90,9 +90,12 @@ def laws_figure(fit: AxisIdentification) -> Figure:
     return figure
 
 
-def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[Finding] = ()) -> Result:
-    """Return the page."""
+def axis_report(
+    fit: AxisIdentification, record: AxisRecord | None = None, findings: Sequence[Finding] = ()
+) -> Result:
+    """Return the page, with the first record over time if it is given."""
     count, shown = len(fit.records), fit.findings[:_IN_VERDICT]
+    of_record = f"{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz" if record else "One"
     records = "" if count == 1 else f"{count} records fitted together, the first of "
     words = {
         symbol: f"{meaning} {symbol} = {value} {unit}".rstrip()
@@ -102,8 +105,7 @@ def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[
     mass = capital(words.pop("M"))
     return Result(
         title=f"{', '.join(fit.records)}: mass and friction",
-        lead=f"{records}{record.duration:.1f} s at {1.0 / record.sample_time:.0f} Hz; the law "
-        f"{fit.law}, fitted over windows of {fit.window:.3g} s.",
+        lead=f"{records}{of_record}; the law {fit.law}, fitted over windows of {fit.window:.3g} s.",
         verdict=[
             ("Mass and friction", f"{mass}; by the law {fit.law}: {', '.join(words.values())}."),
             ("Prediction", expected_sentence(fit)),
@@ -115,12 +117,24 @@ def axis_report(fit: AxisIdentification, record: AxisRecord, findings: Sequence[
             "The friction at speeds, loads and temperatures that the records do not have.",
         ],
         findings=findings,
-        data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
+        data={
+            "records": fit.records,
+            "unit": fit.unit,
+            "law": fit.law,
+            "terms": {name: gain.with_interval() for name, gain in fit.forces.items()},
+            "force_between_rows": "interpolated" if fit.best.model.interpolated else "held",
+            "window": fit.window,
+            "parameters": fit.best.values,
+            "standard_errors": fit.best.standard_errors,
+            "laws": fit.by_law,
+            "expected_elsewhere": {"position_rmse": fit.expected[0], "interval_95": fit.expected[1:]},
+            "findings": by_severity([*findings, *fit.findings]),
+        },
     )
 
 
-def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
-    of_record = f" ({record.name})" if len(fit.records) > 1 else ""
+def _sections(fit: AxisIdentification, record: AxisRecord | None) -> Iterator[Section]:
+    of_record = f" ({fit.records[0]})" if len(fit.records) > 1 else ""
     method = (
         "The axis is simulated over windows, each from its best start; with these parameters the positions come "
         "closest to the recorded ones. The standard errors treat residuals that are close in time as dependent, and "
@@ -140,10 +154,10 @@ def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
     yield section(
         "Parameters",
         Bullets(texts(fit.findings)[_IN_VERDICT:]),
-        Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(fit)),
+        Sheet(("symbol", "meaning", "unit", "value"), parameter_rows(fit), brief=(0, 3, 2)),
         Paragraph(method),
         selected if forces else None,
-        drawn_picture("friction", friction, axis_friction_figure, fit, record),
+        drawn_picture("friction", friction, axis_friction_figure, fit, record) if record else None,
     )
     errors = [
         (name, of, *(f"{digits(1e3 * e)} m{fit.unit}" if np.isfinite(e) else DASH for e in numbers))
@@ -163,7 +177,7 @@ def _sections(fit: AxisIdentification, record: AxisRecord) -> Iterator[Section]:
             "Every law on each record, RMS. Windows: each from its best start; whole: the record from its "
             "first row.",
         ),
-        open_loop_series(fit, record, of_record) if len(record.parts) == 1 else None,
+        open_loop_series(fit, record, of_record) if record and len(record.parts) == 1 else None,
         drawn_picture("laws", laws, laws_figure, fit),
     )
 

@@ -2,13 +2,15 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.findings import Finding, finding_results, texts
-from ballbot.identification.driveline import NAMES, QUANTITIES, DrivelineFit, Sweep
+from ballbot.findings import Finding, by_severity, texts
+from ballbot.fitting.uncertainty import correlation
+from ballbot.identification.driveline import BALL_NAMES, NAMES, QUANTITIES, DrivelineFit, Sweep
 from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
@@ -46,7 +48,8 @@ _COMPARISON = (
 )
 
 
-def _parameter_table(fit: UpsideDown, described: Robot) -> Sheet:
+def _parameter_table(fit: UpsideDown) -> Sheet:
+    described = fit.described
     old = np.concatenate([quantity.nominal(described) for quantity in QUANTITIES]).tolist()
     units = [quantity.unit for quantity in QUANTITIES for _ in quantity.labels(described.wheel_count)]
     numbers = zip(fit.estimate.values.tolist(), fit.estimate.errors.tolist(), strict=True)
@@ -82,10 +85,13 @@ def _geometry_table(geometry: Geometry) -> Sheet:
 
 
 def upside_down_report(
-    fit: UpsideDown, described: Robot, logs: Mapping[str, Log], *, findings: Sequence[Finding]
+    fit: UpsideDown,
+    logs: Mapping[str, Log] = MappingProxyType({}),
+    *,
+    findings: Sequence[Finding] | None = None,
 ) -> Result:
     """Return the page of friction identified upside down."""
-    dry = np.atleast_1d(np.asarray(fit.parameters["c"]))
+    dry, described = np.atleast_1d(np.asarray(fit.parameters["c"])), fit.described
     text = (
         f"In motion, wheels and contacts resist with {digits(float(dry.min()), 2)} to "
         f"{digits(float(dry.max()), 2)} N m and a part that grows with speed."
@@ -104,10 +110,12 @@ def upside_down_report(
         sections=[
             section(
                 "Friction found",
-                _parameter_table(fit, described),
+                _parameter_table(fit),
                 Paragraph(_COMPARISON) if has_friction else None,
             ),
-            section("Predictions", error_table, prediction_series(fit, next(iter(logs.values())))),
+            section(
+                "Predictions", error_table, *(prediction_series(fit, log) for log in [*logs.values()][:1])
+            ),
         ],
         undecided=[
             *texts(fit.findings),
@@ -115,7 +123,16 @@ def upside_down_report(
             "floor.",
         ],
         findings=findings,
-        data=fit.to_dict() | {"findings": finding_results([*findings, *fit.findings])},
+        data={
+            "verdict": fit.verdict,
+            "parameters": fit.parameters,
+            "standard_errors": fit.standard_errors,
+            "intervals": fit.intervals,
+            "correlation": {"labels": fit.estimate.labels, "matrix": correlation(fit.estimate.covariance)},
+            "rmse": {"columns": BALL_NAMES, "held_out": fit.held_out},
+            "windows": {"length": fit.window, "fit": fit.fit_windows, "held_out": fit.held_out_windows},
+            "findings": by_severity([*(findings or ()), *fit.findings]),
+        },
     )
 
 
@@ -174,7 +191,7 @@ def geometry_report(
             "The shape of single rollers, and a ball that is not round.",
         ],
         findings=log_findings,
-        data=to_results(geometry) | {"findings": finding_results([*log_findings, *findings])},
+        data=to_results(geometry) | {"findings": by_severity([*log_findings, *findings])},
     )
 
 
@@ -284,8 +301,21 @@ def driveline_report(
             "correlation": {"labels": list(NAMES), "matrices": [fit.correlation for fit in fits]},
             "rmse": [fit.rmse for fit in fits],
             "rmse_without_friction": [fit.rmse_without for fit in fits],
-            "findings": finding_results([*findings, *of_fits]),
+            "findings": by_severity([*findings, *of_fits]),
         },
+    )
+
+
+def wheel_report(fit: DrivelineFit) -> Result:
+    """Return the page of one driveline's friction."""
+    wheel = f"wheel {fit.wheel}"
+    return Result(
+        title=f"Friction of the driveline of {wheel}",
+        lead="",
+        verdict=[("Friction", _sentence(fit))],
+        sections=[section("Friction found", Sheet(("parameter", "unit", wheel), parameter_rows([fit])))],
+        undecided=texts(fit.findings),
+        data=to_results(fit),
     )
 
 

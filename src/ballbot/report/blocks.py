@@ -10,7 +10,7 @@
     )
 
 From it come the terminal's lines (`parts`), the page and results.json (`ballbot.report.page.render`), and `summary()`,
-`repr` and `to_dict()` of the value it is about (`ballbot.report.plots`). A table and its entries in results.json come
+`repr` and `to_dict()` of the value it is about (`ballbot.registry`). A table and its entries in results.json come
 from one list of columns:
 
     COLUMNS = (
@@ -86,16 +86,15 @@ class Sheet:
     _: KW_ONLY
     groups: Sequence[tuple[str, int]] = ()  #: a row above the headings: text and number of columns
     shaded: frozenset[int] = frozenset()  #: rows to notice
+    brief: Sequence[int] | None = None  #: the columns that a result's summary shows; all by default
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Give a console the table: framed on a terminal, plain where the output is piped or kept."""
         if self.caption:
             yield Text(printable_line(self.caption), style="bold")
         table = Table(box=box.ROUNDED if options.is_terminal else None)
-        groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.headings)
-        for group, heading, numeric in zip(groups, self.headings, self.numeric, strict=True):
-            words = " ".join(filter(None, (group, heading)))
-            table.add_column(Text(printable_line(words)), justify="right" if numeric else "left")
+        for title, numeric in zip(self.titles, self.numeric, strict=True):
+            table.add_column(Text(printable_line(title)), justify="right" if numeric else "left")
         for row in self.cells:
             table.add_row(*(Text(printable(f"{cell.text} {cell.below}".strip())) for cell in row))
         yield table
@@ -106,6 +105,12 @@ class Sheet:
         return [
             [cell if isinstance(cell, Cell) else Cell(_written(cell)) for cell in row] for row in self.rows
         ]
+
+    @property
+    def titles(self) -> list[str]:
+        """The heading of each column after that of its group."""
+        groups = [text for text, span in self.groups for _ in range(span)] or [""] * len(self.headings)
+        return [" ".join(filter(None, words)) for words in zip(groups, self.headings, strict=True)]
 
     @property
     def numeric(self) -> list[bool]:
@@ -136,6 +141,7 @@ def sheet_of(
     *,
     caption: str = "",
     shaded: Callable[[T], bool] = lambda _: False,
+    brief: Sequence[int] | None = None,
 ) -> Sheet:
     """Return the table of rows, with those columns that have a heading."""
     listed, with_heading = list(rows), [column for column in columns if column.heading is not None]
@@ -144,6 +150,7 @@ def sheet_of(
         [[column.shown(column.value(row)) for column in with_heading] for row in listed],
         caption,
         shaded=frozenset(index for index, row in enumerate(listed) if shaded(row)),
+        brief=brief,
     )
 
 
@@ -231,13 +238,17 @@ class Result:
             object.__setattr__(self, name, given)
 
     def summary(self) -> Summary:
-        """Return the verdict on one screen; one without headings stands below the first table."""
-        if all(heading for heading, _ in self.verdict):
-            return Summary(title=self.title, rows=tuple(self.verdict))
+        """Return the verdict, the first section's first table, and what is undecided, on one screen."""
         sheets = [block for first in self.sections[:1] for block in first.blocks if isinstance(block, Sheet)]
-        table = [(sheet.headings, *sheet.rows) for sheet in sheets[:1]]
-        rows = [(str(name), tuple(map(str, cells))) for lines in table for name, *cells in lines]
-        return Summary(title=self.title, rows=tuple(rows), sentences=tuple(text for _, text in self.verdict))
+        table = [
+            (names[0], tuple(names[1:]))
+            for sheet in sheets[:1]
+            for cells in (sheet.titles, *([cell.text for cell in row] for row in sheet.cells))
+            for names in [[cells[k] for k in sheet.brief or range(len(cells))]]
+        ]
+        verdict = [row for row in self.verdict if row[0]]
+        sentences = (*(text for heading, text in self.verdict if not heading), *self.undecided)
+        return Summary(title=self.title, rows=(*verdict, *table), sentences=tuple(dict.fromkeys(sentences)))
 
     def to_dict(self) -> dict[str, object]:
         """Return what results.json holds: the data, and where they come from."""

@@ -66,7 +66,7 @@ def friction_report(log: Log, run: Run) -> Result:
     options = IdentificationOptions(search_windows=24, most_steps=4, most_profiles=0)
     checked = CheckedLogs.simulated(part)
     fit = identify(Robot.load(ROBOT), checked, law="coulomb", options=options, run=run)
-    report = identification_report(fit, {SOFT: part}, findings=(), selection=None, holdouts=())
+    report = identification_report(fit, {SOFT: part})
     speeds = np.ones(fit.robot.wheel_count)  # [rad/s]
     rows = []
     for wheel, true in enumerate(wheel_friction(speeds, robot_of_runs().friction)):

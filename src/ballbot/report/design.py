@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
 from ballbot.control.linear import RobotLoop, step_response
-from ballbot.control.lqr import frictionless_model
+from ballbot.control.lqr import frictionless_model, matrix_rows
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
 from ballbot.findings import Finding
@@ -37,6 +37,7 @@ from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
 from ballbot.workflows.controller_design import ControllerDesign
+from ballbot.workflows.robot_check import linearization_results
 
 
 def _nothing_compensated(design: ControllerDesign) -> str:
@@ -48,7 +49,7 @@ def _nothing_compensated(design: ControllerDesign) -> str:
     return NO_FRICTION
 
 
-def controller_design_report(design: ControllerDesign, findings: Sequence[Finding]) -> Result:
+def controller_design_report(design: ControllerDesign, findings: Sequence[Finding] | None = None) -> Result:
     """Return the page of a design."""
     controller, nothing = design.controller, _nothing_compensated(design)
     robot, kind = controller.robot, controller.compensation
@@ -85,7 +86,18 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             "" if design.uncertainty.parts else uncertain,
         ],
         findings=findings,
-        data=design.to_dict(),
+        data={
+            "robot": robot.name,
+            "sample_time": controller.sample_time,
+            "compensation": kind,
+            "gain": controller.gain,
+            "poles": design.gain.poles,
+            "linearization": linearization_results(frictionless_model(robot)),
+            "loop_margins": design.loop_margins,
+            "gain_standard_deviation": design.uncertainty.deviation if design.uncertainty.parts else None,
+            "gain_variance_shares": dict(design.uncertainty.largest(len(design.uncertainty.parts))),
+            "compensation_margin": design.margin,
+        },
     )
 
 
@@ -127,10 +139,7 @@ def gain_sheet(
     # integral action adds states
     names = [f"{state_mark(name)} [{STATE_UNITS[name]}]" for name in STATE_NAMES]
     names += [f"∫ {k}" for k in range(1, gain.shape[1] - len(names) + 1)]
-    rows = [
-        (name, *(f"{value:.4f}" for value in column))
-        for name, column in zip(names, (np.round(gain, 4) + 0.0).T, strict=True)
-    ]
+    rows = [(name.strip(), *cells) for name, cells in matrix_rows(gain.T, names)]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
     return Sheet(("state", *wheels), rows, caption)
 

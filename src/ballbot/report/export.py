@@ -75,7 +75,7 @@ def export_report(
             "state_bytes": exported.state_bytes,
             "gains": exported.gains
             and {"robots_and_delays": len(exported.gains.loops), "growth": exported.gains.growth},
-            "processor": load and load.to_dict(),
+            "processor": load,
         },
     )
 

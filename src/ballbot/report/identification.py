@@ -10,12 +10,13 @@ covariance. A parameter without a standard error takes that of a uniform distrib
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.arrays import Floats
-from ballbot.findings import Finding, texts
+from ballbot.findings import texts
 from ballbot.fitting.model_selection import Gain
 from ballbot.identification import HoldoutResult, Identification
 from ballbot.identification.coulomb import coulomb_sentence
@@ -36,13 +37,10 @@ from ballbot.rounding import digits, interval, unit_heading, value_and_error
 
 def identification_report(
     fit: Identification,
-    logs: Mapping[str, Log],
-    *,
-    findings: Sequence[Finding],
-    selection: LawSelection | None,
-    holdouts: Sequence[HoldoutResult],
+    logs: Mapping[str, Log] = MappingProxyType({}),
+    holdouts: Sequence[HoldoutResult] = (),
 ) -> Result:
-    """Return the page; `selection` compares laws, if several were fitted."""
+    """Return the page, with the friction over the speeds of the logs and the errors on others."""
     one_log = "How much the estimate differs from log to log: there is one log."
     return Result(
         title=f"{fit.robot.name}: friction from balancing logs",
@@ -50,7 +48,7 @@ def identification_report(
         verdict=[("Verdict", fit.verdict.sentence), ("Friction", friction_sentence(fit))],
         sections=[
             section("Parameters", *parameter_blocks(fit, logs.values())),
-            section("Friction laws", _selection_sheet(selection) if selection else None),
+            section("Friction laws", _selection_sheet(fit.selection) if fit.selection else None),
             details(
                 "Errors on held-out windows",
                 _error_sheet(fit, holdouts),
@@ -62,11 +60,11 @@ def identification_report(
             one_log if fit.variation.logs == 1 else "",
             "The friction at speeds, loads and temperatures that the logs do not have.",
         ],
-        findings=findings,
+        findings=fit.log_findings,
         data={
             **fit.to_dict(),
-            **({"ladder": selection.to_dict()} if selection else {}),
-            **({"judged_on": {holdout.name: holdout.to_dict() for holdout in holdouts}} if holdouts else {}),
+            **({"ladder": fit.selection} if fit.selection else {}),
+            **({"judged_on": {holdout.name: holdout for holdout in holdouts}} if holdouts else {}),
         },
     )
 
@@ -123,7 +121,7 @@ def _parameter_sheet(fit: Identification) -> Sheet:
         *(["other optimum"] if other else []),
         "allowed",
     )
-    return Sheet(headings, rows, caption)
+    return Sheet(headings, rows, caption, brief=(0, 3, 4, 5, 1))
 
 
 def _error_sheet(fit: Identification, holdouts: Sequence[HoldoutResult]) -> Sheet:

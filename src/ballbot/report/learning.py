@@ -1,6 +1,7 @@
 """A learned controller: its learning curve, and how it does on robots that it was not trained on."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from ballbot.learning.learn import Confirmed, Learned
 from ballbot.log import Log
 from ballbot.report.blocks import Animation, Result, Sheet, section
 from ballbot.report.series import Line, Panel, TimeSeries
+from ballbot.results import to_results
 from ballbot.rounding import digits
 from ballbot.summary import counted
 from ballbot.viewer.page import replay_part
@@ -15,7 +17,9 @@ from ballbot.viewer.page import replay_part
 _HEADINGS = ("controller", "on", "runs", "falls", "RMS position error [mm]", "RMS velocity error [m/s]")
 
 
-def learning_report(learned: Learned, *, scenario: str, film: Mapping[str, Log]) -> Result:
+def learning_report(
+    learned: Learned, *, scenario: str = "", film: Mapping[str, Log] = MappingProxyType({})
+) -> Result:
     """Return the page of a learned controller, with the runs of `ballbot.learning.learn.film`."""
     name = learned.controller.robot.name
     rows = [
@@ -34,21 +38,25 @@ def learning_report(learned: Learned, *, scenario: str, film: Mapping[str, Log])
         "with the noise that it explores by; the runs afterwards are of other robots, without that noise.",
         verdict=[("", sentence) for sentence in learning_sentences(learned, scenario=scenario)],
         sections=[
-            section("On other robots", Sheet(_HEADINGS, rows, tried)),
+            section("On other robots", Sheet(_HEADINGS, rows, tried, brief=range(5))),
             section("The learning curve", curve_series(learned)),
-            section("As it learned", Animation(replay_part(film, learned.controller.robot), caption)),
+            section(
+                "As it learned",
+                Animation(replay_part(film, learned.controller.robot), caption) if film else None,
+            ),
         ],
         undecided=[
             "Whether the real robot is like the simulated ones: try it with a person who catches the robot.",
             "Other tasks: a policy knows what it was trained for.",
         ],
-        data=learned.to_dict() | {"scenario": scenario},
+        data={"robot": name} | to_results(learned) | ({"scenario": scenario} if scenario else {}),
     )
 
 
 def learning_sentences(learned: Learned, *, scenario: str) -> list[str]:
     """Return what was learned, the most important first."""
     last = learned.curve[-1]
+    of_scenario = f" of the scenario {scenario}" if scenario else ""
     early = " It was stopped early." if learned.stopped else ""
     sentences = []
     for own, other in zip(learned.confirmed, learned.baseline_confirmed, strict=True):
@@ -59,7 +67,7 @@ def learning_sentences(learned: Learned, *, scenario: str) -> list[str]:
             f"are {_errors(own)}, those of the {_linear(learned)} {_errors(other)} ({counted(other.fell, 'fall')})."
         )
     sentences.append(
-        f"It learned from {last.samples:,} samples of the scenario {scenario} in {last.seconds:.0f} s.{early} The "
+        f"It learned from {last.samples:,} samples{of_scenario} in {last.seconds:.0f} s.{early} The "
         f"reward was {last.reward:.2f} a second in the end, and {learned.baseline:.2f} of the {_linear(learned)}."
     )
     return sentences

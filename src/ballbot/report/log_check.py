@@ -91,20 +91,6 @@ class CheckedLog:
             uses=[use for use, columns in missing.items() if not columns],
         )
 
-    def to_dict(self) -> dict[str, object]:
-        """Return the entries of results.json."""
-        log = self.log
-        return {
-            "file": str(self.file),
-            "rows": len(log),
-            "start": float(log.t[0]),
-            "end": float(log.t[-1]),
-            "sample_time": log.sample_time if len(log) > 1 else None,
-            "columns": [entries_of(row, COLUMNS) for row in summed_columns(log)],
-            "findings": self.findings,
-            "wheels": self.wheels,
-        }
-
 
 def _placed(log: Log, robot: Robot) -> Log:
     """Return the log with the ball's position from its wheels if it has none; unchanged if that is impossible."""
@@ -144,7 +130,16 @@ def log_check_report(checked: CheckedLog, robot: Robot | None) -> Result:
         ],
         findings=findings,
         accepted=False,
-        data=checked.to_dict(),
+        data={
+            "file": checked.file,
+            "rows": len(log),
+            "start": log.t[0],
+            "end": log.t[-1],
+            "sample_time": log.sample_time if len(log) > 1 else None,
+            "columns": [entries_of(row, COLUMNS) for row in summed_columns(log)],
+            "findings": findings,
+            "wheels": checked.wheels,
+        },
     )
 
 

@@ -11,7 +11,7 @@ from ballbot.workflows.metrics import lean_angle
 from ballbot.workflows.plan import Followed, Plan
 
 
-def plan_report(plan: Plan, followed: Followed, *, scenario: str) -> Result:
+def plan_report(plan: Plan, followed: Followed | None = None, *, scenario: str = "") -> Result:
     """Return the page."""
     own = plan.limits
     limits = {
@@ -44,17 +44,17 @@ def plan_report(plan: Plan, followed: Followed, *, scenario: str) -> Result:
         verdict=[("", sentence) for sentence in plan_sentences(plan, followed, scenario=scenario)],
         sections=[
             section("Limits", Sheet(headings, rows, caption)),
-            section("The motion", _series(plan)),
+            section("The motion", plan_series(plan)),
         ],
         undecided=[
             "The grip of the real wheels on the real ball, and of the ball on the floor: it is an assumption.",
             "Whether the real robot follows: the simulations are not the robot. Begin with lower limits.",
         ],
-        data=to_results(plan) | {"followed": followed, "scenario": scenario},
+        data=to_results(plan) | ({"followed": followed, "scenario": scenario} if followed else {}),
     )
 
 
-def plan_sentences(plan: Plan, followed: Followed, *, scenario: str) -> list[str]:
+def plan_sentences(plan: Plan, followed: Followed | None, *, scenario: str) -> list[str]:
     """Return what was found, the most important first."""
     text = f"{plan.what[0].upper()}{plan.what[1:]} takes {plan.duration:.3f} s over {plan.distance:.2f} m."
     saved = 1e3 * plan.savings[plan.bound]
@@ -64,6 +64,8 @@ def plan_sentences(plan: Plan, followed: Followed, *, scenario: str) -> list[str
     ]
     if plan.begins > 0.0:
         sentences.append(f"The stop begins {plan.begins:.2f} s after the start, at the end of the run-up.")
+    if followed is None:
+        return sentences
     fell = "none fell" if followed.fell == 0 else f"{followed.fell} fell"
     sentences.append(
         f"On {counted(followed.runs, 'simulated robot')} of the scenario {scenario} that followed it, {fell}; the "
@@ -73,7 +75,8 @@ def plan_sentences(plan: Plan, followed: Followed, *, scenario: str) -> list[str
     return sentences
 
 
-def _series(plan: Plan) -> TimeSeries:
+def plan_series(plan: Plan) -> TimeSeries:
+    """Return the motion over time."""
     x, y, theta, phi, psi = plan.states[:, :5].T
     speed = np.hypot(plan.states[:, 5], plan.states[:, 6])
     torque = plan.limits.torque

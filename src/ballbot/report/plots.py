@@ -1,8 +1,6 @@
-"""For each class of results: the `Result` behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
+"""Register the page of a class of results, behind `summary()`, `repr` and `to_dict()`, and the figure of `plot()`."""
 
-from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -20,26 +18,27 @@ from ballbot.identification.upside_down import UpsideDown
 from ballbot.learning.learn import Learned
 from ballbot.log import Log
 from ballbot.mechanics.friction import wheel_friction
-from ballbot.report.axis import laws_figure
-from ballbot.report.bench import curve_figure
-from ballbot.report.blocks import Result
+from ballbot.registry import FIGURES, PAGES
+from ballbot.report.axis import axis_report, laws_figure
+from ballbot.report.bench import curve_figure, upside_down_report, wheel_report
 from ballbot.report.comparison import course_figure, league_report, paths_figure
-from ballbot.report.design import bode_figure, poles_figure
-from ballbot.report.identification import friction_figure
-from ballbot.report.learning import curve_series
+from ballbot.report.design import bode_figure, controller_design_report, poles_figure
+from ballbot.report.identification import friction_figure, identification_report
+from ballbot.report.learning import curve_series, learning_report
 from ballbot.report.limits import planes_figure
+from ballbot.report.plan import plan_report, plan_series
 from ballbot.report.run import over_time
 from ballbot.report.series import TimeSeries
 from ballbot.report.study import study_report
-from ballbot.report.style import series_figure
-from ballbot.report.validation import horizon_figure
+from ballbot.report.style import plotted, series_figure
+from ballbot.report.validation import horizon_figure, validation_report
 from ballbot.robot import Robot
 from ballbot.robot.figure import robot_figure
-from ballbot.summary import Reported
 from ballbot.validation.result import Validation
 from ballbot.workflows.controller_design import ControllerDesign
 from ballbot.workflows.league import League
 from ballbot.workflows.limits import RobotLimits
+from ballbot.workflows.plan import Plan
 from ballbot.workflows.study import Study
 
 #: wheel speeds shown reach this many Stribeck speeds
@@ -78,10 +77,21 @@ def upside_down_figure(fit: UpsideDown) -> Figure:
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
-#: of a `Reported` value; `summary()`, `repr` and `to_dict()` are those of its page
-RESULTS: Mapping[type[Reported], Callable[[Any], Result]] = {League: league_report, Study: study_report}
-#: draws the figure
-FIGURES: Mapping[type, Callable[[Any], Figure]] = {
+PAGES.update(
+    {
+        AxisIdentification: axis_report,
+        ControllerDesign: controller_design_report,
+        DrivelineFit: wheel_report,
+        Identification: identification_report,
+        Learned: learning_report,
+        League: league_report,
+        Plan: plan_report,
+        Study: study_report,
+        UpsideDown: upside_down_report,
+        Validation: validation_report,
+    }
+)
+for kind, draw in {
     AxisIdentification: laws_figure,
     Controller: controller_figure,
     ControllerDesign: lambda design: bode_figure(design.loop_margins),
@@ -92,6 +102,7 @@ FIGURES: Mapping[type, Callable[[Any], Figure]] = {
     Learned: lambda learned: series_figure(curve_series(learned)),
     League: lambda league: course_figure(league, league.courses[0]),
     Log: log_figure,
+    Plan: lambda plan: series_figure(plan_series(plan)),
     LqrDesign: lambda design: poles_figure(design.poles),
     Margins: bode_figure,
     Robot: robot_figure,
@@ -99,4 +110,5 @@ FIGURES: Mapping[type, Callable[[Any], Figure]] = {
     Study: lambda study: paths_figure(study.choice.runs),
     UpsideDown: upside_down_figure,
     Validation: lambda validation: horizon_figure(validation.horizon, validation.models.names),
-}
+}.items():
+    FIGURES[kind] = partial(plotted, draw)

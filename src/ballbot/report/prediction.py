@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.printable import shell_line
 from ballbot.report.blocks import Block, Bullets, Column, Result, Sheet, section, sheet_of
 from ballbot.results import to_results
@@ -73,7 +73,7 @@ def prediction_report(
         findings=findings,
         data={
             "prediction": to_results(verdict) | {"quantities": quantities} | own,
-            "findings": finding_results(findings),
+            "findings": by_severity(findings),
         },
     )
 

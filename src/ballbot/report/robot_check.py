@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ballbot.control.presets import KINDS
-from ballbot.findings import texts
+from ballbot.findings import by_severity, texts
 from ballbot.mechanics.model import Model
 from ballbot.report.bench import swing_series
 from ballbot.report.blocks import (
@@ -23,16 +23,19 @@ from ballbot.report.blocks import (
 from ballbot.report.design import linear_section, loop_section
 from ballbot.report.style import drawn_picture
 from ballbot.report.words import capital
+from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.figure import robot_figure
+from ballbot.robot.parameters import value_of
 from ballbot.summary import counted, pole_words
 from ballbot.workflows.reference_check import MARGIN_HEADINGS
-from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread
+from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread, linearization_results
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
     robot, following, swing = checked.robot, checked.following, checked.swing
+    margins = {"refusal": checked.margins} if isinstance(checked.margins, str) else checked.margins.to_dict()
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     severities = [finding.severity for finding in (*checked.findings, *(swing.findings if swing else ()))]
@@ -59,7 +62,25 @@ def robot_check_report(checked: CheckedRobot) -> Result:
             vertical if swing else "",
         ],
         findings=checked.findings,
-        data=checked.to_dict(),
+        data={
+            "robot": robot.name,
+            "parameters": {
+                parameter.name: value
+                for parameter in PARAMETERS
+                if (value := value_of(robot, parameter)) != ()
+            },
+            "derived": {quantity.name: quantity.value for quantity in derived_quantities(robot)},
+            "matrices": checked.matrices,
+            "linearization": linearization_results(Model(robot)),
+            "poles": checked.poles,
+            "unstable_pole": fastest,
+            "standard_deviations": robot.standard_deviations,
+            "unstable_pole_uncertainty": checked.spread,
+            "loop_margins": {"controller": checked.controller, **margins},
+            "findings": by_severity(checked.findings),
+            "swing": swing,
+            "reference": following,
+        },
     )
 
 

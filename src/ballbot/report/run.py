@@ -13,7 +13,7 @@ import numpy as np
 from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.log import Log
 from ballbot.log.columns import MAX_WHEELS, STATE_NAMES, TRUE_PREFIX, torque_names, wheel_speed_names
 from ballbot.mechanics.parameters import Formulation
@@ -181,7 +181,7 @@ def wiring_report(check: WiringCheck, *, about: str) -> Result:
             "passed": check.passed,
             "turns": [entries_of(turn, columns) for turn in check.turns],
             "wheel_scales": check.wheel_scales,
-            "findings": finding_results(check.findings),
+            "findings": by_severity(check.findings),
         },
     )
 

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from ballbot.findings import Finding, finding_results
+from ballbot.findings import Finding, by_severity
 from ballbot.report.blocks import Bullets, Picture, Result, Sheet, section
 from ballbot.report.page import picture_data
 from ballbot.report.series import Line, Panel, TimeSeries, true_spans
@@ -117,7 +117,7 @@ def _data(
     """Return what results.json holds."""
     known, view = spin.known, _view(spin)
     return {
-        "findings": finding_results([*log_findings, *spin_findings(spin, comparison)]),
+        "findings": by_severity([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
         "duration": float(spin.t[-1] - spin.t[0]),
         "tracked_share": float(np.mean(spin.track.tracked)),

@@ -224,7 +224,9 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
     )
-    yield sheet_of(choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption)
+    yield sheet_of(
+        choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption, brief=(0, 1, 2)
+    )
     yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
     shown = dict.fromkeys(("none", choice.chosen or "none"))
     try:

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import NullLocator
 
 from ballbot.arrays import Bools, Floats
+from ballbot.findings import by_severity
 from ballbot.fitting.comparison import LEAST_RUNS
 from ballbot.log import STATE_NAMES
 from ballbot.report.blocks import Block, Bullets, Paragraph, Result, Section, Sheet, details, section
@@ -37,7 +38,7 @@ from ballbot.validation.ways import WAYS
 def validation_report(
     validation: Validation,
     *,
-    title: str = "Validation",
+    title: str = "",
     lead: str = "",
     by_log: Mapping[str, Validation] = MappingProxyType({}),
 ) -> Result:
@@ -46,13 +47,14 @@ def validation_report(
     first, *rest = validation_sections(validation)
     logs = {"by_log": {name: part.results() for name, part in by_log.items()}} if by_log else {}
     return Result(
-        title=title,
+        title=title
+        or f"Validation of the model {validation.models.first.name} on {validation.duration:.3g} s",
         lead=lead,
         verdict=[("", verdict)],
         sections=[first, details("What else was found", Bullets(others)), *rest],
         undecided=undecided_by(validation),
         findings=validation.log_findings,
-        data=validation.to_dict() | {"validation": validation.results() | logs},
+        data={"validation": validation.results() | logs, "findings": by_severity(validation.log_findings)},
     )
 
 
@@ -144,7 +146,7 @@ def _residual_blocks(prediction: Prediction, models: ModelPair) -> Iterator[Bloc
 
 def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
     """Return the errors of both models by state, as Tables 4.1 and 4.2 of the thesis, with intervals and verdicts."""
-    ends, verdicts, known = pair.ratio_interval().T, pair.verdicts(), pair.runs >= LEAST_RUNS
+    ends, verdicts, known = pair.ratio_interval.T, pair.verdicts(), pair.runs >= LEAST_RUNS
 
     def of_models(i: int, values: Floats) -> list[str]:
         # below the rounding error digits mean nothing
@@ -169,6 +171,7 @@ def error_sheet(models: ModelPair, pair: ErrorPair, caption: str) -> Sheet:
         headings=("state", *models.names, "", "95 %", "verdict", *models.names),
         rows=rows,
         caption=caption,
+        brief=(0, 3, 4, 5),
         shaded=frozenset(i for i, row in enumerate(rows) if row[5] != "better"),
     )
 
@@ -181,7 +184,7 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
     errors = horizon.errors
-    ahead, better = 1e3 * errors.horizons, errors.ratio_interval()[0] > 1.0
+    ahead, better = 1e3 * errors.horizons, errors.ratio_interval[0] > 1.0
     # errors below any sensor's resolution are drawn at that resolution
     shown = [*np.maximum(errors.rmse, FINEST), horizon.noise_floor, better]
     for axes, name, *columns in zip(panels.flat, STATE_NAMES, *(each.T for each in shown), strict=True):

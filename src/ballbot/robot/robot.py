@@ -31,16 +31,15 @@ from ballbot.robot.components import (
 )
 from ballbot.robot.file import read_robot, robot_text
 from ballbot.robot.parameters import Value, build, to_si, value_of
-from ballbot.summary import Plotted, Summary, listed, summarized
+from ballbot.summary import Plotted, Summary, listed
 
 _PRESETS = Path(__file__).parent / "presets"
 #: suffixes of robots as models of other tools: MJCF and URDF
 MODEL_SUFFIXES = (".xml", ".mjcf", ".urdf")
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True)
-class Robot(RobotValues, Plotted):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Robot(Plotted, RobotValues):
     """A ball-balancing robot. Load one with `Robot.load`; change a copy with `replace`.
 
     `plot()` shows it from its right and from above, to scale.

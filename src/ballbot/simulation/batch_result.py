@@ -9,7 +9,7 @@ from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.log.columns import STATE_NAMES, TRUE_PREFIX, torque_names, wheel_angle_names, wheel_speed_names
 from ballbot.simulation.model_plant import LIFTED, fallen_words
-from ballbot.summary import Summary, counted, range_words, summarized
+from ballbot.summary import Summarized, Summary, counted, range_words
 
 #: the reference's columns in a log, and their places in the state
 REFERENCES = (0, 1, 4)
@@ -30,9 +30,8 @@ def column_names(wheel_count: int, *, accelerometer: bool = False) -> list[str]:
     ]
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ClosedLoopBatch:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ClosedLoopBatch(Summarized):
     """The result of `simulate_batch`, a lane for each robot."""
 
     t: NDArray[np.float64]  #: (records,) the first is 0, as in a log of `simulate` [s]

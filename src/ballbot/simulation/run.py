@@ -1,14 +1,9 @@
 """Running a plant with a controller: sample, decide, hold; the run becomes a `Log`."""
 
-from importlib import import_module
-from pathlib import Path
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import MOST_CELLS, format_duration, real_array
-from ballbot.control.interface import estimator_of
 from ballbot.control.references import ReferenceLike, as_reference
 from ballbot.control.safety import SafeController
 from ballbot.control.source import ControllerLike, as_controller
@@ -20,19 +15,6 @@ from ballbot.progress import Progress, ProgressCallback, in_notebook
 from ballbot.simulation.batch_result import REFERENCES, column_names
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.plant import Measurement, Plant
-
-
-class NamedScenario(Protocol):
-    """A `ballbot.twin.Scenario`."""
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-        ...
-
-
-#: a scenario, the name of a ready-made one, or the path of a scenario file
-ScenarioLike = NamedScenario | str | Path
 
 #: samples of a run, whose log has some 45 columns
 _MOST = MOST_CELLS // 45
@@ -58,53 +40,12 @@ def simulate(
     duration: float,
     initial_state: ArrayLike | None = None,
     seed: int = 0,
-    scenario: ScenarioLike | None = None,
     progress: ProgressCallback = in_notebook,
 ) -> Log:
-    """Run a plant in closed loop from a start, sampled and held as the controller asks.
-
-    Parameters
-    ----------
-    plant : Plant, Model, robot, preset or robot file
-        A model, or the exact one of a robot, is run with perfect sensors (`ModelPlant`) unless there is a scenario.
-    controller : Feedback, "nominal", "precise" or controller file
-        A `Controller`, or any object with `sample_time`, `reset()` and `update(t, state, reference)`. It is run
-        behind the safety layer, with the default limits unless it is a `SafeController` with its own.
-    reference : callable, name or reference file
-        f(t) -> (10,), t in [s], or a name such as "square"; see `ballbot.control.references`. A heading that begins
-        again after a turn is unwrapped.
-    duration : float
-        [s]; a whole number of samples is run.
-    initial_state : array_like (10,), optional
-        True state at the start; `initial_state_of(seed)`, at rest and leaning a little, by default.
-    seed : int
-        The default start and all that is random in the plant follow from it.
-    scenario : Scenario, name or scenario file, optional
-        Whose sensors, delay, play, torque noise and floor a model gets, beside its own friction; the controller is
-        given the state of the estimator that it is made for. See `ballbot.twin.Scenario`.
-    progress : callable, optional
-        Called with the progress from time to time; by default a notebook shows a line.
-
-    Returns
-    -------
-    Log
-        A row for each sample: what was measured at t, the torques held from there on, the reference, and the true
-        state (`log.truth()`). If the run ended early, in a fall or because the safety layer stopped the motors, the
-        rows end before it and `log.ended` gives the reason.
-
-    Raises
-    ------
-    InputError
-        If the duration or the initial state is invalid, the controller returns anything but n numbers, or a plant
-        that is no model is given a scenario.
-
-    Examples
-    --------
-    >>> log = simulate("alten", "nominal", "square", duration=1.0)
-    >>> len(log), log.ended
-    (200, None)
-    """
-    active = _active(plant, controller, scenario)
+    """Run a plant in closed loop, as `ballbot.twin.run.simulate` does, without a scenario."""
+    active = (
+        plant if isinstance(plant, Plant) and not isinstance(plant, Model) else ModelPlant(as_model(plant))
+    )
     controller, wanted_at = as_controller(controller, active.robot), as_reference(reference)
     samples = sample_count(duration, controller.sample_time)
     guarded = (
@@ -131,22 +72,6 @@ def simulate(
     if rows == 0:
         raise InputError(f"The run ends before its first sample: {ended}.")
     return Log(dict(zip(names, table[:rows].T, strict=True)), ended=ended)
-
-
-def _active(plant: Plant | ModelLike, controller: ControllerLike, scenario: ScenarioLike | None) -> Plant:
-    """Return what is run: the plant itself, or a model behind perfect sensors or those of a scenario."""
-    if isinstance(plant, Plant) and not isinstance(plant, Model):
-        if scenario is not None:
-            raise InputError(
-                "A scenario is for a model or a robot; give a twin its own: Twin(robot, scenario)."
-            )
-        return plant
-    model = as_model(plant)  # an object of any other kind is refused as a robot
-    if scenario is None:
-        return ModelPlant(model)
-    # scenarios stand in a package that this one must not import
-    sensed = import_module("ballbot.twin.imperfections").sensed
-    return sensed(model, scenario, estimator=estimator_of(as_controller(controller, model.robot)))
 
 
 def sample_count(duration: float, sample_time: float) -> int:

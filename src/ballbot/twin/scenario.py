@@ -25,7 +25,7 @@ from ballbot.robot.components import scaled_friction
 from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
 from ballbot.simulation.imperfections import Push, Roughness, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
-from ballbot.summary import Summary, listed, summarized
+from ballbot.summary import Summarized, Summary, listed
 from ballbot.twin.faults import (
     NEVER,
     Carpet,
@@ -45,14 +45,14 @@ _REPRODUCED = "alten"
 WheelContact = Literal["rollers", "point"]
 
 
-@summarized
 @parameter_class
-class Scenario:
+class Scenario(Summarized):
     """The faults of a twin, their sizes, and the resolution of its simulation.
 
     A fault that is None, zero or empty is off.
     """
 
+    __repr__ = Summarized.__repr__  # not that of a dataclass
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
     name: str = parameter("name of the scenario")

@@ -42,7 +42,7 @@ class Horizons(Comparison):
 
     def verdict(self) -> str:
         errors, first = self.errors, self.models.first.name
-        intervals = errors.ratio_interval()
+        intervals = errors.ratio_interval
         if not np.isfinite(intervals).any():
             return f"{errors.starts} forecasts are too few to show how the error grows with the horizon."
         better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
@@ -58,7 +58,7 @@ class Horizons(Comparison):
         return ", ".join(words) + "."
 
     def results(self) -> dict[str, object]:
-        intervals = self.errors.ratio_interval().swapaxes(0, 1)  # (horizons, 2, 10)
+        intervals = self.errors.ratio_interval.swapaxes(0, 1)  # (horizons, 2, 10)
         # a constant state has no scale
         spread = np.where(self.spread > FINEST, self.spread, np.nan)
         return {

@@ -352,8 +352,9 @@ class ErrorPair:
         """RMSE of the first and the second over `spread` (2, 10); NaN where the spread is not above `FINEST`."""
         return self.rmse / np.where(self.spread > FINEST, self.spread, np.nan)
 
+    @cached_property
     def ratio_interval(self) -> Floats:
-        """Return the lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
+        """The lower and upper ends (2, 10) of the 95 % interval on `ratio`; NaN below `LEAST_RUNS` runs.
 
         The bootstrap draws whole runs in blocks of neighbours, with both models' errors of a run together.
         """
@@ -364,7 +365,7 @@ class ErrorPair:
 
     def verdicts(self) -> tuple[Verdict, ...]:
         """Return the verdict on the first model from the interval on each state's ratio."""
-        return verdicts(self.ratio_interval())
+        return verdicts(self.ratio_interval)
 
     def claim(self, models: ModelPair) -> str:
         """Return a clause: in how many states the first model is significantly better, and by which factors."""
@@ -394,7 +395,7 @@ class ErrorPair:
             **by_model("rmse_", models, self.rmse),
             **by_model("normalised_rmse_", models, self.normalised_rmse),
             "ratio": by_state(self.ratio),
-            "ratio_interval": by_state(self.ratio_interval()),
+            "ratio_interval": by_state(self.ratio_interval),
             "verdict": by_state(np.array(self.verdicts())),
             "runs": self.runs,
             "samples": int(self.samples.sum()),

@@ -74,7 +74,7 @@ class OpenLoop(Comparison):
 
         With too few runs for an interval of the ratio of errors there are none.
         """
-        lower, upper = self.errors.ratio_interval()
+        lower, upper = self.errors.ratio_interval
         first, second = self.models.names
         claims = {"worse": "worse than", "undecided": "not significantly better than"}
         return tuple(

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from ballbot.findings import Finding, finding_results, note, warning
-from ballbot.log import STATE_NAMES
-from ballbot.summary import Plotted, Summary, summarized
+from ballbot.findings import Finding, by_severity, note, warning
+from ballbot.summary import Reported
 from ballbot.validation.closed_loop import ClosedLoop
 from ballbot.validation.horizons import Horizons
 from ballbot.validation.models import C, Comparison, ModelPair
@@ -18,9 +15,8 @@ from ballbot.validation.residuals import Prediction
 from ballbot.validation.ways import WAYS
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Validation(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Validation(Reported):
     """How well two models predict a log; by default a robot's model with its friction and without any.
 
     `plot()` shows how the errors grow with the horizon of a prediction.
@@ -67,25 +63,6 @@ class Validation(Plotted):
         words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in WAYS}
         return words | {key: comparison.verdict() for key, comparison in self.comparisons.items()}
 
-    def summary(self) -> Summary:
-        """Return the verdict on each kind of prediction, and each state's ratio of errors in open loop."""
-        (first, second), rows = self.models.names, []
-        title = f"Validation of the model {first} on {self.duration:.3g} s"
-        if self.no_evidence is not None:
-            return Summary(title=title, sentences=(self.no_evidence,))
-        verdicts = self.verdicts()
-        if self.open_loop is not None:
-            del verdicts["open_loop"]  # the table has it
-            title += f": open-loop error {second} over error {first} (above 1, the model {first} is better)"
-            errors = self.open_loop.errors
-            lower, upper = errors.ratio_interval()
-            for i, verdict in enumerate(errors.verdicts()):
-                interval = f" (95 % interval {lower[i]:.3g} to {upper[i]:.3g}): {verdict}"
-                interval = interval if np.isfinite(lower[i]) else " (too few runs)"
-                rows.append((STATE_NAMES[i], f"{errors.ratio[i]:.3g}{interval}"))
-        sentences = (*self.left_out, *filter(None, verdicts.values()))
-        return Summary(title=title, rows=tuple(rows), sentences=sentences)
-
     def results(self) -> dict[str, object]:
         """Return the models and the results of each validation for results.json, numbers by the models' names."""
         closed = self.closed_loop
@@ -94,17 +71,13 @@ class Validation(Plotted):
                 {"name": name, "robot": model.robot.name, "formulation": model.formulation}
                 for name, model in zip(self.models.names, self.models.both, strict=True)
             ],
-            "findings": finding_results(findings(self)),
+            "findings": by_severity(findings(self)),
             "duration": self.duration,
             **dict.fromkeys(way.key for way in WAYS),
             **{key: comparison.results() for key, comparison in self.comparisons.items()},
             **{f"no_{way.key}": self.refused.get(way.key) for way in WAYS if way.undisturbed},
             "recovered_gain": closed and closed.recovered,
         }
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the contents of results.json."""
-        return {"validation": self.results(), "findings": finding_results(self.log_findings)}
 
 
 def findings(validation: Validation) -> tuple[Finding, ...]:

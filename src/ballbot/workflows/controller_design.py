@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.linear import refuse_without_margin
-from ballbot.control.lqr import LqrDesign, frictionless_model, gain_rows
+from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.overcompensation import (
     CompensationMargin,
@@ -25,8 +25,7 @@ from ballbot.errors import InputError
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import Propagated, propagate
-from ballbot.summary import Plotted, Summary, pole_words, summarized
-from ballbot.workflows.robot_check import linearization_results
+from ballbot.summary import Reported
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,9 +69,8 @@ class PartOptions:
 DEFAULT_GAIN, DEFAULT_PARTS = GainOptions(), PartOptions()
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ControllerDesign(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ControllerDesign(Reported):
     """A controller and how it was designed; `plot()` is its loop's Bode diagram."""
 
     controller: Controller
@@ -82,36 +80,6 @@ class ControllerDesign(Plotted):
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
     loop_margins: Margins
-
-    def summary(self) -> Summary:
-        """Return the gain, its poles and how much of the certain friction is compensated."""
-        compensation = str(self.controller.compensation)
-        if compensation != "none":
-            shares = ", ".join(f"{100.0 * share:.0f} %" for share in self.margin.wheel_fractions)
-            compensation += f": {shares} of each wheel's certain friction"
-        rows = (
-            ("compensation", compensation),
-            *gain_rows(self.controller.gain),
-            ("poles", f"{pole_words(self.gain.poles)} rad/s"),
-            ("margins", self.loop_margins.sentence()),
-        )
-        return Summary(title=f"Controller designed for the robot {self.controller.robot.name}", rows=rows)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return the design's entries of results.json."""
-        spread = self.uncertainty
-        return {
-            "robot": self.controller.robot.name,
-            "sample_time": self.controller.sample_time,
-            "compensation": self.controller.compensation,
-            "gain": self.controller.gain,
-            "poles": self.gain.poles,
-            "linearization": linearization_results(frictionless_model(self.controller.robot)),
-            "loop_margins": self.loop_margins.to_dict(),
-            "gain_standard_deviation": spread.deviation if spread.parts else None,
-            "gain_variance_shares": dict(spread.largest(len(spread.parts))),
-            "compensation_margin": self.margin,
-        }
 
 
 def design_controller(

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from ballbot.arrays import Bools, Floats
 from ballbot.control.controller import Controller
 from ballbot.control.references import hold
+from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Processes, Run
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model
@@ -30,7 +31,7 @@ from ballbot.results import left_out, reported
 from ballbot.robot import Robot
 from ballbot.simulation.batch import OutcomeBounds, simulate_batch
 from ballbot.simulation.imperfections import Imperfections, Push
-from ballbot.summary import Plotted, Summary, summarized
+from ballbot.summary import Plotted, Summary
 from ballbot.twin.scenario import Scenario
 from ballbot.validation.models import recoverable_leans
 from ballbot.workflows.grid import Condition, GridRun, LoopRobot, TwinRobot, run_grid
@@ -198,8 +199,7 @@ class Plane:
     upper_area: float  #: if wheels never slip
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class RobotLimits(Plotted):
     """The limits of one closed loop; `plot()` shows the leans and lean rates that it recovers from."""
 
@@ -286,6 +286,43 @@ def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
         upper_area=float(upper.sum() * lean_step * rate_step),
     )
     return RobotLimits(directions=directions, heights=heights, lean=lean, impulse=impulse, plane=plane)
+
+
+#: a gain that recovers from smaller impulses than this share of the own gain's is not mixed with it
+LEAST_RECOVERED = 0.95
+#: directions in which they are compared
+_COMPARED = 12
+
+
+def recovered_shares(controller: Controller) -> Floats:
+    """Return the impulses that each other gain of a controller recovers from over those of its own gain.
+
+    The least over some directions (gains,), at the centre of mass's height, with unlimited grip and the true state.
+    """
+    directions = 2.0 * np.pi * np.arange(_COMPARED) / _COMPARED
+    robot = controller.robot
+
+    def largest(one: Controller) -> Floats:
+        loop = Loop(robot=robot, controller=one, grip=np.inf)
+        return reach(
+            loop.recovers,
+            lambda sizes: pushed_state(loop.model, directions, sizes, robot.body.center_of_mass),
+            shape=directions.shape,
+            end=_FASTEST * (robot.ball.mass + robot.body.mass),
+        )
+
+    own = largest(controller)
+    return np.array([(largest(other) / own).min() for other in controller.others])
+
+
+def refuse_weaker_gains(controller: Controller) -> None:
+    """Raise InputError if another gain of a controller recovers from clearly smaller impulses than its own."""
+    for number, share in enumerate(recovered_shares(controller), 2):
+        if share < LEAST_RECOVERED:
+            raise InputError(
+                f"Gain {number} recovers from {100.0 * share:.0f} % of the impulse that the controller's own gain "
+                f"recovers from; mixed in while the robot balances, it must be {100.0 * LEAST_RECOVERED:.0f} % or more."
+            )
 
 
 #: an impulse on the twin is a force of this duration [s], four samples of the nominal scenario

@@ -20,7 +20,7 @@ from ballbot.log import Log
 from ballbot.results import left_out
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import percent
-from ballbot.summary import Summary, summarized
+from ballbot.summary import Reported
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.collocation import (
@@ -45,9 +45,8 @@ _BINDS = 0.1
 _USUAL, _USUAL_TURN, _USUAL_SPEED = 1.0, 2.0, 0.5
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Plan(Reported):
     """A fast move, sampled."""
 
     robot: Robot = field(metadata=left_out)
@@ -90,20 +89,6 @@ class Plan:
             " * last row from there on. */\n"
             f"#define BALLBOT_PLAN_ROWS {len(self.states)}\n"
             f"static const float ballbot_plan[BALLBOT_PLAN_ROWS][10] = {{\n{rows}\n}};\n"
-        )
-
-    def summary(self) -> Summary:
-        """Return the time, the distance and the use of the limits."""
-        rows = tuple(
-            (name, f"{percent(share)} used")
-            for name, share in zip(FAMILIES, self.used.max(axis=0), strict=True)
-        )
-        return Summary(
-            title=f"Plan of {self.what}: {self.duration:.3f} s, bounded by the {self.bound}",
-            rows=(
-                *rows,
-                ("largest steady speed", f"{self.top_speed:.3g} m/s, bounded by the {self.top_speed_bound}"),
-            ),
         )
 
 

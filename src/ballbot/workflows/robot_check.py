@@ -20,7 +20,7 @@ from ballbot.control.presets import KINDS
 from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
-from ballbot.findings import Finding, finding_results, stop_on_errors
+from ballbot.findings import Finding, stop_on_errors
 from ballbot.identification.swing import SwingInertia, fit_swing, inertia_of_swing, swing_in_log
 from ballbot.log import Log
 from ballbot.log.checks.values import check_jitter, check_rows
@@ -28,9 +28,6 @@ from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.components import PARAMETERS
-from ballbot.robot.derived import derived_quantities
-from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
 from ballbot.workflows.reference_check import ReferenceMargins, check_reference
 
@@ -153,29 +150,6 @@ class CheckedRobot:
             if self.controller not in KINDS:
                 raise
             return str(error)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return this as results.json holds it."""
-        margins = {"refusal": self.margins} if isinstance(self.margins, str) else self.margins.to_dict()
-        return {
-            "robot": self.robot.name,
-            "parameters": {
-                parameter.name: value
-                for parameter in PARAMETERS
-                if (value := value_of(self.robot, parameter)) != ()
-            },
-            "derived": {quantity.name: quantity.value for quantity in derived_quantities(self.robot)},
-            "matrices": self.matrices,
-            "linearization": linearization_results(Model(self.robot)),
-            "poles": self.poles,
-            "unstable_pole": float(self.poles[0].real),
-            "standard_deviations": self.robot.standard_deviations,
-            "unstable_pole_uncertainty": self.spread,
-            "loop_margins": {"controller": self.controller, **margins},
-            "findings": finding_results(self.findings),
-            "swing": self.swing and self.swing.to_dict(),
-            "reference": self.following,
-        }
 
 
 def linearization_results(model: Model) -> dict[str, object]:

@@ -29,6 +29,11 @@ from ballbot.robot.parameters import parameter, parameter_class
 _IDLE = 1e-9
 
 
+def idle_torques(B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return torques (n, 1 or 0) of length 1 that move nothing, by the input matrix (10, n): four wheels have one."""
+    return np.asarray(null_space(B, rcond=_IDLE), dtype=np.float64)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ObserverRecord:
     """The sampled observer, and the torques that a motion needs, heading frame."""
@@ -143,7 +148,7 @@ class DisturbanceObserver(Part):
     def numbers(self, settings: LawSettings) -> ObserverRecord:
         """Return the sampled observer for the robot."""
         B = settings.linear.B
-        back, idle = np.asarray(np.linalg.pinv(B), dtype=np.float64), null_space(B, rcond=_IDLE)
+        back, idle = np.asarray(np.linalg.pinv(B), dtype=np.float64), idle_torques(B)
         return ObserverRecord(
             fraction=-math.expm1(-self.frequency * settings.sample_time),
             limit=self.limit,

@@ -8,7 +8,9 @@ For x and y together and for psi alike, a point p with velocity v follows a targ
 
 so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
 can still stop it, near it at the rate `_APPROACH`; b is somewhat below a. What torque a wheel needs against lasting
-disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs.
+disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
+more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
+within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
 
 A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
 ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -111,7 +113,7 @@ class ShapingState:
     started: int = field(metadata=whole())
     change: NDArray[np.float64] = field(metadata=number("m/s", 3))
     bend: NDArray[np.float64] = field(metadata=number("m/s^2", 3))
-    #: largest torque of a wheel against lasting disturbances
+    #: largest torque of a wheel against lasting disturbances, or all of it while the robot catches itself
     lost: float = field(metadata=number("N m"))
 
 
@@ -183,6 +185,12 @@ def _left(law, memory, a):
         most = max(most, abs(lost))
     own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
     return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / law.torque_limit)
+
+
+@inlined
+def slow_motion(law, memory):
+    """Leave motions the least acceleration: the robot needs its torque to catch itself."""
+    memory.shaping.lost = law.torque_limit
 
 
 @inlined

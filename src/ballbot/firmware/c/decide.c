@@ -107,6 +107,10 @@ void ballbot_decide(const struct ballbot_law *law, struct ballbot_memory *memory
     const struct ballbot_robot_state error = heading_error(ahead.a, &ahead.state, &to);
     const struct ballbot_robot_state error_with_lean = ballbot_lean_error(law, ahead.a, &to, &error);
     const struct ballbot_limited_error less = ballbot_limit_error(law, memory, &error_with_lean);
+
+    if (less.limited) {
+        ballbot_slow_motion(law, memory);
+    }
     const struct ballbot_sample now = { ahead.a, ahead.state, to, less.e };
 
     for (int32_t i = 0; i < n; ++i) {

@@ -23,7 +23,7 @@ import numpy as np
 
 from ballbot.arrays import Floats, Ints
 from ballbot.errors import InputError, check_known
-from ballbot.findings import Finding, finding, finding_results, note, warning
+from ballbot.findings import Finding, finding, note, warning
 from ballbot.fitting.experiment import BlockErrors, Residuals
 from ballbot.fitting.fit import Fit, fit, held_out_squares
 from ballbot.fitting.least_squares import fit_linear
@@ -31,7 +31,7 @@ from ballbot.fitting.model_selection import Gain, gain_between, neighbours
 from ballbot.fitting.parameter import FitParameter, ParameterSpace
 from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import block_length, resamples
-from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values, unit_for
+from ballbot.identification.axis.model import FORCES, LAWS, PARAMETERS, Axis, AxisModel, Values
 from ballbot.identification.axis.motion import (
     AxisMotion,
     inverse_model,
@@ -41,7 +41,7 @@ from ballbot.identification.axis.motion import (
 )
 from ballbot.identification.axis.record import AxisRecord
 from ballbot.progress import Progress
-from ballbot.summary import Plotted, Summary, estimated, first_texts, summarized
+from ballbot.summary import Reported
 
 #: length of a window [s]; shorter if the records would have fewer than `_LEAST_WINDOWS`
 WINDOW = 1.0
@@ -196,7 +196,7 @@ class AxisEstimate:
             "intervals_95": {name: [v - halves[name], v + halves[name]] for name, v in self.values.items()},
             "errors": self.errors,
             "simpler": LAWS[self.model.law][1],
-            "gain": self.gain.to_dict() if self.gain else None,
+            "gain": self.gain and self.gain.with_interval(),
         }
 
 
@@ -266,9 +266,8 @@ class AxisOptions:
 DEFAULT_OPTIONS = AxisOptions()
 
 
-@summarized
-@dataclass(frozen=True, kw_only=True, eq=False)
-class AxisIdentification(Plotted):
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class AxisIdentification(Reported):
     """Result of `identify_axis`; `plot()` shows each law's gain on held-out blocks over the simpler one."""
 
     records: tuple[str, ...]  #: names of the fitted records
@@ -284,37 +283,6 @@ class AxisIdentification(Plotted):
     def best(self) -> AxisEstimate:
         """The estimate by the law that was selected or requested."""
         return self.by_law[self.law]
-
-    def summary(self) -> Summary:
-        """Return the parameters with standard errors, the expected error on other records, and findings."""
-        best, unit = self.best, f"m{self.unit}"
-        rows = [
-            (name, estimated(value, best.standard_errors[name], unit_for(PARAMETERS[name], self.unit)))
-            for name, value in best.values.items()
-        ]
-        error, low, high = (f"{1e3 * value:.3g} {unit}" for value in self.expected)
-        expected = f"{error} RMS over {self.window:.3g} s, 95 % interval {low} to {high}"
-        return Summary(
-            title=f"Axis of {', '.join(self.records)}, law {self.law}: value ± standard error",
-            rows=(*rows, ("error elsewhere", expected)),
-            sentences=first_texts(self.findings),
-        )
-
-    def to_dict(self) -> dict[str, object]:
-        """Return what results.json holds."""
-        return {
-            "records": list(self.records),
-            "unit": self.unit,
-            "law": self.law,
-            "terms": {name: gain.to_dict() for name, gain in self.forces.items()},
-            "force_between_rows": "interpolated" if self.best.model.interpolated else "held",
-            "window": self.window,
-            "parameters": self.best.values,
-            "standard_errors": self.best.standard_errors,
-            "laws": {name: estimate.to_dict() for name, estimate in self.by_law.items()},
-            "expected_elsewhere": {"position_rmse": self.expected[0], "interval_95": list(self.expected[1:])},
-            "findings": finding_results(self.findings),
-        }
 
 
 def identify_axis(

@@ -11,7 +11,9 @@
  *
  * so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
  * can still stop it, near it at the rate _APPROACH; b is somewhat below a. What torque a wheel needs against lasting
- * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs.
+ * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
+ * more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
+ * within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
  *
  * A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
  * ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
@@ -301,4 +303,10 @@ struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ball
     keep(state, &place_after, &turn_after);
     return (struct ballbot_followed){ lagged(&place, state, 0, h * state->velocity[0], pose.x), lagged(&place, state,
         1, h * state->velocity[1], pose.y), lagged(&heading, state, 2, h * state->velocity[2], pose.psi) };
+}
+
+/* Leave motions the least acceleration: the robot needs its torque to catch itself. */
+void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *memory)
+{
+    memory->shaping.lost = law->torque_limit;
 }

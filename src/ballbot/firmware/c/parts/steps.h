@@ -45,6 +45,9 @@ void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose 
 struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
 
+/* Leave motions the least acceleration: the robot needs its torque to catch itself. */
+void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *memory);
+
 /* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10]);
 
