@@ -39,8 +39,9 @@ def test_generated_sources_are_those_of_the_records_the_model_and_the_law():
 
 def offsets(schema: Schema, dtype: np.dtype, above: str = "", first: int = 0) -> Iterator[tuple[str, int]]:
     """Return each member's path and its place in bytes."""
-    for name, one in schema.fields.items():
-        inner, place = (dtype.fields or {})[name][:2]
+    for (name, one), (inner, place, *_) in zip(
+        schema.fields.items(), (dtype.fields or {}).values(), strict=True
+    ):
         yield f"{above}{name}", first + place
         if isinstance(one, Schema):
             yield from offsets(one, inner, f"{above}{name}.", first + place)
