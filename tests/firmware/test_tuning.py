@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from ballbot.control.controller import Controller
-from ballbot.control.gain_set import tunable
-from ballbot.control.law import MEMORY
 from ballbot.control.records import schema_of
 from ballbot.control.safety import SafetyLimits
 from ballbot.control.tuning import Setting, TuningState, check_setting
@@ -17,9 +15,7 @@ from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.records import READING, parameter_record
 from ballbot.link.messages import SCHEMAS, AnswerResult, Arm, StepBack, Tune
-from tests.control.test_gain_set import mixed_numbers
-from tests.firmware.test_law import double_library
-from tests.support.control_examples import FRICTION, alten, everything
+from tests.firmware.test_law import mixing, random_setting
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -27,42 +23,6 @@ TUNING = schema_of(TuningState)
 SETTING = SCHEMAS[Tune.TYPE].dtype("single")
 SAMPLE = np.dtype([("type", np.int32), ("setting", SETTING), ("reading", READING.dtype("single"))])
 OUTCOME = np.dtype([("result", np.int32), ("torques", np.float32, 4), ("tuning", TUNING.dtype("single"))])
-
-
-def mixing() -> Controller:
-    """Return a controller with every part and three gains: whole, and two that are weaker."""
-    whole = everything(alten(FRICTION))
-    others = []
-    for factor in (0.9, 0.7):
-        other = whole.with_parts(whole.parts)
-        for numbers in mixed_numbers(other):
-            numbers *= factor
-        others.append(other)
-    return tunable(whole, others)
-
-
-def random_setting(random: np.random.Generator) -> Setting:
-    weights = tuple(random.dirichlet(np.ones(3)).tolist())
-    return Setting(weights=weights, compensation=random.uniform())
-
-
-def test_law_in_double_precision_moves_as_that_of_python():
-    controller, compiled = mixing(), double_library("")
-    random = np.random.default_rng(2)
-    memory, torques, state = np.zeros(1, MEMORY.dtype()), np.zeros((1, 3)), np.zeros(10)
-    for k in range(900):
-        if k % 60 == 10:
-            controller.tune(None if k % 7 == 0 else random_setting(random))
-            memory["tuning"]["wanted"] = controller.memory["tuning"]["wanted"]
-        state[5:] = 0.9 * state[5:] + 0.1 * random.standard_normal(5)
-        state[:5] = 0.99 * state[:5] + controller.sample_time * state[5:]
-        compiled.control_law(controller.record, memory, state[None], np.zeros((1, 10)), torques)
-        exact = controller.update(0.0, state, np.zeros(10))
-        np.testing.assert_allclose(torques[0], exact, rtol=0, atol=1e-9 * controller.torque_limit)
-    for name in ("now", "gain", "integral", "asked", "turn_rate"):
-        exact = controller.memory["tuning"][name]
-        np.testing.assert_allclose(memory["tuning"][name], exact, rtol=0, atol=1e-12)
-    assert memory["tuning"]["gain"].any()
 
 
 def drawn_numbers(random: np.random.Generator) -> list[float]:

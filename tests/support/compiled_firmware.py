@@ -34,9 +34,9 @@ class Library:
         self,
         law: NDArray[np.void],
         memory: NDArray[np.void],
-        measured: NDArray[np.float32],
-        reference: NDArray[np.float32],
-        torques: NDArray[np.float32],
+        measured: NDArray[np.floating],
+        reference: NDArray[np.floating],
+        torques: NDArray[np.floating],
     ) -> NDArray[np.int32]:
         """Call the control law once for each row, as `ballbot.control.law.control_law`.
 
@@ -49,7 +49,7 @@ class Library:
         results = np.full(len(memory), ALLOWED, dtype=np.int32)
         for k in range(len(memory)):
             m, x, r, u = (ctypes.c_void_p(one[k : k + 1].ctypes.data) for one in arrays)
-            results[k] = call(numbers, m, torques.shape[1], x, r, u)
+            results[k] = call(numbers, m, x, r, u, torques.shape[1])
         return results
 
 

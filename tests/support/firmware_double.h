@@ -15,6 +15,16 @@ static inline float ballbot_magnitude(float x)
     return fabs(x);
 }
 
+static inline float ballbot_smaller(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static inline float ballbot_larger(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
 static inline float ballbot_square_root(float x)
 {
     return sqrt((x < 0.0) ? 0.0 : x);

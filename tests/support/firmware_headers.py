@@ -2,6 +2,7 @@
 
     c/ballbot_types.h            a struct for each schema: same names, order, units and array lengths
     c/estimation/kalman_model.h  see `tests.support.kalman_header`
+    c/decide.c, c/parts/*        the control law and its parts, see `tests.support.firmware_law`
     c/ballbot_policy_weights.h   the header of a controller without a policy
 
 A member is 4 bytes wide, `float` or `int32_t`. A struct therefore has no padding, and the bytes of a NumPy record of
@@ -35,18 +36,14 @@ from ballbot.firmware.header import (
     weights_header,
 )
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, PARAMETERS, digest_words
+from tests.support.firmware_law import law_files
 from tests.support.kalman_header import KALMAN_HEADER, kalman_header
+from tests.support.python_to_c import lengths
 
 #: stands for a value that a sensor did not give: beyond any sensor's, without the NaN that fast math breaks
 MISSING = 1e30
 #: of a member
 _BYTES = 4
-#: lengths that have a name in C
-_NAMED_LENGTHS = {
-    MAX_WHEELS: "BALLBOT_MAX_WHEELS",
-    MAX_PAST: "BALLBOT_MAX_PAST",
-    SPEEDS: "BALLBOT_TABLE_SPEEDS",
-}
 
 
 def types_header() -> str:
@@ -77,6 +74,9 @@ def types_header() -> str:
 #define BALLBOT_MAX_PAST {MAX_PAST}
 /* Gains that can be mixed. */
 #define BALLBOT_MAX_GAINS {MAX_GAINS}
+/* Numbers of a setting, and the place of the one after the weights of the other gains. */
+#define BALLBOT_TUNING_NUMBERS BALLBOT_MAX_GAINS
+#define BALLBOT_TUNING_COMPENSATION (BALLBOT_MAX_GAINS - 1)
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS {SPEEDS}
 /* SHA-256 of names, order, types, lengths and units of everything below. */
@@ -141,19 +141,9 @@ def struct_text(schema: Schema) -> str:
 def _member(name: str, field: Number | Schema) -> str:
     if isinstance(field, Schema):
         return f"    struct {struct_name(field)} {name};\n"
-    lengths = "".join(f"[{length}]" for length in _lengths(field.shape))
+    sizes = "".join(f"[{length}]" for length in lengths(field.shape))
     unit = "" if field.whole else f" /* [{field.unit}] */"
-    return f"    {'int32_t' if field.whole else 'float'} {name}{lengths};{unit}\n"
-
-
-def _lengths(shape: tuple[int, ...]) -> list[str]:
-    """Return an array's lengths, the first ones by name: updates, then wheels."""
-    lengths = [str(size) for size in shape]
-    for axis, size in enumerate(shape):
-        if size not in _NAMED_LENGTHS:
-            break
-        lengths[axis] = _NAMED_LENGTHS[size]
-    return lengths
+    return f"    {'int32_t' if field.whole else 'float'} {name}{sizes};{unit}\n"
 
 
 def member(schema: Schema, field: str) -> Number:
@@ -181,3 +171,5 @@ if __name__ == "__main__":
     write_text(SOURCES / TYPES_HEADER, types_header())
     write_text(SOURCES / WEIGHTS_HEADER, weights_header(None))
     write_text(SOURCES / KALMAN_HEADER, kalman_header())
+    for file, text in law_files().items():
+        write_text(SOURCES / file, text)

@@ -50,7 +50,7 @@ def law_runs(
             board.write(memory, update.memory[lane : lane + 1])
             board.write(state, update.state[lane])
             board.write(reference, update.reference[lane])
-            run = board.call("ballbot_control_law", law, memory, wheels, state, reference, answer)
+            run = board.call("ballbot_control_law", law, memory, state, reference, answer, wheels)
             yield run, board.read(answer, expected).tobytes() == expected.tobytes()
 
 

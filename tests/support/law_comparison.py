@@ -100,9 +100,6 @@ def _new_states(random: np.random.Generator, lanes: int) -> NDArray[np.float64]:
 def python_torques(controller: Controller, update: Update) -> NDArray[np.float64]:
     """Return the torques (lanes, n) of an update by the law of Python."""
     memory = update.memory.astype(MEMORY.dtype())
-    for sums in ("lags", "followed"):  # with what single precision has taken from them
-        memory["shaping"][sums] += memory["shaping"][f"{sums}_rest"]
-        memory["shaping"][f"{sums}_rest"] = 0.0
     rows = memory.view(np.float64).reshape(-1, MEMORY_SIZE)
     states, references = update.state.astype(np.float64), update.reference.astype(np.float64)
     torques = np.zeros((len(rows), len(controller.gain)))

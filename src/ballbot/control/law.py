@@ -3,12 +3,12 @@
     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
-psi = 0 and the wheels turn with the body. `_decide` calls the steps of the parts in order; the steps of a missing part
+psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts in order; the steps of a missing part
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
-updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). In C
-a part is one file with these two structs and a function for each of its steps; `law.c` has the calls in order.
+updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
+firmware's C is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
 from dataclasses import dataclass, field
@@ -27,24 +27,25 @@ from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
 from ballbot.control.parts.part import (
+    Followed,
     LawSettings,
-    Measured,
+    Pose,
+    RobotState,
     Sample,
     SmoothReference,
     TorqueHistory,
     clipped,
     heading_frame,
-    row_times,
+    turned_state,
 )
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
 from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
-from ballbot.estimation.heading import TURN, compiled_turns_after
+from ballbot.estimation.heading import unwrapped
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
-from ballbot.mechanics.equations import attitude
 
 #: what `control_law` returns if the reference is allowed
 ALLOWED = -1
@@ -125,56 +126,62 @@ def _forbidden(reference):
 
 
 @inlined
-def _turned_by(memory, angle):
-    """Return the whole turns [rad] to add to the next value of a heading; see `ballbot.estimation.heading`."""
-    last = memory.last if memory.started == 1 else angle
-    memory.turns = compiled_turns_after(angle, last, memory.turns)
-    memory.last, memory.started = angle, 1
-    return TURN * memory.turns
+def _at_rest(value):
+    """Return the reference of an axis without shaping."""
+    return SmoothReference(value, 0.0, 0.0, 0.0, 0.0)
 
 
 @inlined
-def _unshaped(reference, moved):
-    """Return the reference of x, y and psi, each a `SmoothReference` at rest, with an angle added to psi."""
-    return (
-        SmoothReference(reference[0], 0.0, 0.0, 0.0, 0.0),
-        SmoothReference(reference[1], 0.0, 0.0, 0.0, 0.0),
-        SmoothReference(reference[4] + moved, 0.0, 0.0, 0.0, 0.0),
-    )
-
-
-@inlined
-def _followed(law, memory, now, reference, asked):
+def _followed(law, memory, pose, ahead, reference, wanted):
     """Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for."""
+    asked = Pose(wanted.x - pose.x, wanted.y - pose.y, wanted.psi - pose.psi)
     if follows_plan(law, memory, reference):
-        restart_shaping(memory, asked)
-        return planned(law, memory, now.a, reference, asked[2].value)
-    return shape(law, memory, asked, now)
+        restart_shaping(memory, wanted)
+        return planned(law, memory, ahead.a, reference, asked)
+    if law.shaping.on == 0:
+        return Followed(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
+    return shape(law, memory, pose, ahead, wanted)
 
 
 @inlined
-def _heading_error(a, state, moved, wanted):
-    """Return S(psi) (r_s - x), with an angle added to the state's heading."""
-    x, y, psi = wanted
-    pose = (x.value - state[0], y.value - state[1], -state[2], -state[3], psi.value - (state[4] + moved))
-    rates = (x.rate - state[5], y.rate - state[6], -state[7], -state[8], psi.rate - state[9])
-    return heading_frame(a, (*pose, *rates))
+def _heading_error(a, state, to):
+    """Return S(psi) (r_s - x)."""
+    error = RobotState(
+        to.x.value - state.x,
+        to.y.value - state.y,
+        -state.theta,
+        -state.phi,
+        to.psi.value - state.psi,
+        to.x.rate - state.x_dot,
+        to.y.rate - state.y_dot,
+        -state.theta_dot,
+        -state.phi_dot,
+        to.psi.rate - state.psi_dot,
+    )
+    return turned_state(a, error)
 
 
 @inlined
-def _filter_and_limit(law, memory, torques, learned):
+def _feedback(gain, e):
+    """Return the torque K e of a wheel."""
+    for_pose = gain[0] * e.x + gain[1] * e.y + gain[2] * e.theta + gain[3] * e.phi + gain[4] * e.psi
+    for_speed = gain[5] * e.x_dot + gain[6] * e.y_dot
+    return for_pose + for_speed + gain[7] * e.theta_dot + gain[8] * e.phi_dot + gain[9] * e.psi_dot
+
+
+@inlined
+def _filter_and_limit(law, memory, torques, n, learned):
     """Filter, limit and remember the torques, `learned` ones among them; return whether one exceeded the limit."""
-    history, limit = memory.history, law.torque_limit
-    limited = False
-    for i in range(len(torques)):
+    history, limit, limited = memory.history, law.torque_limit, False
+    for i in range(n):
         history.disturbance_compensation[0, i] = 0.0  # the observer adds to it
-        torques[i] = notched(law, memory, add_estimate(law, memory, torques[i], i), i)
+        torques[i] = notched(law, memory, add_estimate(memory, torques[i], i), i)
         if learned:
             torques[i] = with_policy(law, memory, torques[i], i)
         limited = limited or abs(torques[i]) > limit
         torques[i] = clipped(torques[i], limit)
         history.acting[0, i] = torques[i]
-    for i in range(len(torques)):
+    for i in range(n):
         history.limited[0, i] = 1.0 if limited else 0.0
     return limited
 
@@ -189,31 +196,45 @@ def _is_state(measured):
 
 
 @inlined
-def _decide(law, memory, weights, measured, reference, torques):
-    """Fill `torques` (n,) for a state and a reference that are valid; see `control_law`. A policy has weights."""
-    n = len(torques)
+def decide(law, memory, weights, measured, reference, torques, n):
+    """Fill the torques of n wheels for a state and a reference that are valid. A policy has weights."""
     tune(law, memory)
-    seen = Measured(attitude((measured[2], measured[3], measured[4])), measured)
-    observe(law, memory, seen, n)
-    a, state = predict(law, memory, seen, n)
-    # zero at the start of a run, when a part takes the measured pose as its start
-    moved = _turned_by(memory.measured_heading, measured[4])
-    asked = _unshaped(reference, _turned_by(memory.reference_heading, reference[4]))
-    act(law, memory, weights, seen, asked, moved)
-    wanted = _followed(law, memory, Measured(a, state), reference, asked)
-    error = lean_error(law, _heading_error(a, state, moved, wanted), a, wanted)
-    e, error_limited = limit_error(law, memory, error)
-    if error_limited:
+    a, psi = heading_frame(measured[4]), unwrapped(memory.measured_heading, measured[4])
+    pose = Pose(measured[0], measured[1], psi)
+    wanted = Pose(reference[0], reference[1], unwrapped(memory.reference_heading, reference[4]))
+    # relative to the pose
+    seen = RobotState(
+        0.0,
+        0.0,
+        measured[2],
+        measured[3],
+        0.0,
+        measured[5],
+        measured[6],
+        measured[7],
+        measured[8],
+        measured[9],
+    )
+    observe(law, memory, a, seen, n)
+    act(law, memory, weights, a, seen, pose, wanted)
+    ahead = predict(law, memory, a, seen, n)
+    to = _followed(law, memory, pose, ahead, reference, wanted)
+    error = _heading_error(ahead.a, ahead.state, to)
+    error_with_lean = lean_error(law, ahead.a, to, error)
+    less = limit_error(law, memory, error_with_lean)
+    if less.limited:
         slow_motion(law, memory)
-    now = Sample(a, state, wanted, e)
+    now = Sample(ahead.a, ahead.state, to, less.e)
     for i in range(n):
-        feedback = row_times(law.gain[i], e) + row_times(memory.tuning.gain[i], e)
-        torque = add_feed_forward(law, feedback, now, i)
-        torques[i] = add_integral(law, memory, torque, now, i)
+        torques[i] = _feedback(law.gain[i], now.e)
+        if law.tuning.others > 0:
+            torques[i] += _feedback(memory.tuning.gain[i], now.e)
+    add_feed_forward(law, now, torques, n)
+    add_integral(law, memory, now, torques, n)
     if law.compensation.full + law.compensation.partial > 0.0:
-        compensate(law, memory, now, torques)
-    torque_limited = _filter_and_limit(law, memory, torques, within_policy(law, seen))
-    learn_integral(law, memory, now, torque_limited or error_limited)
+        compensate(law, memory, now, torques, n)
+    limited = _filter_and_limit(law, memory, torques, n, within_policy(law, seen))
+    learn_integral(law, memory, now, limited or less.limited)
 
 
 @cache
@@ -229,7 +250,7 @@ def law_code() -> int:
             inputs = (ERRORS + HISTORY * own.wheels + 1) * own.hidden
             size = inputs + (own.hidden + 1) * (own.hidden + own.wheels)
             weights = carray(laws, LAW_SIZE + size, np.float64)[LAW_SIZE:]
-            _decide(law, memory, weights, state, carray(reference, 10), held)
+            decide(law, memory, weights, state, carray(reference, 10), held, n)
         else:
             for i in range(n):
                 held[i] = 0.0

@@ -76,6 +76,8 @@ def tune(law, memory):
             state.now[k] = state.wanted[k]
         else:
             state.now[k] += own.step / largest * (state.wanted[k] - state.now[k])
+    if own.others == 0:
+        return
     first, second = state.now[0], state.now[1]
     for i in range(MAX_WHEELS):
         for j in range(10):
@@ -90,8 +92,8 @@ def tune(law, memory):
 
 @inlined
 def compensated_share(memory):
-    """Return the share of the compensation in use."""
-    return 1.0 - memory.tuning.now[_COMPENSATION]
+    """Return the share of the compensation in use: whatever a memory holds, none and no more than the law's own."""
+    return max(0.0, min(1.0, 1.0 - memory.tuning.now[_COMPENSATION]))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,8 +2,7 @@
 
 A jump of more than `JUMP` between two successive values within one turn (-pi to pi, or 0 to 2 pi) is a wrap: the
 heading continues by the shorter way. A smaller jump is a motion, so that a commanded step of pi keeps its sign. Values
-beyond one turn count turns by themselves and stay as they are. `ballbot_unwrapped` in the firmware's attitude.c is the
-same rule.
+beyond one turn count turns by themselves and stay as they are.
 """
 
 import math
@@ -33,6 +32,18 @@ def turns_after(angle: float, last: float, turns: int) -> int:
 
 #: the same for compiled code
 compiled_turns_after = inlined(turns_after)
+#: a turn in single precision, and what it lacks [rad]
+_SINGLE_TURN, _LACKING = 6.2831854820251465, -1.7484556025237907e-07
+
+
+@inlined
+def unwrapped(memory, angle):
+    """Return the next value of a heading [rad] without a jump of a turn; the memory is zero before the first one."""
+    last = memory.last if memory.started == 1 else angle
+    memory.turns = compiled_turns_after(angle, last, memory.turns)
+    memory.last = angle
+    memory.started = 1
+    return (angle + _SINGLE_TURN * memory.turns) + _LACKING * memory.turns
 
 
 @dataclass

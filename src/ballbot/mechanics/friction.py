@@ -125,13 +125,23 @@ def dry_friction(wheel, speed):
     """Return the size of the friction, the mean of both directions: c + s exp(-|w/v_s|^delta)."""
     if isinstance(wheel, OwnWheel):
         return wheel.dry(speed)
-    return wheel.c + wheel.s * power_of_two(-power_of_two(decay_exponent(wheel, speed)))
+    return wheel.c + wheel.s * decay(abs(speed) * wheel.inv_vs, wheel.delta)
 
 
 def decay_exponent(wheel, speed):
     """Return e with exp(-|w/v_s|^delta) = 2^-2^e, kept where both powers can be raised."""
-    exponent = wheel.delta * binary_logarithm(abs(speed) * wheel.inv_vs) + _LOG2_OF_LOG2_E
+    return _decay_exponent(abs(speed) * wheel.inv_vs, wheel.delta)
+
+
+def _decay_exponent(ratio, delta):
+    exponent = delta * binary_logarithm(ratio) + _LOG2_OF_LOG2_E
     return least(greatest(exponent, -1000.0), _LARGEST_EXPONENT)
+
+
+@traced
+def decay(ratio, delta):
+    """Return E for |w/v_s|."""
+    return power_of_two(-power_of_two(_decay_exponent(ratio, delta)))
 
 
 def with_decay(wheel, power, direction):
@@ -154,7 +164,7 @@ def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
     if isinstance(wheel, OwnWheel):
         return wheel.coulomb_asymmetry
-    E = power_of_two(-power_of_two(decay_exponent(wheel, speed)))
+    E = decay(abs(speed) * wheel.inv_vs, wheel.delta)
     return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
 
 

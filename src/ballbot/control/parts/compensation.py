@@ -18,21 +18,20 @@ feedback alone overcomes its breakaway torque.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.friction_table import SPEEDS, friction_table
-from ballbot.control.parts.part import LawSettings, row_times, turned
+from ballbot.control.parts.part import LawSettings, Pair, clipped, turned
 from ballbot.control.records import MAX_WHEELS, number
 from ballbot.control.tuning import compensated_share
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.engine.vector import dot, rotate_back, subtract
-from ballbot.mechanics.equations import ball_rate, body_rates
+from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
-from ballbot.mechanics.friction import WheelTerms, dry_friction, friction_shift, friction_terms
+from ballbot.mechanics.friction import decay, friction_terms
 from ballbot.mechanics.geometry import transforms
-from ballbot.mechanics.parameters import Wheel
 from ballbot.robot import Robot
 
 
@@ -112,57 +111,77 @@ def rolling_torques(robot: Robot) -> NDArray[np.float64]:
     return np.linalg.pinv(transforms(robot).T_owb.T) @ T
 
 
+class _Relative(NamedTuple):
+    """The ball's angular velocity relative to the body, body frame."""
+
+    x: float  # [rad/s]
+    y: float
+    z: float
+
+
 @inlined
-def compensate(law, memory, now, torques):
+def compensate(law, memory, now, torques, n):
     """Add the friction's compensation to the feedback's torques."""
-    own, a, state, added = law.compensation, now.a, now.state, memory.history.friction_compensation
-    rates = (state[5], state[6], state[7], state[8], state[9])
-    relative, force = _relative_rate(own, a, rates), _rolling_force(own, a, rates)
+    own, added = law.compensation, memory.history.friction_compensation
+    relative, force = _relative_rate(own, now), _rolling_force(own, now)
     agreement = 0.0  # u . rolling
-    for i in range(len(torques)):
-        agreement += torques[i] * row_times(own.for_rolling[i], force)
+    for i in range(n):
+        agreement += torques[i] * _rolling_torque(own, i, force)
     rolls, share = own.full + (own.partial if agreement > 0.0 else 0.0), compensated_share(memory)
-    for i in range(len(torques)):
-        friction, fraction = _wheel_friction(own, i, relative, torques[i])
-        more = share * (fraction * friction + rolls * row_times(own.for_rolling[i], force))
+    for i in range(n):
+        friction = _wheel_friction(own, i, relative, torques[i])
+        works_against = torques[i] * friction > 0.0
+        fraction = own.full + (own.partial if works_against else 0.0)
+        more = share * (fraction * friction + rolls * _rolling_torque(own, i, force))
         torques[i] += more
         added[0, i] = more
 
 
 @inlined
-def _relative_rate(own, a, rates):
-    """Return the ball's angular velocity relative to the body, body frame, for rates (x_dot .. psi_dot)."""
-    w = body_rates(a, (rates[2], rates[3], rates[4]))
-    return subtract(rotate_back(a.R, ball_rate(own.inv_rb, (rates[0], rates[1]))), w)
+def _relative_rate(own, now):
+    """Return R^T Omega - w, with the ball's Omega = (-v_y, v_x, 0)/r_b and the body's w."""
+    state = now.state
+    sin_theta, cos_theta = sine_cosine(state.theta)
+    sin_phi, cos_phi = sine_cosine(state.phi)
+    # after the turns by -theta and -phi, before that by -psi
+    Omega_x, Omega_y = -state.y_dot * own.inv_rb, state.x_dot * own.inv_rb
+    x = cos_phi * (Omega_x - state.theta_dot) + sin_phi * sin_theta * Omega_y
+    y = cos_theta * Omega_y - state.phi_dot
+    z = sin_phi * (Omega_x - state.theta_dot) - cos_phi * sin_theta * Omega_y - state.psi_dot
+    horizontal = turned(now.a, x, y)
+    return _Relative(horizontal.x, horizontal.y, z)
 
 
 @inlined
-def _rolling_force(own, a, rates):
+def _rolling_force(own, now):
     """Return N C_rr v/|v| in the heading frame, v/|v| a ramp around zero."""
-    v_x, v_y = rates[0], rates[1]
+    v_x, v_y = now.state.x_dot, now.state.y_dot
     speed = (v_x * v_x + v_y * v_y) ** 0.5
     size = rolling_brake(own.rolling * min(1.0, speed * own.rolling_steepness), speed)
-    along, across = turned(a, v_x, v_y)
-    return size * along, size * across
+    v = turned(now.a, v_x, v_y)
+    return Pair(size * v.x, size * v.y)
 
 
 @inlined
-def _wheel_friction(own, i, relative, torque) -> tuple[float, float]:
-    """Return a wheel's friction, and the fraction compensated where the feedback's torque is `torque`."""
-    axle = (own.axles[i, 0], own.axles[i, 1], own.axles[i, 2])
-    speed = dot(axle, relative)
-    terms = WheelTerms(own.coulomb_asymmetry[i], own.stribeck_asymmetry[i], own.load[i])
-    wheel = Wheel(axle, own.viscous[i], own.coulomb[i], own.stribeck[i], terms, own.inv_vs, own.delta)
-    ramp = _ramp(speed * own.steepness)
-    friction = wheel.b * speed + dry_friction(wheel, speed) * ramp
+def _rolling_torque(own, i, force):
+    """Return a wheel's part in carrying the rolling friction."""
+    return own.for_rolling[i, 0] * force.x + own.for_rolling[i, 1] * force.y
+
+
+@inlined
+def _wheel_friction(own, i, relative, torque):
+    """Return a wheel's friction where the feedback's torque is `torque`."""
+    axle = own.axles[i]
+    speed = axle[0] * relative.x + axle[1] * relative.y + axle[2] * relative.z
+    ramp, E = clipped(speed * own.steepness, 1.0), decay(abs(speed) * own.inv_vs, own.delta)
+    friction = own.viscous[i] * speed + (own.coulomb[i] + own.stribeck[i] * E) * ramp
     if own.tabulated > 0.0:
         friction += _tabulated(own, i, abs(speed)) * ramp
     if own.directed > 0.0:
         # the difference to the mean of both directions: added forward, subtracted backward
-        friction += friction_shift(wheel, speed) * abs(ramp)
+        friction += (own.coulomb_asymmetry[i] + own.stribeck_asymmetry[i] * E) * abs(ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
-    works_against = torque * friction > 0.0
-    return friction, own.full + (own.partial if works_against else 0.0)
+    return friction
 
 
 @inlined
@@ -176,9 +195,3 @@ def _tabulated(own, i, speed):
     first, second = own.table_speeds[index], own.table_speeds[index + 1]
     share = min((speed - first) / (second - first), 1.0)
     return own.table_sizes[i, index] + share * (own.table_sizes[i, index + 1] - own.table_sizes[i, index])
-
-
-@inlined
-def _ramp(value):
-    """Return a sign that is linear between -1 and 1."""
-    return 1.0 if value > 1.0 else (-1.0 if value < -1.0 else value)

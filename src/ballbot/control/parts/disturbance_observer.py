@@ -13,12 +13,13 @@ Beside a compensation it adds the remainder.
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-from ballbot.control.parts.part import LawSettings, Part, clipped, row_times, turned
+from ballbot.control.parts.part import LawSettings, Part, clipped, turned
 from ballbot.control.parts.prediction import over_last_sample
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
@@ -58,47 +59,68 @@ class ObserverState:
     estimate: NDArray[np.float64] = field(metadata=number("N m", MAX_WHEELS))
 
 
+class _Changes(NamedTuple):
+    """The rates' change, heading frame."""
+
+    x: float  # [m/s^2]
+    y: float
+    theta: float  # [rad/s^2]
+    phi: float
+    psi: float
+
+
 @inlined
-def observe(law, memory, seen, n):
+def observe(law, memory, a, seen, n):
     """Estimate the torque lost in the sample that has passed, and step the torque added."""
-    a, measured = seen
-    own, state, past = law.disturbance_observer, memory.disturbance_observer, memory.history
+    own, state = law.disturbance_observer, memory.disturbance_observer
     if own.on == 0:
         return
     if state.started > 0:
-        changes, lean = (
-            _accelerations(a, state.rates, measured, law.rate),
-            turned(a, measured[2], measured[3]),
-        )
-        for i in range(n):
-            if over_last_sample(law.prediction, past.limited, i) > 0.0:
-                continue  # a sample at the limit does not determine the lost torque
-            needed = row_times(own.by_acceleration[i], changes) + row_times(own.by_lean[i], lean)
-            lost = over_last_sample(law.prediction, past.acting, i) - needed
-            compensated = over_last_sample(law.prediction, past.friction_compensation, i)
-            error = lost - compensated - state.estimate[i]
-            state.estimate[i] += own.fraction * error
-        idle = 0.0
-        for i in range(n):
-            idle += own.idle[i] * state.estimate[i]
-        for i in range(n):
-            state.estimate[i] = clipped(state.estimate[i] - idle * own.idle[i], own.limit)
-    for i in range(5):
-        state.rates[i] = measured[5 + i]
+        _step_estimates(law, memory, a, seen, n)
+    state.rates[0], state.rates[1], state.rates[2] = seen.x_dot, seen.y_dot, seen.theta_dot
+    state.rates[3], state.rates[4] = seen.phi_dot, seen.psi_dot
     state.started = 1
 
 
 @inlined
-def _accelerations(a, rates, measured, rate):
-    """Return the rates' change since the last sample (5,), heading frame; `rate` is samples a second."""
-    x, y = turned(a, rate * (measured[5] - rates[0]), rate * (measured[6] - rates[1]))
-    theta, phi = turned(a, rate * (measured[7] - rates[2]), rate * (measured[8] - rates[3]))
-    return x, y, theta, phi, rate * (measured[9] - rates[4])
+def _step_estimates(law, memory, a, seen, n):
+    """Step the estimate of each wheel."""
+    own, past, found = law.disturbance_observer, memory.history, memory.disturbance_observer.estimate
+    changes = _rate_changes(a, memory.disturbance_observer.rates, seen, law.rate)
+    lean = turned(a, seen.theta, seen.phi)
+    for i in range(n):
+        if over_last_sample(law.prediction, past.limited, i) > 0.0:
+            continue  # a sample at the limit does not determine the lost torque
+        lost = over_last_sample(law.prediction, past.acting, i) - _needed(own, i, changes, lean)
+        compensated = over_last_sample(law.prediction, past.friction_compensation, i)
+        found[i] += own.fraction * (lost - compensated - found[i])
+    idle = 0.0
+    for i in range(n):
+        idle += own.idle[i] * found[i]
+    for i in range(n):
+        found[i] = clipped(found[i] - idle * own.idle[i], own.limit)
 
 
 @inlined
-def add_estimate(law, memory, torque, i):
-    """Add the lost torque of a wheel and record it in the history; zero without an observer."""
+def _rate_changes(a, rates, seen, rate):
+    """Return the rates' change since the last sample; `rate` is samples a second."""
+    speed = turned(a, rate * (seen.x_dot - rates[0]), rate * (seen.y_dot - rates[1]))
+    lean = turned(a, rate * (seen.theta_dot - rates[2]), rate * (seen.phi_dot - rates[3]))
+    return _Changes(speed.x, speed.y, lean.x, lean.y, rate * (seen.psi_dot - rates[4]))
+
+
+@inlined
+def _needed(own, i, changes, lean):
+    """Return a wheel's torque for those changes at that lean."""
+    row, by_lean = own.by_acceleration[i], own.by_lean[i]
+    for_speed = row[0] * changes.x + row[1] * changes.y
+    for_lean = row[2] * changes.theta + row[3] * changes.phi + row[4] * changes.psi
+    return for_speed + for_lean + by_lean[0] * lean.x + by_lean[1] * lean.y
+
+
+@inlined
+def add_estimate(memory, torque, i):
+    """Return a wheel's torque with the lost one, which is recorded in the history; zero without an observer."""
     estimate = memory.disturbance_observer.estimate[i]
     memory.history.disturbance_compensation[0, i] += estimate
     return torque + estimate

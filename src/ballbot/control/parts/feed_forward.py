@@ -29,11 +29,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import (
+    Followed,
     LawSettings,
     Part,
+    RobotState,
     SmoothReference,
-    both_rows_times,
-    row_times,
+    pair_times,
     turned,
     turned_back,
 )
@@ -80,8 +81,8 @@ class FeedForwardState:
 def follows_plan(law, memory, reference):
     """Return whether a reference has leans or rates, for no longer than `_LAPSE`, and remember it."""
     own, state = law.feed_forward, memory.feed_forward
-    moves = False
-    for i in (2, 3, 5, 6, 7, 8, 9):
+    moves = reference[2] != 0.0 or reference[3] != 0.0
+    for i in range(5, 10):
         moves = moves or reference[i] != 0.0
     if own.on == 0 or not moves:
         state.started = 0
@@ -104,22 +105,28 @@ def follows_plan(law, memory, reference):
 
 
 @inlined
-def planned(law, memory, a, reference, psi):
-    """Return a planned reference as three `SmoothReference`, its heading being psi; after `follows_plan`."""
+def planned(law, memory, a, reference, asked):
+    """Return a planned reference, of which `asked` is the pose relative to the measured one; after `follows_plan`."""
     own, changes = law.feed_forward, memory.feed_forward.changes
-    rates = (reference[7], reference[8], reference[9])
-    s_2 = both_rows_times(own.pull, turned(a, reference[2], reference[3]))
-    s_3 = both_rows_times(own.pull, turned(a, rates[0], rates[1]))
-    s_4 = both_rows_times(own.pull, turned(a, changes[0], changes[1]))
-    ahead, ahead_rate = both_rows_times(own.offset, s_2), both_rows_times(own.offset, s_3)
-    ahead, ahead_rate = turned_back(a, ahead[0], ahead[1]), turned_back(a, ahead_rate[0], ahead_rate[1])
-    second, third = turned_back(a, s_2[0], s_2[1]), turned_back(a, s_3[0], s_3[1])
-    fourth = turned_back(a, s_4[0], s_4[1])
-    x = SmoothReference(reference[0] + ahead[0], reference[5] + ahead_rate[0], second[0], third[0], fourth[0])
-    y = SmoothReference(reference[1] + ahead[1], reference[6] + ahead_rate[1], second[1], third[1], fourth[1])
-    turning = SmoothReference(psi, rates[2], changes[2], 0.0, 0.0)
+    second = _in_world(own.pull, a, reference[2], reference[3])
+    third = _in_world(own.pull, a, reference[7], reference[8])
+    fourth = _in_world(own.pull, a, changes[0], changes[1])
+    ahead, ahead_rate = (
+        _in_world(own.offset, a, second.x, second.y),
+        _in_world(own.offset, a, third.x, third.y),
+    )
+    x = SmoothReference(asked.x + ahead.x, reference[5] + ahead_rate.x, second.x, third.x, fourth.x)
+    y = SmoothReference(asked.y + ahead.y, reference[6] + ahead_rate.y, second.y, third.y, fourth.y)
+    psi = SmoothReference(asked.psi, reference[9], changes[2], 0.0, 0.0)
     ahead_by = own.delay + memory.feed_forward.age / own.rate
-    return _after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, turning)
+    return Followed(_after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, psi))
+
+
+@inlined
+def _in_world(M, a, x, y):
+    """Return the product of a matrix of the heading frame and a vector of the world, in the world."""
+    product = pair_times(M, turned(a, x, y))
+    return turned_back(a, product.x, product.y)
 
 
 @inlined
@@ -136,26 +143,40 @@ def _after(delay, s):
 
 
 @inlined
-def lean_error(law, e, a, wanted):
+def lean_error(law, a, to, e):
     """Return the error with respect to the lean and the position that the motion needs; see the module's docstring."""
     own = law.feed_forward
-    x, y, _ = wanted
-    second, third = turned(a, x.second, y.second), turned(a, x.third, y.third)
-    lean, lean_rate = both_rows_times(own.lean, second), both_rows_times(own.lean, third)
-    ahead, ahead_rate = both_rows_times(own.offset, second), both_rows_times(own.offset, third)
-    pose = (e[0] - ahead[0], e[1] - ahead[1], e[2] + lean[0], e[3] + lean[1], e[4])
-    rates = (e[5] - ahead_rate[0], e[6] - ahead_rate[1], e[7] + lean_rate[0], e[8] + lean_rate[1], e[9])
-    return (*pose, *rates)
+    if own.on == 0:
+        return e
+    second, third = turned(a, to.x.second, to.y.second), turned(a, to.x.third, to.y.third)
+    lean, lean_rate = pair_times(own.lean, second), pair_times(own.lean, third)
+    ahead, ahead_rate = pair_times(own.offset, second), pair_times(own.offset, third)
+    return RobotState(
+        e.x - ahead.x,
+        e.y - ahead.y,
+        e.theta + lean.x,
+        e.phi + lean.y,
+        e.psi,
+        e.x_dot - ahead_rate.x,
+        e.y_dot - ahead_rate.y,
+        e.theta_dot + lean_rate.x,
+        e.phi_dot + lean_rate.y,
+        e.psi_dot,
+    )
 
 
 @inlined
-def add_feed_forward(law, torque, now, i):
-    """Add a wheel's torque for s'', s'''' (heading frame) and psi''."""
+def add_feed_forward(law, now, torques, n):
+    """Add the torques for the second and fourth derivative of s, heading frame, and the second of psi."""
     own = law.feed_forward
-    x, y, psi = now.wanted
-    second, fourth = turned(now.a, x.second, y.second), turned(now.a, x.fourth, y.fourth)
-    motion = row_times(own.by_second[i], second) + row_times(own.by_fourth[i], fourth)
-    return torque + motion + own.by_turning[i] * psi.second
+    if own.on == 0:
+        return
+    second = turned(now.a, now.to.x.second, now.to.y.second)
+    fourth = turned(now.a, now.to.x.fourth, now.to.y.fourth)
+    for i in range(n):
+        by_second, by_fourth = own.by_second[i], own.by_fourth[i]
+        motion = by_second[0] * second.x + by_second[1] * second.y + by_fourth[0] * fourth.x
+        torques[i] += motion + by_fourth[1] * fourth.y + own.by_turning[i] * now.to.psi.second
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import GetPydanticSchema
 
 from ballbot.arrays import real_array
-from ballbot.control.parts.part import LawSettings, Part, row_times, turned
+from ballbot.control.parts.part import LawSettings, Part, clipped, turned, turned_back
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
@@ -50,34 +50,38 @@ class IntegralState:
 
 
 @inlined
-def add_integral(law, memory, torque, now, i):
-    """Add a wheel's torque for the integrals."""
-    sums = memory.integral.sums
-    integrals = (*turned(now.a, sums[0], sums[1]), sums[2])
-    return (
-        torque + row_times(law.integral.gain[i], integrals) + row_times(memory.tuning.integral[i], integrals)
-    )
+def add_integral(law, memory, now, torques, n):
+    """Add the torques for the integrals."""
+    own, tuned, sums = law.integral, memory.tuning, memory.integral.sums
+    if own.on == 0:
+        return
+    I = turned(now.a, sums[0], sums[1])  # noqa: E741 (as in the formula above)
+    for i in range(n):
+        gain, more = own.gain[i], tuned.integral[i]
+        torques[i] += gain[0] * I.x + gain[1] * I.y + gain[2] * sums[2]
+        if law.tuning.others > 0:
+            torques[i] += more[0] * I.x + more[1] * I.y + more[2] * sums[2]
 
 
 @inlined
 def learn_integral(law, memory, now, limited):
     """Step the integrals by a sample's error; while something is `limited` they may only shrink."""
-    own, sums, a, e = law.integral, memory.integral.sums, now.a, now.e
+    own, sums = law.integral, memory.integral.sums
     if own.on == 0:
         return
-    x, y, _ = now.wanted
-    limited = limited or x.second * x.second + y.second * y.second > _BRISK * _BRISK
-    e_x, e_y, e_psi = a.cos_psi * e[0] - a.sin_psi * e[1], a.sin_psi * e[0] + a.cos_psi * e[1], e[4]
-    if e_x * e_x + e_y * e_y > own.dead_band * own.dead_band:
-        sums[0] = _stepped(sums[0], own.kept, own.step * e_x, own.limit, limited)
-        sums[1] = _stepped(sums[1], own.kept, own.step * e_y, own.limit, limited)
+    e, e_psi = turned_back(now.a, now.e.x, now.e.y), now.e.psi
+    still = limited or now.to.x.second * now.to.x.second + now.to.y.second * now.to.y.second > _BRISK * _BRISK
+    if e.x * e.x + e.y * e.y > own.dead_band * own.dead_band:
+        sums[0] = _stepped(sums[0], own.kept, own.step * e.x, own.limit, still)
+        sums[1] = _stepped(sums[1], own.kept, own.step * e.y, own.limit, still)
     if abs(e_psi) > own.dead_band:
-        sums[2] = _stepped(sums[2], own.kept, own.step * e_psi, own.yaw_limit, limited)
+        sums[2] = _stepped(sums[2], own.kept, own.step * e_psi, own.yaw_limit, still)
 
 
 @inlined
 def _stepped(value, kept, change, limit, limited):
-    after = max(-limit, min(limit, kept * value + change))
+    """Return an integral after a sample."""
+    after = clipped(kept * value + change, limit)
     return value if limited and abs(after) > abs(value) else after
 
 

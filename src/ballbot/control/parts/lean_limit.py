@@ -9,11 +9,12 @@ that they command. Within the limits nothing changes; beyond them integrals do n
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, both_rows_times
+from ballbot.control.parts.part import LawSettings, Part, RobotState
 from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
@@ -33,34 +34,54 @@ class LeanLimitRecord:
     turn_rate: float = field(metadata=number("s"))
 
 
+class LimitedError(NamedTuple):
+    """An error within the limits, and whether it is reduced."""
+
+    e: RobotState
+    limited: bool
+
+
 @inlined
 def limit_error(law, memory, e):
-    """Return the error with position, speed and heading within the limits, and whether it is reduced."""
-    own = law.lean_limit
+    """Return the error with position, speed and heading within the limits."""
+    own, tuned = law.lean_limit, memory.tuning
     if own.on == 0:
-        return e, False
-    near, p, h = _fractions(own, memory.tuning, e)
-    less = (near * p * e[0], near * p * e[1], e[2], e[3], h * e[4], p * e[5], p * e[6], e[7], e[8], h * e[9])
-    return less, near * p * h < 1.0
+        return LimitedError(e, False)
+    near = _lean_fraction(own, tuned, e.x, e.y, 0.0, 0.0)
+    both = _lean_fraction(own, tuned, near * e.x, near * e.y, e.x_dot, e.y_dot)
+    heading = _fraction(own.turn, e.psi + (own.turn_rate + tuned.turn_rate) * e.psi_dot, 0.0)
+    less = RobotState(
+        near * both * e.x,
+        near * both * e.y,
+        e.theta,
+        e.phi,
+        heading * e.psi,
+        both * e.x_dot,
+        both * e.y_dot,
+        e.theta_dot,
+        e.phi_dot,
+        heading * e.psi_dot,
+    )
+    return LimitedError(less, near * both * heading < 1.0)
 
 
 @inlined
-def _fractions(own, tuned, e):
-    """Return the shares kept of the position, then of position and speed together, and of the heading."""
-    near = _fraction(own.lean, *_commanded(own, tuned, (e[0], e[1], 0.0, 0.0)))
-    p = _fraction(own.lean, *_commanded(own, tuned, (near * e[0], near * e[1], e[5], e[6])))
-    return near, p, _fraction(own.turn, e[4] + (own.turn_rate + tuned.turn_rate) * e[9], 0.0)
+def _lean_fraction(own, tuned, x, y, v_x, v_y):
+    """Return the fraction that is kept of errors of position and speed."""
+    first = _commanded(own.asked[0], x, y, v_x, v_y) + _commanded(tuned.asked[0], x, y, v_x, v_y)
+    second = _commanded(own.asked[1], x, y, v_x, v_y) + _commanded(tuned.asked[1], x, y, v_x, v_y)
+    return _fraction(own.lean, first, second)
 
 
 @inlined
-def _commanded(own, tuned, errors):
-    """Return the lean that errors of position and speed command."""
-    (first, second), (more, too) = both_rows_times(own.asked, errors), both_rows_times(tuned.asked, errors)
-    return first + more, second + too
+def _commanded(asked, x, y, v_x, v_y):
+    """Return a lean that errors of position and speed command."""
+    return asked[0] * x + asked[1] * y + asked[2] * v_x + asked[3] * v_y
 
 
 @inlined
 def _fraction(limit, a, b):
+    """Return limit / |(a, b)|, or 1 within the limit."""
     size = (a * a + b * b) ** 0.5
     return limit / size if size > limit else 1.0
 

@@ -27,7 +27,7 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    without in `needs`.
 7. The disturbance observer takes `acting` of the history, the filtered and limited command, as the motors' torque; the
    prediction takes it less both compensations.
-8. Write the part in C: the recipe is in `docs/architecture.md`, the test that asks for it `tests/firmware/test_law.py`.
+8. Have its C written: `docs/architecture.md` says how, and `tests/firmware/test_law.py` compares both.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.
@@ -46,8 +46,7 @@ from ballbot.control.lqr import frictionless_model
 from ballbot.control.records import MAX_WHEELS, number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.engine.tracing import traced
-from ballbot.mechanics.engine.vector import summed
+from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.model import LinearModel
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
@@ -56,30 +55,71 @@ from ballbot.robot.checks import check_parameters
 MAX_PAST = 22
 
 
-class SmoothReference(NamedTuple):
-    """The reference of x, y or psi with its derivatives, in compiled code."""
+class Pair(NamedTuple):
+    """A vector over the floor."""
 
-    value: float
+    x: float
+    y: float
+
+
+class Pose(NamedTuple):
+    """Place and heading."""
+
+    x: float  # [m]
+    y: float  # [m]
+    psi: float  # [rad]
+
+
+class HeadingFrame(NamedTuple):
+    """The world's frame turned by psi about the vertical."""
+
+    sin_psi: float
+    cos_psi: float
+
+
+class RobotState(NamedTuple):
+    """A state, or an error of one."""
+
+    x: float  # [m]
+    y: float  # [m]
+    theta: float  # [rad]
+    phi: float  # [rad]
+    psi: float  # [rad]
+    x_dot: float  # [m/s]
+    y_dot: float  # [m/s]
+    theta_dot: float  # [rad/s]
+    phi_dot: float  # [rad/s]
+    psi_dot: float  # [rad/s]
+
+
+class SmoothReference(NamedTuple):
+    """The reference of x, y or psi with its derivatives."""
+
+    value: float  # [m] or [rad]
     rate: float
     second: float
     third: float
     fourth: float
 
 
-class Measured(NamedTuple):
-    """A state with its attitude, in compiled code."""
+class Followed(NamedTuple):
+    """The motion that is followed, relative to the measured pose."""
 
-    a: tuple  #: `ballbot.mechanics.equations.Attitude` of the state
-    state: NDArray[np.float64]  #: (10,)
+    x: SmoothReference
+    y: SmoothReference
+    psi: SmoothReference
 
 
 class Sample(NamedTuple):
-    """The values from which torques are computed, in compiled code."""
+    """The values from which torques are computed; places are relative to the measured pose.
 
-    a: tuple  #: `ballbot.mechanics.equations.Attitude` of the state
-    state: NDArray[np.float64]  #: (10,) that is fed back
-    wanted: tuple  #: `SmoothReference` of x, y and psi
-    e: tuple  #: error (10,), heading frame
+    A difference of two places is then rounded in proportion to itself, and not to their distance from the origin.
+    """
+
+    a: HeadingFrame  # of the state
+    state: RobotState  # that is fed back
+    to: Followed
+    e: RobotState  # error, heading frame
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,42 +140,59 @@ class TorqueHistory:
 
 
 @inlined
+def heading_frame(psi):
+    """Return the heading frame of psi."""
+    sin_psi, cos_psi = sine_cosine(psi)
+    return HeadingFrame(sin_psi, cos_psi)
+
+
+@inlined
+def heading_frame_after(a, turn):
+    """Return the heading frame after a small turn; the sum of a large psi and a small turn would be rounded."""
+    small = heading_frame(turn)
+    return HeadingFrame(
+        small.cos_psi * a.sin_psi + small.sin_psi * a.cos_psi,
+        small.cos_psi * a.cos_psi - small.sin_psi * a.sin_psi,
+    )
+
+
+@inlined
 def turned(a, v_x, v_y):
     """Return a vector of the world in the heading frame."""
-    return a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x
+    return Pair(a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x)
 
 
 @inlined
 def turned_back(a, v_x, v_y):
     """Return a vector of the heading frame in the world."""
-    return a.cos_psi * v_x - a.sin_psi * v_y, a.sin_psi * v_x + a.cos_psi * v_y
+    return Pair(a.cos_psi * v_x - a.sin_psi * v_y, a.sin_psi * v_x + a.cos_psi * v_y)
 
 
 @inlined
-def heading_frame(a, v):
-    """Return a state or an error (10,) of the world in the heading frame, by the attitude of the state."""
-    x, y = turned(a, v[0], v[1])
-    theta, phi = turned(a, v[2], v[3])
-    x_dot, y_dot = turned(a, v[5], v[6])
-    theta_dot, phi_dot = turned(a, v[7], v[8])
-    return x, y, theta, phi, v[4], x_dot, y_dot, theta_dot, phi_dot, v[9]
+def turned_state(a, v):
+    """Return a state or an error of the world in the heading frame."""
+    place, lean = turned(a, v.x, v.y), turned(a, v.theta, v.phi)
+    speed, lean_rate = turned(a, v.x_dot, v.y_dot), turned(a, v.theta_dot, v.phi_dot)
+    return RobotState(
+        place.x, place.y, lean.x, lean.y, v.psi, speed.x, speed.y, lean_rate.x, lean_rate.y, v.psi_dot
+    )
 
 
 @inlined
-def row_times(row, values):
-    """Return the product of an array and a tuple."""
-    return _product(row, values)
-
-
-@traced
-def _product(row, values):
-    return summed(row[index] * value for index, value in enumerate(values))
+def pair_times(M, v):
+    """Return the product of two rows of two and a vector."""
+    return Pair(M[0, 0] * v.x + M[0, 1] * v.y, M[1, 0] * v.x + M[1, 1] * v.y)
 
 
 @inlined
-def both_rows_times(matrix, values):
-    """Return the product of an array of two rows and a tuple."""
-    return row_times(matrix[0], values), row_times(matrix[1], values)
+def add_to(sums, rests, i, value):
+    """Add to a sum of many small steps; what rounding takes from one is added with the next (Kahan, CACM 8, 1965).
+
+    Double precision does not need it: there the compiler leaves the rests zero.
+    """
+    wanted, before = value + rests[i], sums[i]
+    sums[i] = before + wanted
+    rests[i] = wanted - (sums[i] - before)
 
 
 @inlined

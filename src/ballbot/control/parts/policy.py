@@ -102,16 +102,13 @@ def _layer(weights, at, inputs, outputs, curved):
 
 
 @inlined
-def act(law, memory, weights, seen, asked, moved):
-    """Let a policy decide where it is due; `asked` are x, y and psi of the reference, `moved` the heading's turns."""
+def act(law, memory, weights, a, seen, pose, wanted):
+    """Let a policy decide where it is due, for the robot's pose and the one that is asked for."""
     own, kept = law.policy, memory.policy
     if own.on == 0:
         return
-    a, x, n = seen.a, seen.state, own.wheels
-    v_x, v_y = (
-        _rate_asked(memory, 0, asked[0].value, own.rate),
-        _rate_asked(memory, 1, asked[1].value, own.rate),
-    )
+    n = own.wheels
+    v_x, v_y = _rate_asked(memory, 0, wanted.x, own.rate), _rate_asked(memory, 1, wanted.y, own.rate)
     # as it was asked for: single precision rounds a heading of many turns by too much
     v_psi = _rate_asked(memory, 2, memory.reference_heading.last, own.rate)
     kept.waited = kept.waited + 1 if kept.started == 1 else own.period
@@ -120,11 +117,11 @@ def act(law, memory, weights, seen, asked, moved):
         return
     kept.waited = 0
     o = np.empty(ERRORS + HISTORY * n)
-    o[0], o[1] = turned(a, asked[0].value - x[0], asked[1].value - x[1])
-    o[2], o[3] = turned(a, -x[2], -x[3])
-    o[4], o[9] = asked[2].value - (x[4] + moved), v_psi - x[9]
-    o[5], o[6] = turned(a, v_x - x[5], v_y - x[6])
-    o[7], o[8] = turned(a, -x[7], -x[8])
+    o[0], o[1] = turned(a, wanted.x - pose.x, wanted.y - pose.y)
+    o[2], o[3] = turned(a, -seen.theta, -seen.phi)
+    o[4], o[9] = wanted.psi - pose.psi, v_psi - seen.psi_dot
+    o[5], o[6] = turned(a, v_x - seen.x_dot, v_y - seen.y_dot)
+    o[7], o[8] = turned(a, -seen.theta_dot, -seen.phi_dot)
     for i in range(ERRORS):
         o[i] = clipped(o[i] / SCALES[i], SHOWN[i])
     for k in range(HISTORY):
@@ -144,9 +141,9 @@ def act(law, memory, weights, seen, asked, moved):
 @inlined
 def within_policy(law, seen):
     """Return whether a policy acts: the state is like those at which it was trained."""
-    own, x = law.policy, seen.state
-    lean = max(abs(x[2]), abs(x[3]))
-    return own.on == 1 and lean <= own.largest_lean and math.hypot(x[5], x[6]) <= own.largest_speed
+    own = law.policy
+    lean, speed = max(abs(seen.theta), abs(seen.phi)), math.hypot(seen.x_dot, seen.y_dot)
+    return own.on == 1 and lean <= own.largest_lean and speed <= own.largest_speed
 
 
 @inlined

@@ -15,16 +15,24 @@ ignores other friction and the robot's turning meanwhile.
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import held
-from ballbot.control.parts.part import MAX_PAST, LawSettings, Measured, Part
+from ballbot.control.parts.part import (
+    MAX_PAST,
+    HeadingFrame,
+    LawSettings,
+    Part,
+    RobotState,
+    heading_frame_after,
+    turned_state,
+)
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
-from ballbot.mechanics.equations import attitude
 from ballbot.robot.parameters import parameter, parameter_class
 
 #: most pending torques; the history also holds the sample before them and room for the new one
@@ -51,7 +59,7 @@ class PredictionRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PredictionState:
-    """The predicted state, and the buffers in which it is computed."""
+    """The predicted state, relative to the measured pose, and the buffers in which it is computed."""
 
     ahead: NDArray[np.float64] = field(metadata=number("1", 10))
     turned: NDArray[np.float64] = field(metadata=number("1", 10))
@@ -79,47 +87,61 @@ def _effect(
     return still if after <= 0.0 else held(A, B, after)[0] @ still
 
 
+class Predicted(NamedTuple):
+    """The state that is fed back, relative to the measured pose, and its heading frame."""
+
+    a: HeadingFrame
+    state: RobotState
+
+
 @inlined
-def predict(law, memory, seen, n):
+def predict(law, memory, a, seen, n):
     """Return the state at which the torques will act, and make room for them in the history."""
-    own = law.prediction
+    own, work = law.prediction, memory.prediction
     if own.on == 0:
-        return seen
-    _look_ahead(own, memory.prediction, memory.history, seen.a, seen.state, n)
+        return Predicted(a, seen)
+    before = turned_state(a, seen)
+    _fill(work.turned, before)
+    _change_until(own, memory.history, work.turned, work.after, n)
+    # the change is small, and so is its rounding
+    back, change = HeadingFrame(-a.sin_psi, a.cos_psi), _state_of(work.after)
+    change_in_world = turned_state(back, change)
+    _fill(work.turned, change_in_world)
+    _fill(work.ahead, seen)
+    for i in range(10):
+        work.ahead[i] += work.turned[i]
     _grow_older(memory.history, own.samples + 1)
-    state = memory.prediction.ahead[:]  # a slice is an array of the same type as `seen.state`
-    return Measured(attitude((state[2], state[3], state[4])), state)
+    return Predicted(heading_frame_after(a, work.ahead[4]), _state_of(work.ahead))
 
 
 @inlined
-def _look_ahead(own, work, past, a, state, n):
-    """Compute `work.ahead` (10,), the state at which the torque that is computed now will act."""
-    turned, after = work.turned, work.after
+def _change_until(own, past, turned_numbers, change, n):
+    """Compute by how much the state changes until the torque that is computed now will act, heading frame."""
     for i in range(10):
-        turned[i] = state[i]
-    _turn(turned, a.cos_psi, a.sin_psi)
-    for i in range(10):
-        after[i] = 0.0
+        change[i] = 0.0
         for j in range(10):
-            after[i] += own.transition[i, j] * turned[j]
+            by_state = own.transition[i, j] - 1.0 if i == j else own.transition[i, j]
+            change[i] += by_state * turned_numbers[j]
     for ago in range(own.count):
         for wheel in range(n):
-            v = past.acting[ago, wheel] - past.friction_compensation[ago, wheel]
-            v -= past.disturbance_compensation[ago, wheel]
+            added = past.friction_compensation[ago, wheel] + past.disturbance_compensation[ago, wheel]
+            v = past.acting[ago, wheel] - added
             for i in range(10):
-                after[i] += own.by_torque[wheel, ago, i] * v
-    _turn(after, a.cos_psi, -a.sin_psi)
-    for i in range(10):
-        work.ahead[i] = after[i]
+                change[i] += own.by_torque[wheel, ago, i] * v
 
 
 @inlined
-def _turn(values, c, s):
-    """Turn the pairs (x y), (theta phi) of a state and their rates by -psi, whose cosine and sine these are."""
-    for i in (0, 2, 5, 7):
-        x, y = values[i], values[i + 1]
-        values[i] = c * x + s * y
-        values[i + 1] = c * y - s * x
+def _fill(numbers, state):
+    """Fill ten numbers with a state."""
+    numbers[0], numbers[1], numbers[2], numbers[3] = state.x, state.y, state.theta, state.phi
+    numbers[4], numbers[5], numbers[6], numbers[7] = state.psi, state.x_dot, state.y_dot, state.theta_dot
+    numbers[8], numbers[9] = state.phi_dot, state.psi_dot
+
+
+@inlined
+def _state_of(v):
+    """Return ten numbers as a state."""
+    return RobotState(v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7], v[8], v[9])
 
 
 @inlined

@@ -35,7 +35,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.parts.part import LawSettings, Part, SmoothReference, row_times, turned
+from ballbot.control.parts.part import (
+    Followed,
+    LawSettings,
+    Pair,
+    Part,
+    Pose,
+    SmoothReference,
+    add_to,
+    turned,
+)
 from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.robot.parameters import parameter, parameter_class
@@ -92,8 +101,7 @@ class ShapingRecord:
 class ShapingState:
     """Of x, y and psi: four lags each, p, v, the last r, r' and r''.
 
-    The firmware keeps the rounding errors of the lags and of p for the next sample (compensated sums); double precision
-    does not need them and leaves them zero.
+    Single precision keeps the rounding errors of the lags and of p for the next sample (`add_to`).
     """
 
     lags: NDArray[np.float64] = field(metadata=number("m", 3, 4))
@@ -110,43 +118,71 @@ class ShapingState:
 
 
 class _Limits(NamedTuple):
-    """Lags and limits of the position or of the heading, in compiled code."""
+    """Lags and limits of the position or of the heading."""
 
-    frequency: float  #: w [rad/s]
-    decay: float  #: exp(-w h)
-    step: float  #: g = w h
+    frequency: float  # w [rad/s]
+    decay: float  # exp(-w h)
+    gone: float  # 1 - exp(-w h), which a difference would round
+    step: float  # g = w h
     speed: float
     acceleration: float
     prompt: float
 
 
 class _Motion(NamedTuple):
-    """What `ShapingState` has of the position or of the heading, whose second numbers are zero; in compiled code."""
+    """The motion of the position or of the heading, whose second numbers are zero."""
 
-    followed: tuple
-    velocity: tuple
-    last: tuple
-    change: tuple
-    bend: tuple
+    velocity: Pair
+    last: Pair
+    change: Pair
+    bend: Pair
 
 
 @inlined
-def shape(law, memory, wanted, now):
-    """Return the shaped reference, or the reference itself without shaping."""
-    if law.shaping.on == 0:
-        return wanted
-    return _shaped(law.shaping, memory.shaping, _left(law, memory, now.a), now.state, wanted)
+def shape(law, memory, pose, ahead, wanted):
+    """Return the shaped motion to a pose, relative to the measured one, and advance the memory."""
+    own, state = law.shaping, memory.shaping
+    h = 1.0 / own.rate
+    acceleration = _left(law, memory, ahead.a) * own.acceleration
+    place = _Limits(
+        own.frequency, own.decay, own.gone, own.frequency * h, own.speed, acceleration, own.prompt
+    )
+    heading = _Limits(
+        own.yaw_frequency,
+        own.yaw_decay,
+        own.yaw_gone,
+        own.yaw_frequency * h,
+        own.yaw_rate,
+        own.yaw_acceleration,
+        own.yaw_prompt,
+    )
+    if state.started == 0:
+        begun = Pose(pose.x + ahead.state.x, pose.y + ahead.state.y, pose.psi + ahead.state.psi)
+        _start(state, begun, wanted)
+    p, rest = state.followed, state.followed_rest
+    away = Pair(wanted.x - p[0] - rest[0], wanted.y - p[1] - rest[1])
+    turn = Pair(wanted.psi - p[2] - rest[2], 0.0)
+    place_before, turn_before = _place_of(state), _turn_of(state)
+    place_after = _moved(own, place, place_before, Pair(wanted.x, wanted.y), away)
+    turn_after = _moved(own, heading, turn_before, Pair(wanted.psi, 0.0), turn)
+    _keep(state, place_after, turn_after)
+    return Followed(
+        _lagged(place, state, 0, h * state.velocity[0], pose.x),
+        _lagged(place, state, 1, h * state.velocity[1], pose.y),
+        _lagged(heading, state, 2, h * state.velocity[2], pose.psi),
+    )
 
 
 @inlined
 def _left(law, memory, a):
     """Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them."""
-    sums, most = memory.integral.sums, 0.0
-    lasting = (*turned(a, sums[0], sums[1]), sums[2])
+    own, sums, most = memory.shaping, memory.integral.sums, 0.0
+    I = turned(a, sums[0], sums[1])  # noqa: E741 (as in `ballbot.control.parts.integral`)
     for i in range(MAX_WHEELS):
-        lost = row_times(law.integral.gain[i], lasting) + row_times(memory.tuning.integral[i], lasting)
-        most = max(most, abs(memory.disturbance_observer.estimate[i] + lost))
-    own = memory.shaping
+        gain, more = law.integral.gain[i], memory.tuning.integral[i]
+        by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y
+        lost = memory.disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2]
+        most = max(most, abs(lost))
     own.lost += (most - own.lost) / (_LASTING * law.shaping.rate + 1.0)
     return max(_LEAST_LEFT, 1.0 - _RESERVE * own.lost / law.torque_limit)
 
@@ -158,150 +194,144 @@ def slow_motion(law, memory):
 
 
 @inlined
-def _shaped(own, memory, left, state, wanted):
-    """Return the shaped x, y and psi as three `SmoothReference`, which start at the pose, and advance the memory."""
-    x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
-    h = 1.0 / own.rate
-    position = _Limits(
-        own.frequency, own.decay, own.frequency * h, own.speed, left * own.acceleration, own.prompt
-    )
-    heading = _Limits(
-        own.yaw_frequency,
-        own.yaw_decay,
-        own.yaw_frequency * h,
-        own.yaw_rate,
-        own.yaw_acceleration,
-        own.yaw_prompt,
-    )
-    if memory.started == 0:
-        _start(memory, state, x, y, psi)
-    place, turn = _motions(memory)
-    place, turn = _moved(own, position, place, (x, y)), _moved(own, heading, turn, (psi, 0.0))
-    _keep(memory, place, turn)
-    p, v = memory.followed, memory.velocity
-    return (
-        _lagged(position, memory.lags[0], p[0], h * v[0]),
-        _lagged(position, memory.lags[1], p[1], h * v[1]),
-        _lagged(heading, memory.lags[2], p[2], h * v[2]),
-    )
-
-
-@inlined
 def restart_shaping(memory, wanted):
     """Let the shaping go on from a pose at rest: a plan, which is followed without it, ends there."""
-    x, y, psi = wanted[0].value, wanted[1].value, wanted[2].value
     own = memory.shaping
-    _start(own, (x, y, 0.0, 0.0, psi), x, y, psi)
-    for i in range(3):
-        own.velocity[i], own.change[i], own.bend[i] = 0.0, 0.0, 0.0
+    _start(own, wanted, wanted)
+    for axis in range(3):
+        own.velocity[axis], own.change[axis], own.bend[axis] = 0.0, 0.0, 0.0
 
 
 @inlined
-def _start(memory, state, r_x, r_y, r_psi):
-    x, y, psi = state[0], state[1], state[4]
+def _start(state, pose, wanted):
+    """Let the motion start at rest at a pose."""
     for i in range(4):
-        memory.lags[0, i], memory.lags[1, i], memory.lags[2, i] = x, y, psi
-    memory.followed[0], memory.followed[1], memory.followed[2] = x, y, psi
-    memory.last[0], memory.last[1], memory.last[2] = r_x, r_y, r_psi
-    memory.started = 1
+        state.lags[0, i], state.lags[1, i], state.lags[2, i] = pose.x, pose.y, pose.psi
+        state.lags_rest[0, i], state.lags_rest[1, i], state.lags_rest[2, i] = 0.0, 0.0, 0.0
+    state.followed[0], state.followed[1], state.followed[2] = pose.x, pose.y, pose.psi
+    state.followed_rest[0], state.followed_rest[1], state.followed_rest[2] = 0.0, 0.0, 0.0
+    state.last[0], state.last[1], state.last[2] = wanted.x, wanted.y, wanted.psi
+    state.started = 1
 
 
 @inlined
-def _motions(memory):
-    """Return the motions of the position and of the heading that the memory holds."""
-    p, v, r, change, bend = memory.followed, memory.velocity, memory.last, memory.change, memory.bend
-    place = _Motion((p[0], p[1]), (v[0], v[1]), (r[0], r[1]), (change[0], change[1]), (bend[0], bend[1]))
-    turn = _Motion((p[2], 0.0), (v[2], 0.0), (r[2], 0.0), (change[2], 0.0), (bend[2], 0.0))
-    return place, turn
+def _place_of(state):
+    """Return the motion of the position that the memory holds."""
+    v, r, change, bend = state.velocity, state.last, state.change, state.bend
+    return _Motion(Pair(v[0], v[1]), Pair(r[0], r[1]), Pair(change[0], change[1]), Pair(bend[0], bend[1]))
 
 
 @inlined
-def _keep(memory, place, turn):
+def _turn_of(state):
+    """Return the motion of the heading that the memory holds."""
+    return _Motion(
+        Pair(state.velocity[2], 0.0),
+        Pair(state.last[2], 0.0),
+        Pair(state.change[2], 0.0),
+        Pair(state.bend[2], 0.0),
+    )
+
+
+@inlined
+def _keep(state, place, turn):
     """Put both motions into the memory."""
-    for i in range(3):
-        at, of = (i, place) if i < 2 else (0, turn)
-        memory.followed[i], memory.velocity[i], memory.last[i] = of.followed[at], of.velocity[at], of.last[at]
-        memory.change[i], memory.bend[i] = of.change[at], of.bend[at]
+    v, r, change, bend = state.velocity, state.last, state.change, state.bend
+    v[0], v[1], v[2] = place.velocity.x, place.velocity.y, turn.velocity.x
+    r[0], r[1], r[2] = place.last.x, place.last.y, turn.last.x
+    change[0], change[1], change[2] = place.change.x, place.change.y, turn.change.x
+    bend[0], bend[1], bend[2] = place.bend.x, place.bend.y, turn.bend.x
 
 
 @inlined
-def _moved(own, limits, motion, r):
-    """Return a motion after a sample with the reference r."""
-    h = 1.0 / own.rate
-    change, bend = _noticed(own, limits, motion, r)
-    asked = _asked(own, limits, motion, r, change, bend)
-    faster = _limited(_plus(asked, -1.0, motion.velocity), limits.acceleration * h)
-    v = _plus(motion.velocity, 1.0, faster)
-    return _Motion(_plus(motion.followed, h, v), v, r, change, bend)
+def _moved(own, limits, motion, r, away):
+    """Return a motion after a sample with the reference r, which is `away` from p."""
+    noticed = _notice(own, limits, motion, r)
+    asked = _ask(own, limits, noticed, away)
+    change = _limited(_plus(asked, -1.0, motion.velocity), limits.acceleration / own.rate)
+    return _Motion(_plus(motion.velocity, 1.0, change), r, noticed.change, noticed.bend)
 
 
 @inlined
-def _noticed(own, limits, motion, r):
-    """Return r' and r'', filtered; a jump has no velocity, and a change of velocity counts up to the limit."""
+def _notice(own, limits, motion, r):
+    """Return a motion with r' and r'' filtered; a jump has no velocity, and r'' counts up to the limit."""
     d = _plus(r, -1.0, motion.last)
-    moves = own.rate * _length(d) <= (1.0 + _ROUNDING) * limits.speed
-    velocity = (own.rate * d[0], own.rate * d[1]) if moves else (0.0, 0.0)
-    n = _plus(velocity, -1.0, motion.change)
+    rate = own.rate if own.rate * _length(d) <= (1.0 + _ROUNDING) * limits.speed else 0.0
+    n = Pair(rate * d.x - motion.change.x, rate * d.y - motion.change.y)
     counts = max(0.0, min(1.0, 2.0 - 2.0 * own.late * own.rate * _length(n) / limits.acceleration))
     wanted = counts * own.late * own.rate
-    bend = (
-        motion.bend[0] + own.late * (wanted * n[0] - motion.bend[0]),
-        motion.bend[1] + own.late * (wanted * n[1] - motion.bend[1]),
+    bend = Pair(
+        motion.bend.x + own.late * (wanted * n.x - motion.bend.x),
+        motion.bend.y + own.late * (wanted * n.y - motion.bend.y),
     )
-    return _plus(motion.change, own.late, n), bend
+    return _Motion(motion.velocity, motion.last, _plus(motion.change, own.late, n), bend)
 
 
 @inlined
-def _asked(own, limits, motion, r, change, bend):
+def _ask(own, limits, motion, away):
     """Return the velocity that is asked of p: that of its target, and what takes it there."""
     w, tau, braking = limits.frequency, own.delay, _BRAKING * limits.acceleration
-    now = _plus(change, _LAG, bend)
+    now = _plus(motion.change, _LAG, motion.bend)
     speed = _length(now)
     prompt = max(0.0, min(1.0, (_FAST - speed / limits.prompt) / (_FAST - 1.0)))
     t, c = prompt * (4.0 / w + tau), prompt * (6.0 / (w * w) + 4.0 * tau / w + 0.5 * tau * tau)
-    target = _plus(_plus(r, t - (1.0 - prompt) * (0.5 * speed / braking + _NOTICED), now), c, bend)
-    e = _plus(target, -1.0, motion.followed)
+    ahead = t - (1.0 - prompt) * (0.5 * speed / braking + _NOTICED)
+    e = _plus(_plus(away, ahead, now), c, motion.bend)
     near = braking / own.approach
     pull = 2.0 * braking / (near + (near * near + 2.0 * braking * _length(e)) ** 0.5)
-    return _limited(_plus(_plus(now, t, bend), pull, e), limits.speed)
+    return _limited(_plus(_plus(now, t, motion.bend), pull, e), limits.speed)
 
 
 @inlined
 def _length(v):
-    return (v[0] * v[0] + v[1] * v[1]) ** 0.5
+    """Return the length of a vector."""
+    return (v.x * v.x + v.y * v.y) ** 0.5
 
 
 @inlined
 def _plus(v, factor, other):
-    return v[0] + factor * other[0], v[1] + factor * other[1]
+    """Return v and a multiple of another vector."""
+    return Pair(v.x + factor * other.x, v.y + factor * other.y)
 
 
 @inlined
 def _limited(v, most):
+    """Return a vector that is no longer than a limit."""
     size = _length(v)
     share = most / size if size > most else 1.0
-    return share * v[0], share * v[1]
+    return Pair(share * v.x, share * v.y)
 
 
 @inlined
-def _lagged(lags, memory, target, step):
-    """Return an axis's `SmoothReference` at the sample, where p has made a step, and advance its four lags."""
-    w, a, g = lags.frequency, lags.decay, lags.step
-    d_1, d_2 = memory[0] - target, memory[1] - target
-    d_3, d_4 = memory[2] - target, memory[3] - target
+def _lagged(lags, state, axis, step, pose):
+    """Return an axis's motion at the sample, relative to the pose; let p make a step, and its four lags follow.
+
+    Only differences of neighbouring places are taken, which are exact in floating point, so that it does not matter
+    how far from the origin the motion is.
+    """
+    s, rest = state.lags[axis], state.lags_rest[axis]
+    w, a, g, gone = lags.frequency, lags.decay, lags.step, lags.gone
     half, sixth = 0.5 * g * g, g * g * g / 6.0
-    memory[0] = target + a * d_1
-    memory[1] = target + a * (d_2 + g * d_1)
-    memory[2] = target + a * (d_3 + g * d_2 + half * d_1)
-    memory[3] = target + a * (d_4 + g * d_3 + half * d_2 + sixth * d_1)
+    first = (s[0] - s[1]) + (rest[0] - rest[1])
+    second = (s[1] - s[2]) + (rest[1] - rest[2])
+    third = (s[2] - s[3]) + (rest[2] - rest[3])
+    d_1 = ((s[0] - state.followed[axis]) + (rest[0] - state.followed_rest[axis])) - step
+    d_2 = d_1 - first
+    d_3 = d_2 - second
+    d_4 = d_3 - third
     w_2 = w * w
-    return SmoothReference(
-        target + d_4,
-        w * (d_3 - d_4),
-        w_2 * (d_2 - 2.0 * d_3 + d_4),
-        w_2 * w * (d_1 - 3.0 * d_2 + 3.0 * d_3 - d_4),
-        w_2 * w_2 * (-4.0 * d_1 + 6.0 * d_2 - 4.0 * d_3 + d_4 - 0.5 * step),
+    motion = SmoothReference(
+        (s[3] - pose) + rest[3],
+        w * third,
+        w_2 * (second - third),
+        w_2 * w * (first - 2.0 * second + third),
+        w_2 * w_2 * (3.0 * (second - first) - third - d_1 - 0.5 * step),
     )
+    add_to(state.followed, state.followed_rest, axis, step)
+    add_to(s, rest, 0, -gone * d_1)
+    add_to(s, rest, 1, a * g * d_1 - gone * d_2)
+    add_to(s, rest, 2, a * (g * d_2 + half * d_1) - gone * d_3)
+    add_to(s, rest, 3, a * (g * d_3 + half * d_2 + sixth * d_1) - gone * d_4)
+    return motion
 
 
 #: range of the settings: beyond it derivatives vanish in rounding or overflow

@@ -2,14 +2,14 @@
 
 #include <stddef.h>
 
-#include "attitude.h"
 #include "ballbot_math.h"
+#include "estimation/heading.h"
 #include "estimation/kalman.h"
 #include "estimation/known.h"
 #include "estimation/onboard.h"
 #include "imu_check.h"
 #include "law.h"
-#include "parts/parts.h"
+#include "parts/policy.h"
 
 /* Lean from which no robot recovers [rad]. With a larger limit the robot is held: it does not balance, and the IMU's axes are not
  * checked. */
@@ -202,8 +202,8 @@ static bool balance(struct ballbot_state *state, const struct ballbot_parameters
                     const float reference[10], float torques[])
 {
     take_reference(state, &parameters->law, reference);
-    (void)ballbot_control_law(&parameters->law, &state->memory, parameters->wheel_count, state->run.estimate,
-                              state->run.reference, torques);
+    (void)ballbot_control_law(&parameters->law, &state->memory, state->run.estimate, state->run.reference, torques,
+                              parameters->wheel_count);
     ballbot_safety_release(&state->safety, parameters->wheel_count, torques);
     return state->safety.stop == BALLBOT_STOP_NONE;
 }

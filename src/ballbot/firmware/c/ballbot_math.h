@@ -37,6 +37,17 @@ static inline float ballbot_magnitude(float x)
     return BALLBOT_MAGNITUDE(x);
 }
 
+/* Return the smaller and the larger of two numbers; b if either is NaN. */
+static inline float ballbot_smaller(float a, float b)
+{
+    return (a < b) ? a : b;
+}
+
+static inline float ballbot_larger(float a, float b)
+{
+    return (a > b) ? a : b;
+}
+
 /* Return the square root of x, the float nearest to it. A negative x counts as zero. NaN stays NaN. */
 static inline float ballbot_square_root(float x)
 {

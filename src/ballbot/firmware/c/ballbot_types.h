@@ -15,6 +15,9 @@
 #define BALLBOT_MAX_PAST 22
 /* Gains that can be mixed. */
 #define BALLBOT_MAX_GAINS 3
+/* Numbers of a setting, and the place of the one after the weights of the other gains. */
+#define BALLBOT_TUNING_NUMBERS BALLBOT_MAX_GAINS
+#define BALLBOT_TUNING_COMPENSATION (BALLBOT_MAX_GAINS - 1)
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
@@ -374,7 +377,7 @@ struct ballbot_notch_state {
 };
 typedef char ballbot_notch_state_has_no_padding[(sizeof(struct ballbot_notch_state) == 8u * sizeof(float)) ? 1 : -1];
 
-/* The predicted state, and the buffers in which it is computed. */
+/* The predicted state, relative to the measured pose, and the buffers in which it is computed. */
 struct ballbot_prediction_state {
     float ahead[10]; /* [1] */
     float turned[10]; /* [1] */

@@ -30,7 +30,11 @@ int32_t ballbot_refused_place(const struct ballbot_law *law, const float referen
  * may ask for x, y and psi only. Returns ballbot_refused_place of the reference. If that is refused, and without a valid
  * state, the torques are zero and the memory stays as it is.
  */
-int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, int32_t n,
-                            const float measured[10], const float reference[10], float torques[]);
+int32_t ballbot_control_law(const struct ballbot_law *law, struct ballbot_memory *memory, const float measured[10],
+                            const float reference[10], float torques[], int32_t n);
+
+/* Fill the torques of n wheels for a state and a reference that are valid (decide.c). */
+void ballbot_decide(const struct ballbot_law *law, struct ballbot_memory *memory, const float measured[10],
+                    const float reference[10], float torques[], int32_t n);
 
 #endif

@@ -1,55 +1,64 @@
-/* Feed-forward: the lean and the torques that a shaped or planned motion s(t) needs, from the exact model without friction.
+/* Generated from ballbot/control/parts/feed_forward.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
  *
- *     (theta, phi) = lean s''      position = s - offset s''      u = by_second s'' + by_fourth s'''' + by_turning psi''
+ * Feed-forward: the lean and the torques that a shaped or planned motion needs, from the exact model.
  *
- * s is the motion of the flat output, the point that feels no torque. Quantities are those of the heading frame. Of a plan,
- * which has leans l and rates itself,
+ * Linearised about upright and without friction, with p = (x, y), l = (theta, phi, psi) and torques u,
  *
- *     s = position + offset s''      s'' = pull l      s''' = pull l'      s'''' = pull l''
+ *     p'' = A_p l + B_p u        l'' = A_l l + B_l u
  *
- * with l'' from the change of the rates since the last row. A row that is there again, as when the frame with the next one is
- * lost, is followed along its Taylor series, for LAPSE at most.
+ * the point s = p + C l with B_p + C B_l = 0 does not depend on the torques: s'' = (A_p + C A_l) l = G (theta, phi). (It
+ * is a flat output: state and torques follow from it and its derivatives.) A motion s(t) of it therefore needs
+ *
+ *     (theta, phi) = G^-1 s''       p = s - C (theta, phi)       u = B^+ (r' - A r)
+ *
+ * with B^+ the pseudoinverse. At rest p = s. All quantities are in the heading frame; the feedback covers the small
+ * additional torques of a robot that moves and turns at once, and a body's small coupling of yaw with lean.
+ *
+ * A planned reference (ballbot.workflows.plan) has leans and rates itself. Then s and its derivatives follow from them,
+ *
+ *     s = p + C l        s' = p' + C l'        s'' = G l        s''' = G l'        s'''' = G l''
+ *
+ * with l'' from the change of the rates since the last row. A row that is there again, as when the frame with the next
+ * one is lost, is followed along its Taylor series; after 50 ms the plan counts as broken off, and the robot goes to rest
+ * at the row's pose.
  */
-#include "parts/parts.h"
+#include "parts/steps.h"
 
-/* For which a row of a plan is followed without the next one [s]. */
+/* for which a row of a plan is followed without the next one [s] */
 #define LAPSE 0.05f
 
-static struct ballbot_pair times(const float M[2][2], struct ballbot_pair v)
-{
-    const struct ballbot_pair product = { M[0][0] * v.x + M[0][1] * v.y, M[1][0] * v.x + M[1][1] * v.y };
-
-    return product;
-}
-
+/* Return whether a reference has leans or rates, for no longer than LAPSE, and remember it. */
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10])
 {
-    const float rate = law->feed_forward.rate;
-    const float most = LAPSE * rate + 0.5f;
+    const struct ballbot_feed_forward_record *own = &law->feed_forward;
     struct ballbot_feed_forward_state *state = &memory->feed_forward;
-    bool moves = false;
-    bool again = state->started != 0;
+    bool moves = reference[2] != 0.0f || reference[3] != 0.0f;
 
-    for (int i = 0; i < 10; ++i) {
-        const bool is_pose = i == 0 || i == 1 || i == 4;
-
-        moves = moves || (!is_pose && ballbot_magnitude(reference[i]) > 0.0f);
-        again = again && !(ballbot_magnitude(reference[i] - state->row[i]) > 0.0f);
+    for (int32_t i = 5; i < 10; ++i) {
+        moves = moves || reference[i] != 0.0f;
     }
-    if (law->feed_forward.on == 0 || !moves) {
+    if (own->on == 0 || !moves) {
         state->started = 0;
         return false;
     }
+    bool again = state->started == 1;
+
+    for (int32_t i = 0; i < 10; ++i) {
+        again = again && reference[i] == state->row[i];
+    }
+    const float most = LAPSE * own->rate + 0.5f;
+
     if (again) {
         state->age += ((float)state->age < most) ? 1 : 0;
     } else {
-        const bool goes_on = state->started != 0 && (float)state->age < most;
-        const float per_second = goes_on ? rate / (float)(state->age + 1) : 0.0f;
+        const bool goes_on = state->started == 1 && (float)state->age < most;
+        const float per_second = goes_on ? own->rate / (float)(state->age + 1) : 0.0f;
 
-        for (int i = 0; i < 3; ++i) {
+        for (int32_t i = 0; i < 3; ++i) {
             state->changes[i] = per_second * (reference[7 + i] - state->row[7 + i]);
         }
-        for (int i = 0; i < 10; ++i) {
+        for (int32_t i = 0; i < 10; ++i) {
             state->row[i] = reference[i];
         }
         state->started = 1;
@@ -58,89 +67,83 @@ bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *
     return (float)state->age < most;
 }
 
+/* Return the product of a matrix of the heading frame and a vector of the world, in the world. */
+static struct ballbot_pair in_world(const float M[2][2], struct ballbot_heading_frame a, float x, float y)
+{
+    const struct ballbot_pair product = ballbot_pair_times(M, ballbot_turned(a, x, y));
+
+    return ballbot_turned_back(a, product.x, product.y);
+}
+
 /* Return a motion after a delay, by its Taylor series. */
-static struct ballbot_smooth advanced(float delay, struct ballbot_smooth s)
+static struct ballbot_smooth_reference after(float delay, struct ballbot_smooth_reference s)
 {
     const float rest = s.second + delay * (s.third + 0.25f * delay * s.fourth) / 3.0f;
-    const struct ballbot_smooth later = {
-        s.value + delay * (s.rate + 0.5f * delay * rest),
+
+    return (struct ballbot_smooth_reference){ s.value + delay * (s.rate + 0.5f * delay * rest),
         s.rate + delay * (s.second + 0.5f * delay * (s.third + delay * s.fourth / 3.0f)),
-        s.second + delay * (s.third + 0.5f * delay * s.fourth),
-        s.third + delay * s.fourth,
-        s.fourth,
-    };
-
-    return later;
+        s.second + delay * (s.third + 0.5f * delay * s.fourth), s.third + delay * s.fourth, s.fourth };
 }
 
-/* Return M times a vector of the world, in the world: M acts in the heading frame. */
-static struct ballbot_pair times_in_heading(const float M[2][2], struct ballbot_heading a, float x, float y)
-{
-    const struct ballbot_pair product = times(M, ballbot_to_heading(a, x, y));
-
-    return ballbot_from_heading(a, product.x, product.y);
-}
-
-void ballbot_feed_forward_plan(const struct ballbot_law *law, const struct ballbot_memory *memory, struct ballbot_sample *now)
+/* Return a planned reference, of which asked is the pose relative to the measured one; after follows_plan. */
+struct ballbot_followed ballbot_planned(const struct ballbot_law *law, const struct ballbot_memory *memory,
+        struct ballbot_heading_frame a, const float reference[10], struct ballbot_pose asked)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
-    const struct ballbot_feed_forward_state *state = &memory->feed_forward;
-    const float *r = now->reference;
-    const float *changes = state->changes;
-    const float ahead_by = own->delay + (float)state->age / own->rate;
-    const struct ballbot_pair second = times_in_heading(own->pull, now->a, r[2], r[3]);
-    const struct ballbot_pair third = times_in_heading(own->pull, now->a, r[7], r[8]);
-    const struct ballbot_pair fourth = times_in_heading(own->pull, now->a, changes[0], changes[1]);
-    const struct ballbot_pair ahead = times_in_heading(own->offset, now->a, second.x, second.y);
-    const struct ballbot_pair ahead_rate = times_in_heading(own->offset, now->a, third.x, third.y);
-    const struct ballbot_smooth x = { now->x.value + ahead.x, r[5] + ahead_rate.x, second.x, third.x, fourth.x };
-    const struct ballbot_smooth y = { now->y.value + ahead.y, r[6] + ahead_rate.y, second.y, third.y, fourth.y };
-    const struct ballbot_smooth psi = { now->psi.value, r[9], changes[2], 0.0f, 0.0f };
+    const float *changes = memory->feed_forward.changes;
+    const struct ballbot_pair second = in_world(own->pull, a, reference[2], reference[3]);
+    const struct ballbot_pair third = in_world(own->pull, a, reference[7], reference[8]);
+    const struct ballbot_pair fourth = in_world(own->pull, a, changes[0], changes[1]);
+    const struct ballbot_pair ahead = in_world(own->offset, a, second.x, second.y);
+    const struct ballbot_pair ahead_rate = in_world(own->offset, a, third.x, third.y);
+    const struct ballbot_smooth_reference x = { asked.x + ahead.x, reference[5] + ahead_rate.x, second.x, third.x,
+        fourth.x };
+    const struct ballbot_smooth_reference y = { asked.y + ahead.y, reference[6] + ahead_rate.y, second.y, third.y,
+        fourth.y };
+    const struct ballbot_smooth_reference psi = { asked.psi, reference[9], changes[2], 0.0f, 0.0f };
+    const float ahead_by = own->delay + (float)memory->feed_forward.age / own->rate;
 
-    now->x = advanced(ahead_by, x);
-    now->y = advanced(ahead_by, y);
-    now->psi = advanced(ahead_by, psi);
+    return (struct ballbot_followed){ after(ahead_by, x), after(ahead_by, y), after(ahead_by, psi) };
 }
 
-void ballbot_feed_forward_error(const struct ballbot_law *law, struct ballbot_sample *now)
+/* Return the error with respect to the lean and the position that the motion needs; see the module's docstring. */
+struct ballbot_robot_state ballbot_lean_error(const struct ballbot_law *law, struct ballbot_heading_frame a,
+        const struct ballbot_followed *to, const struct ballbot_robot_state *e)
+{
+    const struct ballbot_feed_forward_record *own = &law->feed_forward;
+
+    if (own->on == 0) {
+        return *e;
+    }
+    const struct ballbot_pair second = ballbot_turned(a, to->x.second, to->y.second);
+    const struct ballbot_pair third = ballbot_turned(a, to->x.third, to->y.third);
+    const struct ballbot_pair lean = ballbot_pair_times(own->lean, second);
+    const struct ballbot_pair lean_rate = ballbot_pair_times(own->lean, third);
+    const struct ballbot_pair ahead = ballbot_pair_times(own->offset, second);
+    const struct ballbot_pair ahead_rate = ballbot_pair_times(own->offset, third);
+
+    return (struct ballbot_robot_state){ e->x - ahead.x, e->y - ahead.y, e->theta + lean.x, e->phi + lean.y, e->psi,
+        e->x_dot - ahead_rate.x, e->y_dot - ahead_rate.y, e->theta_dot + lean_rate.x, e->phi_dot + lean_rate.y,
+        e->psi_dot };
+}
+
+/* Add the torques for the second and fourth derivative of s, heading frame, and the second of psi. */
+void ballbot_add_feed_forward(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
+        int32_t n)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
 
     if (own->on == 0) {
         return;
     }
-    const struct ballbot_pair second = ballbot_to_heading(now->a, now->x.second, now->y.second);
-    const struct ballbot_pair third = ballbot_to_heading(now->a, now->x.third, now->y.third);
-    const struct ballbot_pair lean = times(own->lean, second);
-    const struct ballbot_pair lean_rate = times(own->lean, third);
-    const struct ballbot_pair ahead = times(own->offset, second);
-    const struct ballbot_pair ahead_rate = times(own->offset, third);
-    float *e = now->e;
-
-    e[0] -= ahead.x;
-    e[1] -= ahead.y;
-    e[2] += lean.x;
-    e[3] += lean.y;
-    e[5] -= ahead_rate.x;
-    e[6] -= ahead_rate.y;
-    e[7] += lean_rate.x;
-    e[8] += lean_rate.y;
-}
-
-void ballbot_feed_forward_torque(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
-                                 int32_t n)
-{
-    const struct ballbot_feed_forward_record *own = &law->feed_forward;
-
-    if (own->on == 0) {
-        return;
-    }
-    const struct ballbot_pair second = ballbot_to_heading(now->a, now->x.second, now->y.second);
-    const struct ballbot_pair fourth = ballbot_to_heading(now->a, now->x.fourth, now->y.fourth);
+    const struct ballbot_pair second = ballbot_turned(now->a, now->to.x.second, now->to.y.second);
+    const struct ballbot_pair fourth = ballbot_turned(now->a, now->to.x.fourth, now->to.y.fourth);
 
     for (int32_t i = 0; i < n; ++i) {
-        torques[i] += own->by_second[i][0] * second.x + own->by_second[i][1] * second.y +
-                      own->by_fourth[i][0] * fourth.x + own->by_fourth[i][1] * fourth.y +
-                      own->by_turning[i] * now->psi.second;
+        const float *by_second = own->by_second[i];
+        const float *by_fourth = own->by_fourth[i];
+        const float motion = by_second[0] * second.x + by_second[1] * second.y + by_fourth[0] * fourth.x;
+
+        torques[i] += motion + by_fourth[1] * fourth.y + own->by_turning[i] * now->to.psi.second;
     }
 }

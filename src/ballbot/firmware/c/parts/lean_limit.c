@@ -1,9 +1,22 @@
-/* Lean limit: errors of position and speed command at most a certain lean, errors of the heading a certain turn.
+/* Generated from ballbot/control/parts/lean_limit.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
  *
- * The commanded lean is asked (e_x, e_y, e_x', e_y') [rad], heading frame. First the errors of position are reduced if
- * they alone command more than the limit, then all four. Within the limits nothing changes.
+ * A limit of the lean that errors command, so that no error of position or speed commands more than is available.
+ *
+ * The part of K e for position and speed, K_p (e_x e_y e_x' e_y'), equals the torques of a lean error, the commanded lean
+ * a = K_l^+ K_p (e_x e_y e_x' e_y'). First the position errors are scaled down together if they alone command more than
+ * the limit, so that a distant robot approaches no faster than it can be stopped; then all four if |a| still exceeds it.
+ * While a fall or a push must be caught, the wheels' torque is thus available for the lean. (Saturations one within
+ * another: A. Teel, Systems & Control Letters 18 (1992) 165-171.) The heading's error and its rate are limited by the turn
+ * that they command. Within the limits nothing changes; beyond them integrals do not grow.
  */
-#include "parts/parts.h"
+#include "parts/steps.h"
+
+/* Return a lean that errors of position and speed command. */
+static float commanded(const float asked[4], float x, float y, float v_x, float v_y)
+{
+    return asked[0] * x + asked[1] * y + asked[2] * v_x + asked[3] * v_y;
+}
 
 /* Return limit / |(a, b)|, or 1 within the limit. */
 static float fraction(float limit, float a, float b)
@@ -13,41 +26,31 @@ static float fraction(float limit, float a, float b)
     return (size > limit) ? limit / size : 1.0f;
 }
 
-/* Return a lean that errors of position [m] and speed [m/s] command. */
-static float commanded(const float asked[4], const float errors[4])
+/* Return the fraction that is kept of errors of position and speed. */
+static float lean_fraction(const struct ballbot_lean_limit_record *own, const struct ballbot_tuning_state *tuned,
+        float x, float y, float v_x, float v_y)
 {
-    return asked[0] * errors[0] + asked[1] * errors[1] + asked[2] * errors[2] + asked[3] * errors[3];
+    const float first = commanded(own->asked[0], x, y, v_x, v_y) + commanded(tuned->asked[0], x, y, v_x, v_y);
+    const float second = commanded(own->asked[1], x, y, v_x, v_y) + commanded(tuned->asked[1], x, y, v_x, v_y);
+
+    return fraction(own->lean, first, second);
 }
 
-/* Return what is left of errors of position [m] and speed [m/s]. */
-static float lean_fraction(const struct ballbot_lean_limit_record *own, const struct ballbot_tuning_state *tuned, float x,
-                           float y, float v_x, float v_y)
-{
-    const float errors[4] = { x, y, v_x, v_y };
-
-    return fraction(own->lean, commanded(own->asked[0], errors) + commanded(tuned->asked[0], errors),
-                    commanded(own->asked[1], errors) + commanded(tuned->asked[1], errors));
-}
-
-void ballbot_lean_limit_error(const struct ballbot_law *law, const struct ballbot_memory *memory,
-                              struct ballbot_sample *now)
+/* Return the error with position, speed and heading within the limits. */
+struct ballbot_limited_error ballbot_limit_error(const struct ballbot_law *law, const struct ballbot_memory *memory,
+        const struct ballbot_robot_state *e)
 {
     const struct ballbot_lean_limit_record *own = &law->lean_limit;
     const struct ballbot_tuning_state *tuned = &memory->tuning;
-    float *e = now->e;
 
     if (own->on == 0) {
-        return;
+        return (struct ballbot_limited_error){ *e, false };
     }
-    const float near = lean_fraction(own, tuned, e[0], e[1], 0.0f, 0.0f);
-    const float both = lean_fraction(own, tuned, near * e[0], near * e[1], e[5], e[6]);
-    const float heading = fraction(own->turn, e[4] + (own->turn_rate + tuned->turn_rate) * e[9], 0.0f);
+    const float near = lean_fraction(own, tuned, e->x, e->y, 0.0f, 0.0f);
+    const float both = lean_fraction(own, tuned, near * e->x, near * e->y, e->x_dot, e->y_dot);
+    const float heading = fraction(own->turn, e->psi + (own->turn_rate + tuned->turn_rate) * e->psi_dot, 0.0f);
+    const struct ballbot_robot_state less = { near * both * e->x, near * both * e->y, e->theta, e->phi,
+        heading * e->psi, both * e->x_dot, both * e->y_dot, e->theta_dot, e->phi_dot, heading * e->psi_dot };
 
-    e[0] *= near * both;
-    e[1] *= near * both;
-    e[5] *= both;
-    e[6] *= both;
-    e[4] *= heading;
-    e[9] *= heading;
-    now->error_limited = now->error_limited || (near * both * heading < 1.0f);
+    return (struct ballbot_limited_error){ less, near * both * heading < 1.0f };
 }

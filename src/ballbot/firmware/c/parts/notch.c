@@ -1,19 +1,28 @@
-/* Notch: a narrow band about a resonance is taken out of each wheel's torque.
+/* Generated from ballbot/control/parts/notch.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
  *
- *     (b_0 + b_1/z + b_2/z^2) / (1 + a_1/z + a_2/z^2)      transposed direct form II
+ * A notch: it removes a narrow band about a resonance from each wheel's torque.
+ *
+ *     H(s) = (s^2 + depth width w s + w^2) / (s^2 + width w s + w^2)        w = 2 pi frequency
+ *
+ * sampled by the bilinear transform with w prewarped. Slow torques pass unchanged in size but with a phase lag: well below
+ * w it is about (1 - depth) width f / frequency [rad] at a frequency f, so a notch far above the loop's crossover is cheap
+ * and one near it is not.
  */
-#include "parts/parts.h"
+#include "parts/steps.h"
 
-float ballbot_notch_filter(const struct ballbot_law *law, struct ballbot_memory *memory, float torque, int32_t i)
+/* Return a wheel's torque through the notch, and step its state. */
+float ballbot_notched(const struct ballbot_law *law, struct ballbot_memory *memory, float torque, int32_t i)
 {
     const struct ballbot_notch_record *own = &law->notch;
-    float *delayed = memory->notch.delayed[i];
+    float (*delayed)[2] = memory->notch.delayed;
 
     if (own->on == 0) {
         return torque;
     }
-    const float left = own->b_0 * torque + delayed[0];
-    delayed[0] = own->b_1 * torque - own->a_1 * left + delayed[1];
-    delayed[1] = own->b_2 * torque - own->a_2 * left;
+    const float left = own->b_0 * torque + delayed[i][0];
+
+    delayed[i][0] = own->b_1 * torque - own->a_1 * left + delayed[i][1];
+    delayed[i][1] = own->b_2 * torque - own->a_2 * left;
     return left;
 }

@@ -1,77 +1,132 @@
-/* What the parts of the control law work on, and what they share.
+/* Generated from ballbot/control/parts/part.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
  *
- * A part has a record in `struct ballbot_law` and a state in `struct ballbot_memory`, both by its name, and a function
- * ballbot_NAME_STAGE for each stage of the law in which it does something (law.c calls them in order). A controller
- * that lacks a part has zeros in its record; its functions then return at once, or add zero.
+ * What the parts of the control law share.
  */
 #ifndef BALLBOT_PART_H
 #define BALLBOT_PART_H
 
 #include <stdbool.h>
-#include <stdint.h>
 
-#include "attitude.h"
 #include "ballbot_math.h"
 #include "ballbot_types.h"
+#include "compensated_sum.h"
 
-/* The reference of x, y or psi with its derivatives: [m] or [rad], and the same per s, s^2, s^3 and s^4. */
-struct ballbot_smooth {
-    float value;
+/* The world's frame turned by psi about the vertical. */
+struct ballbot_heading_frame {
+    float sin_psi;
+    float cos_psi;
+};
+
+/* Place and heading. */
+struct ballbot_pose {
+    float x; /* [m] */
+    float y; /* [m] */
+    float psi; /* [rad] */
+};
+
+/* A state, or an error of one. */
+struct ballbot_robot_state {
+    float x; /* [m] */
+    float y; /* [m] */
+    float theta; /* [rad] */
+    float phi; /* [rad] */
+    float psi; /* [rad] */
+    float x_dot; /* [m/s] */
+    float y_dot; /* [m/s] */
+    float theta_dot; /* [rad/s] */
+    float phi_dot; /* [rad/s] */
+    float psi_dot; /* [rad/s] */
+};
+
+/* A vector over the floor. */
+struct ballbot_pair {
+    float x;
+    float y;
+};
+
+/* The reference of x, y or psi with its derivatives. */
+struct ballbot_smooth_reference {
+    float value; /* [m] or [rad] */
     float rate;
     float second;
     float third;
     float fourth;
 };
 
-/* All that is known when the torques are computed.
- *
- * x, y and psi are relative to the measured pose: a difference of two places is rounded in proportion to itself, and
- * not to their distance from the origin. Without a prediction, x, y and psi of the state are therefore zero.
- */
-struct ballbot_sample {
-    float pose[3];               /* x, y [m] and psi [rad] as measured, psi unwrapped */
-    const float *reference;      /* the state (10) that is asked for, psi unwrapped */
-    struct ballbot_heading a;    /* of the state */
-    float state[10];             /* measured; predicted after the stage `predict`; relative to the pose */
-    struct ballbot_smooth x;     /* the reference that is followed, relative to the pose */
-    struct ballbot_smooth y;
-    struct ballbot_smooth psi;
-    float e[10];                 /* error, heading frame */
-    bool error_limited;          /* whether a part reduced it */
+/* The motion that is followed, relative to the measured pose. */
+struct ballbot_followed {
+    struct ballbot_smooth_reference x;
+    struct ballbot_smooth_reference y;
+    struct ballbot_smooth_reference psi;
 };
 
-/* Numbers of a setting, and where the one after the weights of the other gains stands. */
-#define BALLBOT_TUNING_NUMBERS BALLBOT_MAX_GAINS
-#define BALLBOT_TUNING_COMPENSATION (BALLBOT_MAX_GAINS - 1)
+/* The values from which torques are computed; places are relative to the measured pose.
+ *
+ * A difference of two places is then rounded in proportion to itself, and not to their distance from the origin.
+ */
+struct ballbot_sample {
+    struct ballbot_heading_frame a; /* of the state */
+    struct ballbot_robot_state state; /* that is fed back */
+    struct ballbot_followed to;
+    struct ballbot_robot_state e; /* error, heading frame */
+};
 
-/* Return the share that a reduction leaves, 0 to 1: whatever a memory holds, no compensation is above the exported one. */
-static inline float ballbot_share(float reduction)
+/* Return the heading frame of psi. */
+static inline struct ballbot_heading_frame ballbot_heading_frame(float psi)
 {
-    const float share = 1.0f - reduction;
+    float sin_psi;
+    float cos_psi;
 
-    if (!(share > 0.0f)) {
-        return 0.0f;
-    }
-    return (share < 1.0f) ? share : 1.0f;
+    ballbot_sine_cosine(psi, &sin_psi, &cos_psi);
+
+    return (struct ballbot_heading_frame){ sin_psi, cos_psi };
+}
+
+/* Return a vector of the world in the heading frame. */
+static inline struct ballbot_pair ballbot_turned(struct ballbot_heading_frame a, float v_x, float v_y)
+{
+    return (struct ballbot_pair){ a.cos_psi * v_x + a.sin_psi * v_y, a.cos_psi * v_y - a.sin_psi * v_x };
 }
 
 /* Return a value within -limit .. limit; NaN stays NaN. */
 static inline float ballbot_clipped(float value, float limit)
 {
-    if (value > limit) {
-        return limit;
-    }
-    return (value < -limit) ? -limit : value;
+    return (value > limit) ? limit : ((value < -limit) ? -limit : value);
 }
 
-static inline float ballbot_smaller(float a, float b)
+/* Return a state or an error of the world in the heading frame. */
+static inline struct ballbot_robot_state ballbot_turned_state(struct ballbot_heading_frame a,
+        const struct ballbot_robot_state *v)
 {
-    return (a < b) ? a : b;
+    const struct ballbot_pair place = ballbot_turned(a, v->x, v->y);
+    const struct ballbot_pair lean = ballbot_turned(a, v->theta, v->phi);
+    const struct ballbot_pair speed = ballbot_turned(a, v->x_dot, v->y_dot);
+    const struct ballbot_pair lean_rate = ballbot_turned(a, v->theta_dot, v->phi_dot);
+
+    return (struct ballbot_robot_state){ place.x, place.y, lean.x, lean.y, v->psi, speed.x, speed.y, lean_rate.x,
+        lean_rate.y, v->psi_dot };
 }
 
-static inline float ballbot_larger(float a, float b)
+/* Return the heading frame after a small turn; the sum of a large psi and a small turn would be rounded. */
+static inline struct ballbot_heading_frame ballbot_heading_frame_after(struct ballbot_heading_frame a, float turn)
 {
-    return (a > b) ? a : b;
+    const struct ballbot_heading_frame small = ballbot_heading_frame(turn);
+
+    return (struct ballbot_heading_frame){ small.cos_psi * a.sin_psi + small.sin_psi * a.cos_psi,
+        small.cos_psi * a.cos_psi - small.sin_psi * a.sin_psi };
+}
+
+/* Return the product of two rows of two and a vector. */
+static inline struct ballbot_pair ballbot_pair_times(const float M[2][2], struct ballbot_pair v)
+{
+    return (struct ballbot_pair){ M[0][0] * v.x + M[0][1] * v.y, M[1][0] * v.x + M[1][1] * v.y };
+}
+
+/* Return a vector of the heading frame in the world. */
+static inline struct ballbot_pair ballbot_turned_back(struct ballbot_heading_frame a, float v_x, float v_y)
+{
+    return (struct ballbot_pair){ a.cos_psi * v_x - a.sin_psi * v_y, a.sin_psi * v_x + a.cos_psi * v_y };
 }
 
 #endif

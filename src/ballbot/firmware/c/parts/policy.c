@@ -7,7 +7,7 @@
  * which it was trained the linear law acts alone. Its weights are a table in flash (ballbot_policy_weights.h), by rows, each with
  * its bias at the end.
  */
-#include "parts/parts.h"
+#include "parts/policy.h"
 
 #include "ballbot_policy_weights.h"
 
@@ -52,14 +52,12 @@ static void watch_reference(struct ballbot_policy_state *state, const float aske
 
 /* Fill the observation. */
 static void observe(const struct ballbot_policy_record *own, const struct ballbot_policy_state *state,
-                    const struct ballbot_sample *now, const float rates[3], float o[INPUTS])
+                    struct ballbot_heading_frame a, const struct ballbot_robot_state *error, float o[INPUTS])
 {
-    const float *x = now->state;
-    const float error[ERRORS] = { now->x.value,    now->y.value,    -x[2], -x[3], now->psi.value,
-                                  rates[0] - x[5], rates[1] - x[6], -x[7], -x[8], rates[2] - x[9] };
-    float e[ERRORS];
+    const struct ballbot_robot_state turned = ballbot_turned_state(a, error);
+    const float e[ERRORS] = { turned.x,     turned.y,     turned.theta,     turned.phi,     turned.psi,
+                              turned.x_dot, turned.y_dot, turned.theta_dot, turned.phi_dot, turned.psi_dot };
 
-    ballbot_state_to_heading(now->a, error, e);
     for (int i = 0; i < ERRORS; ++i) {
         o[i] = ballbot_clipped(e[i] * PER_SIZE[i], SHOWN[i]);
     }
@@ -108,26 +106,31 @@ static void evaluate(const float o[INPUTS], float outputs[WHEELS])
     (void)layer(at, second, HIDDEN, outputs, WHEELS);
 }
 
-bool ballbot_policy_decide(const struct ballbot_law *law, struct ballbot_memory *memory, const struct ballbot_sample *now)
+void ballbot_act(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a,
+                 const struct ballbot_robot_state *seen, struct ballbot_pose pose, struct ballbot_pose wanted)
 {
     const struct ballbot_policy_record *own = &law->policy;
     struct ballbot_policy_state *state = &memory->policy;
-    const float *x = now->state;
-    const float asked[3] = { now->reference[0], now->reference[1], memory->reference_heading.last };
+    /* the heading as it was asked for: single precision rounds one of many turns by too much */
+    const float asked[3] = { wanted.x, wanted.y, memory->reference_heading.last };
     float rates[3];
 
     if (own->on == 0) {
-        return false;
+        return;
     }
     watch_reference(state, asked, own->rate, rates);
     state->waited = (state->started != 0) ? state->waited + 1 : own->period;
     state->started = 1;
     if (state->waited >= own->period) {
+        const struct ballbot_robot_state error = {
+            wanted.x - pose.x,       wanted.y - pose.y,       -seen->theta,     -seen->phi,     wanted.psi - pose.psi,
+            rates[0] - seen->x_dot, rates[1] - seen->y_dot, -seen->theta_dot, -seen->phi_dot, rates[2] - seen->psi_dot,
+        };
         float o[INPUTS];
         float outputs[WHEELS];
 
         state->waited = 0;
-        observe(own, state, now, rates, o);
+        observe(own, state, a, &error, o);
         evaluate(o, outputs);
         for (int i = 0; i < WHEELS; ++i) {
             for (int k = HISTORY - 1; k > 0; --k) {
@@ -136,23 +139,40 @@ bool ballbot_policy_decide(const struct ballbot_law *law, struct ballbot_memory 
             state->past[0][i] = ballbot_clipped(own->torque_scale * outputs[i], own->torque_limit);
         }
     }
-    return ballbot_larger(ballbot_magnitude(x[2]), ballbot_magnitude(x[3])) <= own->largest_lean &&
-           ballbot_square_root(x[5] * x[5] + x[6] * x[6]) <= own->largest_speed;
+}
+
+bool ballbot_within_policy(const struct ballbot_law *law, const struct ballbot_robot_state *seen)
+{
+    const float lean = ballbot_larger(ballbot_magnitude(seen->theta), ballbot_magnitude(seen->phi));
+    const float speed = ballbot_square_root(seen->x_dot * seen->x_dot + seen->y_dot * seen->y_dot);
+
+    return law->policy.on != 0 && lean <= law->policy.largest_lean && speed <= law->policy.largest_speed;
 }
 
 #else
 
-bool ballbot_policy_decide(const struct ballbot_law *law, struct ballbot_memory *memory, const struct ballbot_sample *now)
+/* There are no weights; ballbot_policy_is_known refuses a policy. */
+void ballbot_act(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a,
+                 const struct ballbot_robot_state *seen, struct ballbot_pose pose, struct ballbot_pose wanted)
 {
     (void)law;
     (void)memory;
-    (void)now;
-    return false; /* there are no weights; ballbot_policy_is_known refuses a policy */
+    (void)a;
+    (void)seen;
+    (void)pose;
+    (void)wanted;
+}
+
+bool ballbot_within_policy(const struct ballbot_law *law, const struct ballbot_robot_state *seen)
+{
+    (void)law;
+    (void)seen;
+    return false;
 }
 
 #endif
 
-float ballbot_policy_filter(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque, int32_t i)
+float ballbot_with_policy(const struct ballbot_law *law, const struct ballbot_memory *memory, float torque, int32_t i)
 {
     return law->policy.feedback * torque + memory->policy.past[0][i];
 }

@@ -1,219 +1,268 @@
-/* Reference shaping: whatever the reference does becomes a motion that the robot can follow.
+/* Generated from ballbot/control/parts/reference_shaping.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
  *
- * For x and y [m] together and for psi [rad] alike, a point p with velocity v follows a target, and four lags follow p:
+ * Reference shaping: whatever the reference does becomes a motion that the robot can follow.
+ *
+ * For x and y together and for psi alike, a point p with velocity v follows a target, and four lags follow p:
  *
  *     target = r + (1 - l) (t r' + c r'') - l (r'^2/(2 b) + t_0 r')    t = 4/w + tau,  c = 6/w^2 + 4 tau/w + tau^2/2
  *     p' = v,  |v'| <= a,  |v| <= the speed limit
  *     s_1' = w (p - s_1),  s_2' = w (s_1 - s_2),  ..  s = s_4
  *
- * so that s has four derivatives. Slow references are followed without delay (l = 0), fast ones as far behind as a stop
- * needs (l = 1). The torque against lasting disturbances takes its share of a. With d_i = s_i - p and g = w h the lags
- * are stepped exactly:
+ * so that s has four derivatives, which the feed-forward needs. Far from its target p moves as fast as a deceleration of b
+ * can still stop it, near it at the rate _APPROACH; b is somewhat below a. What torque a wheel needs against lasting
+ * disturbances, as on a slope, takes its share of a, so that the motors are left what a motion needs. While errors command
+ * more than the lean limit, as after a push, the robot needs its torque to catch itself: a is least then, and comes back
+ * within a second. (Without this, a jump of the reference soon after a push let robots fall that stand both with it.)
+ *
+ * A reference that moves slowly, such as a figure of eight, is followed without delay: then l is zero, and the target is
+ * ahead of r by what the lags and a delay tau cost, which is predicted over. One that moves fast may stop at any time, and
+ * a robot that is not to overshoot must brake first: then l is one, and s is behind r by what it needs to stop, with t_0
+ * to notice it.
+ *
+ * r' and r'' are the reference's changes from sample to sample through lags of _LAG, in which the steps of a rounded
+ * reference vanish. A change faster than the speed limit is a jump, which has no velocity; a change of velocity counts in
+ * full as r'' up to half of a, and not at all from a on.
+ *
+ * With p held over a sample of h, d_i = s_i - p and g = w h, the lags are stepped exactly:
  *
  *     d_i(h) = exp(-g) (d_i + g d_(i-1) + g^2/2 d_(i-2) + g^3/6 d_(i-3))
  *
- * p and the lags are sums of many small steps: what rounding takes from one is added with the next.
+ * and s'''' is that of the mean of p before and after its step.
  */
-#include "compensated_sum.h"
-#include "parts/parts.h"
+#include "parts/steps.h"
 
-/* as in ballbot.control.parts.reference_shaping */
-#define ROUNDING (1e-3f)
-#define LAG (0.046875f)
-#define NOTICED (2.0f * LAG)
-#define BRAKING (0.875f)
-#define FAST (1.5f)
-#define RESERVE (1.5f)
-#define LASTING (1.0f)
-#define LEAST_LEFT (0.25f)
+/* lag of the torque against disturbances [s] */
+#define LASTING 1.0f
+/* least fraction of the limit of acceleration that disturbances leave */
+#define LEAST_LEFT 0.25f
+/* weight of the torque against disturbances: a motion that changes needs more than its acceleration does */
+#define RESERVE 1.5f
+/* rounding by which a motion at the limit of speed may exceed it */
+#define ROUNDING 0.001f
+/* deceleration b that p expects of itself, over the limit a */
+#define BRAKING 0.875f
+/* lag of r' and r'' [s] */
+#define LAG 0.046875f
+/* ratio of the speeds at which l is one and zero */
+#define FAST 1.5f
+/* t_0 [s]: by then most of r' is gone after a stop */
+#define NOTICED 0.09375f
 
 /* Lags and limits of the position or of the heading. */
 struct limits {
     float frequency; /* w [rad/s] */
-    float decay;     /* exp(-w h) */
-    float gone;      /* 1 - exp(-w h), which a difference would round */
-    float step;      /* g = w h */
+    float decay; /* exp(-w h) */
+    float gone; /* 1 - exp(-w h), which a difference would round */
+    float step; /* g = w h */
     float speed;
     float acceleration;
     float prompt;
-    int first; /* its axes */
-    int end;
+};
+
+/* The motion of the position or of the heading, whose second numbers are zero. */
+struct motion {
+    struct ballbot_pair velocity;
+    struct ballbot_pair last;
+    struct ballbot_pair change;
+    struct ballbot_pair bend;
 };
 
 /* Let the motion start at rest at a pose. */
-static void start_at(struct ballbot_shaping_state *state, const float pose[3], const float r[3])
+static void start(struct ballbot_shaping_state *state, struct ballbot_pose pose, struct ballbot_pose wanted)
 {
-    for (int axis = 0; axis < 3; ++axis) {
-        for (int i = 0; i < 4; ++i) {
-            state->lags[axis][i] = pose[axis];
-            state->lags_rest[axis][i] = 0.0f;
-        }
-        state->followed[axis] = pose[axis];
-        state->followed_rest[axis] = 0.0f;
-        state->last[axis] = r[axis];
+    for (int32_t i = 0; i < 4; ++i) {
+        state->lags[0][i] = pose.x;
+        state->lags[1][i] = pose.y;
+        state->lags[2][i] = pose.psi;
+        state->lags_rest[0][i] = 0.0f;
+        state->lags_rest[1][i] = 0.0f;
+        state->lags_rest[2][i] = 0.0f;
     }
+    state->followed[0] = pose.x;
+    state->followed[1] = pose.y;
+    state->followed[2] = pose.psi;
+    state->followed_rest[0] = 0.0f;
+    state->followed_rest[1] = 0.0f;
+    state->followed_rest[2] = 0.0f;
+    state->last[0] = wanted.x;
+    state->last[1] = wanted.y;
+    state->last[2] = wanted.psi;
     state->started = 1;
 }
 
-void ballbot_shaping_restart(struct ballbot_memory *memory, const struct ballbot_sample *now)
+/* Let the shaping go on from a pose at rest: a plan, which is followed without it, ends there. */
+void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose wanted)
 {
-    struct ballbot_shaping_state *state = &memory->shaping;
-    const float r[3] = { now->reference[0], now->reference[1], now->reference[4] };
+    struct ballbot_shaping_state *own = &memory->shaping;
 
-    start_at(state, r, r);
-    for (int axis = 0; axis < 3; ++axis) {
-        state->velocity[axis] = 0.0f;
-        state->change[axis] = 0.0f;
-        state->bend[axis] = 0.0f;
+    start(own, wanted, wanted);
+    for (int32_t axis = 0; axis < 3; ++axis) {
+        own->velocity[axis] = 0.0f;
+        own->change[axis] = 0.0f;
+        own->bend[axis] = 0.0f;
     }
 }
 
 /* Return the fraction of the limit of acceleration that lasting disturbances leave, and follow them. */
-static float left(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading a)
+static float left(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_heading_frame a)
 {
+    struct ballbot_shaping_state *own = &memory->shaping;
     const float *sums = memory->integral.sums;
-    const struct ballbot_pair I = ballbot_to_heading(a, sums[0], sums[1]);
-    struct ballbot_shaping_state *state = &memory->shaping;
     float most = 0.0f;
+    const struct ballbot_pair I = ballbot_turned(a, sums[0], sums[1]);
 
-    for (int i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
+    for (int32_t i = 0; i < BALLBOT_MAX_WHEELS; ++i) {
         const float *gain = law->integral.gain[i];
         const float *more = memory->tuning.integral[i];
-        const float lost = memory->disturbance_observer.estimate[i] + (gain[0] + more[0]) * I.x +
-                           (gain[1] + more[1]) * I.y + (gain[2] + more[2]) * sums[2];
+        const float by_place = (gain[0] + more[0]) * I.x + (gain[1] + more[1]) * I.y;
+        const float lost = memory->disturbance_observer.estimate[i] + by_place + (gain[2] + more[2]) * sums[2];
 
         most = ballbot_larger(most, ballbot_magnitude(lost));
     }
-    state->lost += (most - state->lost) / (LASTING * law->shaping.rate + 1.0f);
-    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * state->lost / law->torque_limit);
+    own->lost += (most - own->lost) / (LASTING * law->shaping.rate + 1.0f);
+    return ballbot_larger(LEAST_LEFT, 1.0f - RESERVE * own->lost / law->torque_limit);
 }
 
-void ballbot_shaping_slow(const struct ballbot_law *law, struct ballbot_memory *memory)
+/* Return the motion of the position that the memory holds. */
+static struct motion place_of(const struct ballbot_shaping_state *state)
 {
-    memory->shaping.lost = law->torque_limit;
+    const float *v = state->velocity;
+    const float *r = state->last;
+    const float *change = state->change;
+    const float *bend = state->bend;
+
+    return (struct motion){ (struct ballbot_pair){ v[0], v[1] }, (struct ballbot_pair){ r[0], r[1] },
+        (struct ballbot_pair){ change[0], change[1] }, (struct ballbot_pair){ bend[0], bend[1] } };
 }
 
-/* Return the length of the axes' part of a vector. */
-static float length(const struct limits *of, const float v[3])
+/* Return the motion of the heading that the memory holds. */
+static struct motion turn_of(const struct ballbot_shaping_state *state)
 {
-    float squared = 0.0f;
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        squared += v[axis] * v[axis];
-    }
-    return ballbot_square_root(squared);
+    return (struct motion){ (struct ballbot_pair){ state->velocity[2], 0.0f }, (struct ballbot_pair){ state->last[2],
+        0.0f }, (struct ballbot_pair){ state->change[2], 0.0f }, (struct ballbot_pair){ state->bend[2], 0.0f } };
 }
 
-/* Return by how much a vector of a length is to be multiplied, so that it is no longer than a limit. */
-static float share(float of, float most)
+/* Return v and a multiple of another vector. */
+static struct ballbot_pair plus(struct ballbot_pair v, float factor, struct ballbot_pair other)
 {
-    return (of > most) ? most / of : 1.0f;
+    return (struct ballbot_pair){ v.x + factor * other.x, v.y + factor * other.y };
 }
 
-/* Let r' and r'' follow the reference; a jump has no velocity. */
-static void notice(const struct ballbot_shaping_record *own, const struct limits *of,
-                   struct ballbot_shaping_state *state, const float r[3])
+/* Return the length of a vector. */
+static float length(struct ballbot_pair v)
 {
-    float n[3];
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        n[axis] = own->rate * (r[axis] - state->last[axis]);
-    }
-    const float moves = (length(of, n) <= (1.0f + ROUNDING) * of->speed) ? 1.0f : 0.0f;
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        n[axis] = moves * n[axis] - state->change[axis];
-    }
-    const float size = 2.0f * own->late * own->rate * length(of, n) / of->acceleration;
-    const float counts = ballbot_larger(0.0f, ballbot_smaller(1.0f, 2.0f - size));
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        state->bend[axis] += own->late * (counts * own->late * own->rate * n[axis] - state->bend[axis]);
-        state->change[axis] += own->late * n[axis];
-        state->last[axis] = r[axis];
-    }
+    return ballbot_square_root(v.x * v.x + v.y * v.y);
 }
 
-/* Let v follow what takes p to its target, and fill how far p goes. */
-static void follow(const struct ballbot_shaping_record *own, const struct limits *of,
-                   struct ballbot_shaping_state *state, const float r[3], float steps[3])
+/* Return a motion with r' and r'' filtered; a jump has no velocity, and r'' counts up to the limit. */
+static struct motion notice(const struct ballbot_shaping_record *own, const struct limits *limits,
+        const struct motion *motion, struct ballbot_pair r)
 {
-    const float w = of->frequency;
+    const struct ballbot_pair d = plus(r, -1.0f, motion->last);
+    const float rate = (own->rate * length(d) <= (1.0f + ROUNDING) * limits->speed) ? own->rate : 0.0f;
+    const struct ballbot_pair n = { rate * d.x - motion->change.x, rate * d.y - motion->change.y };
+    const float counts = ballbot_larger(0.0f, ballbot_smaller(1.0f,
+        2.0f - 2.0f * own->late * own->rate * length(n) / limits->acceleration));
+    const float wanted = counts * own->late * own->rate;
+    const struct ballbot_pair bend = { motion->bend.x + own->late * (wanted * n.x - motion->bend.x),
+        motion->bend.y + own->late * (wanted * n.y - motion->bend.y) };
+
+    return (struct motion){ motion->velocity, motion->last, plus(motion->change, own->late, n), bend };
+}
+
+/* Return a vector that is no longer than a limit. */
+static struct ballbot_pair limited(struct ballbot_pair v, float most)
+{
+    const float size = length(v);
+    const float share = (size > most) ? most / size : 1.0f;
+
+    return (struct ballbot_pair){ share * v.x, share * v.y };
+}
+
+/* Return the velocity that is asked of p: that of its target, and what takes it there. */
+static struct ballbot_pair ask(const struct ballbot_shaping_record *own, const struct limits *limits,
+        const struct motion *motion, struct ballbot_pair away)
+{
+    const float w = limits->frequency;
     const float tau = own->delay;
-    const float braking = BRAKING * of->acceleration;
-    const float near = braking / own->approach;
-    float moving[3];
-    float e[3];
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        moving[axis] = state->change[axis] + LAG * state->bend[axis];
-    }
-    const float speed = length(of, moving);
-    const float prompt =
-        ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - speed / of->prompt) / (FAST - 1.0f)));
+    const float braking = BRAKING * limits->acceleration;
+    const struct ballbot_pair now = plus(motion->change, LAG, motion->bend);
+    const float speed = length(now);
+    const float prompt = ballbot_larger(0.0f, ballbot_smaller(1.0f, (FAST - speed / limits->prompt) / (FAST - 1.0f)));
     const float t = prompt * (4.0f / w + tau);
     const float c = prompt * (6.0f / (w * w) + 4.0f * tau / w + 0.5f * tau * tau);
     const float ahead = t - (1.0f - prompt) * (0.5f * speed / braking + NOTICED);
+    const struct ballbot_pair e = plus(plus(away, ahead, now), c, motion->bend);
+    const float near = braking / own->approach;
+    const float pull = 2.0f * braking / (near + ballbot_square_root(near * near + 2.0f * braking * length(e)));
 
-    for (int axis = of->first; axis < of->end; ++axis) {
-        const float away = (r[axis] - state->followed[axis]) - state->followed_rest[axis];
-
-        e[axis] = away + ahead * moving[axis] + c * state->bend[axis];
-    }
-    const float pull = 2.0f * braking / (near + ballbot_square_root(near * near + 2.0f * braking * length(of, e)));
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        moving[axis] += t * state->bend[axis] + pull * e[axis];
-    }
-    const float slower = share(length(of, moving), of->speed);
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        moving[axis] = slower * moving[axis] - state->velocity[axis];
-    }
-    const float gently = share(length(of, moving), of->acceleration / own->rate);
-
-    for (int axis = of->first; axis < of->end; ++axis) {
-        state->velocity[axis] += gently * moving[axis];
-        steps[axis] = state->velocity[axis] / own->rate;
-    }
+    return limited(plus(plus(now, t, motion->bend), pull, e), limits->speed);
 }
 
-/* A place that is a sum, and what rounding has taken from it. */
-struct sum {
-    float value;
-    float rest;
-};
-
-/* Return an axis's motion at the sample, relative to the pose, and step its four lags on to the next.
- *
- * `before` is p before the sample, `step` how far it has gone. Only differences of neighbouring places are
- * taken, which are exact in floating point, so that it does not matter how far from the origin the motion is.
- */
-static struct ballbot_smooth lagged(const struct limits *lags, float s[4], float rest[4], struct sum before, float step,
-                                    float pose)
+/* Return a motion after a sample with the reference r, which is away from p. */
+static struct motion moved(const struct ballbot_shaping_record *own, const struct limits *limits,
+        const struct motion *motion, struct ballbot_pair r, struct ballbot_pair away)
 {
+    const struct motion noticed = notice(own, limits, motion, r);
+    const struct ballbot_pair asked = ask(own, limits, &noticed, away);
+    const struct ballbot_pair change = limited(plus(asked, -1.0f, motion->velocity),
+        limits->acceleration / own->rate);
+
+    return (struct motion){ plus(motion->velocity, 1.0f, change), r, noticed.change, noticed.bend };
+}
+
+/* Put both motions into the memory. */
+static void keep(struct ballbot_shaping_state *state, const struct motion *place, const struct motion *turn)
+{
+    float *v = state->velocity;
+    float *r = state->last;
+    float *change = state->change;
+    float *bend = state->bend;
+
+    v[0] = place->velocity.x;
+    v[1] = place->velocity.y;
+    v[2] = turn->velocity.x;
+    r[0] = place->last.x;
+    r[1] = place->last.y;
+    r[2] = turn->last.x;
+    change[0] = place->change.x;
+    change[1] = place->change.y;
+    change[2] = turn->change.x;
+    bend[0] = place->bend.x;
+    bend[1] = place->bend.y;
+    bend[2] = turn->bend.x;
+}
+
+/* Return an axis's motion at the sample, relative to the pose; let p make a step, and its four lags follow.
+ *
+ * Only differences of neighbouring places are taken, which are exact in floating point, so that it does not matter
+ * how far from the origin the motion is.
+ */
+static struct ballbot_smooth_reference lagged(const struct limits *lags, struct ballbot_shaping_state *state,
+        int32_t axis, float step, float pose)
+{
+    float *s = state->lags[axis];
+    float *rest = state->lags_rest[axis];
     const float w = lags->frequency;
     const float a = lags->decay;
-    const float gone = lags->gone;
     const float g = lags->step;
+    const float gone = lags->gone;
     const float half = 0.5f * g * g;
     const float sixth = g * g * g / 6.0f;
-    const float w_2 = w * w;
-    const float first = (s[0] - s[1]) + (rest[0] - rest[1]);
-    const float second = (s[1] - s[2]) + (rest[1] - rest[2]);
-    const float third = (s[2] - s[3]) + (rest[2] - rest[3]);
-    const float d_1 = ((s[0] - before.value) + (rest[0] - before.rest)) - step;
+    const float first = s[0] - s[1] + (rest[0] - rest[1]);
+    const float second = s[1] - s[2] + (rest[1] - rest[2]);
+    const float third = s[2] - s[3] + (rest[2] - rest[3]);
+    const float d_1 = s[0] - state->followed[axis] + (rest[0] - state->followed_rest[axis]) - step;
     const float d_2 = d_1 - first;
     const float d_3 = d_2 - second;
     const float d_4 = d_3 - third;
-    const struct ballbot_smooth motion = {
-        (s[3] - pose) + rest[3],
-        w * third,
-        w_2 * (second - third),
+    const float w_2 = w * w;
+    const struct ballbot_smooth_reference motion = { s[3] - pose + rest[3], w * third, w_2 * (second - third),
         w_2 * w * (first - 2.0f * second + third),
-        w_2 * w_2 * (3.0f * (second - first) - third - d_1 - 0.5f * step),
-    };
+        w_2 * w_2 * (3.0f * (second - first) - third - d_1 - 0.5f * step) };
 
+    ballbot_add(&state->followed[axis], &state->followed_rest[axis], step);
     ballbot_add(&s[0], &rest[0], -gone * d_1);
     ballbot_add(&s[1], &rest[1], a * g * d_1 - gone * d_2);
     ballbot_add(&s[2], &rest[2], a * (g * d_2 + half * d_1) - gone * d_3);
@@ -221,42 +270,43 @@ static struct ballbot_smooth lagged(const struct limits *lags, float s[4], float
     return motion;
 }
 
-void ballbot_shaping_shape(const struct ballbot_law *law, struct ballbot_memory *memory, struct ballbot_sample *now)
+/* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */
+struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
+        struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted)
 {
     const struct ballbot_shaping_record *own = &law->shaping;
     struct ballbot_shaping_state *state = &memory->shaping;
-
-    if (own->on == 0) {
-        return;
-    }
-    const struct limits place = {
-        own->frequency, own->decay, own->gone, own->frequency / own->rate, own->speed,
-        left(law, memory, now->a) * own->acceleration, own->prompt, 0, 2,
-    };
-    const struct limits heading = {
-        own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency / own->rate, own->yaw_rate,
-        own->yaw_acceleration, own->yaw_prompt, 2, 3,
-    };
-    const float r[3] = { now->reference[0], now->reference[1], now->reference[4] };
-    float steps[3];
-    struct sum before[3];
+    const float h = 1.0f / own->rate;
+    const float acceleration = left(law, memory, ahead->a) * own->acceleration;
+    const struct limits place = { own->frequency, own->decay, own->gone, own->frequency * h, own->speed,
+        acceleration, own->prompt };
+    const struct limits heading = { own->yaw_frequency, own->yaw_decay, own->yaw_gone, own->yaw_frequency * h,
+        own->yaw_rate, own->yaw_acceleration, own->yaw_prompt };
 
     if (state->started == 0) {
-        const float pose[3] = { now->pose[0] + now->state[0], now->pose[1] + now->state[1],
-                                now->pose[2] + now->state[4] };
+        const struct ballbot_pose begun = { pose.x + ahead->state.x, pose.y + ahead->state.y,
+            pose.psi + ahead->state.psi };
 
-        start_at(state, pose, r);
+        start(state, begun, wanted);
     }
-    notice(own, &place, state, r);
-    notice(own, &heading, state, r);
-    follow(own, &place, state, r, steps);
-    follow(own, &heading, state, r, steps);
-    for (int axis = 0; axis < 3; ++axis) {
-        before[axis].value = state->followed[axis];
-        before[axis].rest = state->followed_rest[axis];
-        ballbot_add(&state->followed[axis], &state->followed_rest[axis], steps[axis]);
-    }
-    now->x = lagged(&place, state->lags[0], state->lags_rest[0], before[0], steps[0], now->pose[0]);
-    now->y = lagged(&place, state->lags[1], state->lags_rest[1], before[1], steps[1], now->pose[1]);
-    now->psi = lagged(&heading, state->lags[2], state->lags_rest[2], before[2], steps[2], now->pose[2]);
+    const float *p = state->followed;
+    const float *rest = state->followed_rest;
+    const struct ballbot_pair away = { wanted.x - p[0] - rest[0], wanted.y - p[1] - rest[1] };
+    const struct ballbot_pair turn = { wanted.psi - p[2] - rest[2], 0.0f };
+    const struct motion place_before = place_of(state);
+    const struct motion turn_before = turn_of(state);
+    const struct motion place_after = moved(own, &place, &place_before, (struct ballbot_pair){ wanted.x, wanted.y },
+        away);
+    const struct motion turn_after = moved(own, &heading, &turn_before, (struct ballbot_pair){ wanted.psi, 0.0f },
+        turn);
+
+    keep(state, &place_after, &turn_after);
+    return (struct ballbot_followed){ lagged(&place, state, 0, h * state->velocity[0], pose.x), lagged(&place, state,
+        1, h * state->velocity[1], pose.y), lagged(&heading, state, 2, h * state->velocity[2], pose.psi) };
+}
+
+/* Leave motions the least acceleration: the robot needs its torque to catch itself. */
+void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *memory)
+{
+    memory->shaping.lost = law->torque_limit;
 }

@@ -1,0 +1,121 @@
+"""The control law's C: which functions of Python it is written from, and into which files.
+
+    c/parts/part.h       what the parts share: `ballbot.control.parts.part`
+    c/parts/steps.h      the steps of all parts
+    c/parts/NAME.c       a part, from the file of that name
+    c/parts/tuning.c, c/estimation/heading.c, c/decide.c     from `tuning`, `heading` and `law`
+
+By hand are the policy, whose network has its size from its weights, and `law.c`, which looks at state and reference.
+`tests.support.python_to_c` translates; `tests.support.firmware_headers` writes the files.
+"""
+
+from functools import cache
+from types import ModuleType
+
+from ballbot.control import law, tuning
+from ballbot.control.parts import (
+    compensation,
+    disturbance_observer,
+    feed_forward,
+    integral,
+    lean_limit,
+    notch,
+    part,
+    policy,
+    prediction,
+    reference_shaping,
+)
+from ballbot.estimation import heading
+from ballbot.mechanics.engine.elementary import sine_cosine
+from ballbot.mechanics.floor import rolling_brake
+from ballbot.mechanics.friction import decay
+from tests.support.python_to_c import NOTHING, TRUTH, WHOLE, External, Program, Type, record
+
+#: functions of C that are written by hand
+EXTERNALS = {
+    abs: External("ballbot_magnitude"),
+    sine_cosine: External("ballbot_sine_cosine", outputs=True),
+    part.add_to.py_func: External("ballbot_add(&{0}[{2}], &{1}[{2}], {3})", NOTHING, written=(0, 1)),
+    rolling_brake: External("{0} / ballbot_larger({1}, 1e-30f)"),
+    decay: External("ballbot_exponential(-ballbot_power({0}, {1}))"),
+    policy.act.py_func: External("ballbot_act", NOTHING, written=(1,)),
+    policy.within_policy.py_func: External("ballbot_within_policy", TRUTH),
+    policy.with_policy.py_func: External("ballbot_with_policy"),
+}
+#: constants by their names in Python
+NAMES = {
+    "MAX_WHEELS": "BALLBOT_MAX_WHEELS",
+    "SPEEDS": "BALLBOT_TABLE_SPEEDS",
+    "_NUMBERS": "BALLBOT_TUNING_NUMBERS",
+    "_COMPENSATION": "BALLBOT_TUNING_COMPENSATION",
+}
+#: in the order of the steps
+PARTS = (tuning, disturbance_observer, prediction, reference_shaping, feed_forward, lean_limit, integral, compensation,
+         notch)  # fmt: skip
+_NUMBERS = Type("float", ("10",))
+
+
+@cache
+def program() -> Program:
+    """Return the law and all that it calls."""
+    made = Program(externals=EXTERNALS, names=NAMES)
+    arguments = [
+        record(law.LAW),
+        record(law.MEMORY),
+        NOTHING,
+        _NUMBERS,
+        _NUMBERS,
+        Type("float", ("",)),
+        WHOLE,
+    ]
+    made.add(law.decide, arguments)
+    return made
+
+
+def _plain_name(module: ModuleType) -> str:
+    return module.__name__.rpartition(".")[2]
+
+
+def _file(modules: tuple[ModuleType, ...], comment: str, body: str, guard: str = "") -> str:
+    """Return the text of a file."""
+    sources = f"{modules[0].__name__.replace('.', '/')}.py" if len(modules) == 1 else "ballbot/control"
+    words = comment.replace("`", "").rstrip()
+    lines = "".join(f" * {line}".rstrip() + "\n" for line in words.split("\n"))
+    given = f"Generated from {sources} by\n * `python -m tests.support.firmware_headers`; do not edit."
+    begin = f"/* {given}\n *\n{lines} */\n"
+    if guard:
+        return f"{begin}#ifndef {guard}\n#define {guard}\n\n{body}\n#endif\n"
+    return f"{begin}{body}"
+
+
+def law_files() -> dict[str, str]:
+    """Return the text of each file, by its path in the sources."""
+    made = program()
+    own = "".join(f'#include "{name}.h"\n' for name in ("ballbot_math", "ballbot_types", "compensated_sum"))
+    shared = f"#include <stdbool.h>\n\n{own}\n"
+    steps = "\n".join(made.declarations(one) for one in PARTS)
+    files = {
+        "parts/part.h": _file(
+            (part,), "What the parts of the control law share.",
+            f"{shared}{made.sources(part, inline=True)}", "BALLBOT_PART_H",
+        ),
+        "parts/steps.h": _file(
+            PARTS, "The steps of the parts, in the order of the law.",
+            f'#include "parts/part.h"\n\n{steps}', "BALLBOT_STEPS_H",
+        ),
+        "estimation/heading.c": _file(
+            (heading,), heading.__doc__ or "", f'#include "estimation/heading.h"\n\n{made.sources(heading)}'
+        ),
+        "estimation/heading.h": _file(
+            (heading,), "Unwrapped headings.", f"{shared}{made.declarations(heading)}", "BALLBOT_HEADING_H"
+        ),
+        "decide.c": _file(
+            (law,), law.__doc__ or "",
+            f'#include "law.h"\n\n#include "estimation/heading.h"\n#include "parts/policy.h"\n'
+            f'#include "parts/steps.h"\n\n{made.sources(law)}',
+        ),
+    }  # fmt: skip
+    for one in PARTS:
+        text = f'#include "parts/steps.h"\n\n{made.sources(one)}'
+        files[f"parts/{_plain_name(one)}.c"] = _file((one,), one.__doc__ or "", text)
+    return files
