@@ -10,7 +10,6 @@ from ballbot.cli import options
 from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_log
 from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
-from ballbot.fitting.fit import Search
 from ballbot.fitting.run import Run, Threads
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
@@ -37,7 +36,6 @@ def identify(
     bounds: Path | None = None,
     sweep: Path | None = None,
     window: options.Window = 0.25,
-    search: Search = "multistart",
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
@@ -75,9 +73,6 @@ def identify(
     sweep
         results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
         their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
-    search
-        How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
-        thesis, which takes longer.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
     mapping
@@ -111,7 +106,6 @@ def identify(
                 excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or (), described),
                 sweep=of_sweep,
-                search=search,
             ),
             run=Run(seed=seed, executor=executor, progress=result.report),
         )
