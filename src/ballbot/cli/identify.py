@@ -7,10 +7,10 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_log
+from ballbot.cli.context import changed_robot, open_result, read_balancing_log
 from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
-from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions
@@ -40,7 +40,6 @@ def identify(
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     accept: options.Accept = None,
-    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
@@ -91,10 +90,7 @@ def identify(
     # all logs are checked together, because they are of one robot
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
-    with (
-        open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
-        cluster_or(cluster, Threads()) as executor,
-    ):
+    with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         fit = identify_friction(
             described,
             checked,
@@ -107,7 +103,7 @@ def identify(
                 back_emf=back_emf_of(mapping or (), described),
                 sweep=of_sweep,
             ),
-            run=Run(seed=seed, executor=executor, progress=result.report),
+            run=Run(seed=seed, progress=result.report),
         )
         rest = slice(len(named), None)
         holdouts = [

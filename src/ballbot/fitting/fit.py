@@ -43,7 +43,7 @@ from ballbot.fitting.intervals import (
     between,
     truncated_reach,
 )
-from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
+from ballbot.fitting.run import DEFAULT_RUN, Run
 from ballbot.fitting.uncertainty import (
     Discrepancy,
     WindowEquations,
@@ -243,9 +243,7 @@ def search(experiment: Experiment[IterateT], starts: Floats, *, most_steps: int,
         reported = replace(run, progress=report)
         return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
-    # a cluster works on the pieces of each descent
-    threads = run.executor if isinstance(run.executor, Threads) else Threads()
-    best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
+    best, *ends = sorted(run.executor(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
 
