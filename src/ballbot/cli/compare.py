@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
+from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words
 from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import Processes, Run
 from ballbot.report.comparison import league_report
@@ -22,7 +22,6 @@ def compare(
     friction: AssumedFriction = "nominal",
     confirm: options.Count | None = None,
     processes: options.Count | None = None,
-    cluster: options.Cluster = None,
     change: options.Changes = None,
     out: options.Out,
 ) -> None:
@@ -60,10 +59,7 @@ def compare(
     described, numbers = changed_robot(robot, change), parse_seeds(seeds)
     references = [course.reference_spec.name for course in choose_courses(courses, described, plant)]
     beside = [Path(name) for name in references if is_reference_file(name)]
-    with (
-        open_result(out, doing=f"comparing on the {plant}", beside=beside, seed=seeds) as result,
-        cluster_or(cluster, Processes(count=processes)) as workers,
-    ):
+    with open_result(out, doing=f"comparing on the {plant}", beside=beside, seed=seeds) as result:
         league = run_comparison(
             described,
             controllers or DEFAULT_CONTROLLERS,
@@ -72,7 +68,7 @@ def compare(
             seeds=numbers,
             confirm=confirm or 0,
             friction=friction,
-            workers=workers,
+            workers=Processes(count=processes),
             run=Run(progress=result.report),
         )
         words = robot_words(robot, change)

@@ -7,11 +7,10 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_log
+from ballbot.cli.context import changed_robot, open_result, read_balancing_log
 from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
-from ballbot.fitting.fit import Search
-from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions
@@ -37,12 +36,10 @@ def identify(
     bounds: Path | None = None,
     sweep: Path | None = None,
     window: options.Window = 0.25,
-    search: Search = "multistart",
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     accept: options.Accept = None,
-    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
@@ -75,9 +72,6 @@ def identify(
     sweep
         results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
         their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
-    search
-        How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
-        thesis, which takes longer.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
     mapping
@@ -96,10 +90,7 @@ def identify(
     # all logs are checked together, because they are of one robot
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
-    with (
-        open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
-        cluster_or(cluster, Threads()) as executor,
-    ):
+    with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         fit = identify_friction(
             described,
             checked,
@@ -111,9 +102,8 @@ def identify(
                 excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or (), described),
                 sweep=of_sweep,
-                search=search,
             ),
-            run=Run(seed=seed, executor=executor, progress=result.report),
+            run=Run(seed=seed, progress=result.report),
         )
         rest = slice(len(named), None)
         holdouts = [
