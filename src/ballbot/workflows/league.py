@@ -45,7 +45,7 @@ class League(Reported):
     controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
-    tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
+    tracks: Mapping[tuple[str, str], Log]  #: the true path and the reference with the first seed
     friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
     twin: League | None = None  #: the best two on the twin, if they ran there too
 
@@ -195,12 +195,13 @@ def run_league(
 
 
 def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
-    """Return a run's score, and its true path (t, x, y) if it is of the first seed."""
+    """Return a run's score, and its true path (t, x, y, ref_x, ref_y) if it is of the first seed."""
     if run.condition.seed != first:
         return run.score(log), None
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     truth = true_place(log)
-    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    names = ("t", "x", "y", "ref_x", "ref_y")
+    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in names}
     return run.score(log), Log(track, ended=log.ended)
 
 
