@@ -213,18 +213,15 @@ def course_tracks(league: League, course: Course) -> dict[str, Log]:
 
 
 def league_report(league: League) -> Result:
-    """Return the page of a league, and of its best two on the twin if they ran there too."""
-    twin = league.twin
+    """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    courses, seeds = counted(len(league.courses), "course"), counted(len((twin or league).seeds), "seed")
-    on_twin = Paragraph(f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction.")
+    courses, seeds = counted(len(league.courses), "course"), counted(len(league.seeds), "seed")
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
-        lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
+        lead=f"{courses} on {plant}, {seeds}, the same for all.",
         verdict=[("", _verdict(league)), ("", league.friction)],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
-            section("On the twin", *((on_twin, course_sheet(twin)) if twin else ())),
             *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
