@@ -20,7 +20,6 @@ def compare(
     courses: str = "motions",
     seeds: str = "1-3",
     friction: AssumedFriction = "nominal",
-    confirm: options.Count | None = None,
     processes: options.Count | None = None,
     change: options.Changes = None,
     out: options.Out,
@@ -51,8 +50,6 @@ def compare(
     friction
         Of a robot whose file has none: nominal, the nominal scenario's with the wheels' torques in proportion to the
         wheels' load and radius, which the controllers know; or none.
-    confirm
-        Seeds with which the best two run on the twin, too, after all on the loop; by default none.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
     """
@@ -66,7 +63,6 @@ def compare(
             courses=courses,
             plant=plant,
             seeds=numbers,
-            confirm=confirm or 0,
             friction=friction,
             workers=Processes(count=processes),
             run=Run(progress=result.report),
