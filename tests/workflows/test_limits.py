@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot import Controller, Model, Robot
+from ballbot import Controller, InputError, Model, Robot
+from ballbot.control.gain_set import tunable
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
@@ -91,3 +92,9 @@ def test_a_ray_stops_at_the_first_loss():
     assert found[0] == pytest.approx(0.3, abs=1.0 / 12288)
     free = reach(lambda points: np.ones(len(points), bool), start_of, shape=(1,), end=1.0)
     assert free[0] == 1.0
+
+
+def test_gains_are_not_compared_with_one_that_recovers_from_nothing():
+    controller = loop(1e-6).controller
+    with pytest.raises(InputError, match="recovers from no impulse"):
+        limits.recovered_shares(tunable(controller, [controller]))
