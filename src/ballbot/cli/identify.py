@@ -12,16 +12,13 @@ from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
 from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
-from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.identify import identify as identify_friction
 from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
-from ballbot.log.pose import causal_states
 from ballbot.report.identification import identification_report
-from ballbot.robot import Robot
 
 
 def identify(
@@ -107,16 +104,8 @@ def identify(
         )
         rest = slice(len(named), None)
         holdouts = [
-            cross_validate(fit, log, name=name, starts=_states_at(path, each, described))
-            for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
+            cross_validate(fit, log, name=name) for name, log in zip(held_out, read[rest], strict=True)
         ]
         page = identification_report(fit, checked.logs, holdouts)
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)
-
-
-def _states_at(path: Path, mapping: Path | None, robot: Robot) -> InitialStates | None:
-    """Return the function that gives the states known at given times; None without a mapping."""
-    if mapping is None:
-        return None
-    return lambda moments: causal_states(path, mapping=mapping, robot=robot, moments=moments)
