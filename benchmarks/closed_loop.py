@@ -82,9 +82,9 @@ def costs_of_imperfections() -> dict[str, tuple[float, float]]:
     }
     model, controller = Model(robot), precise_controller(robot).with_estimator("kalman")
 
-    def run(borne: list[Imperfections]) -> None:
+    def run(by_lane: list[Imperfections]) -> None:
         simulate_batch(
-            [model] * LANES, controller, square(), duration=0.3, imperfections=borne, every=0, threads=1
+            [model] * LANES, controller, square(), duration=0.3, imperfections=by_lane, every=0, threads=1
         )
 
     run([every] * LANES)

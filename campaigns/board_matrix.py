@@ -192,10 +192,16 @@ def _judged_refusal(case: Case, made: Result, words: str) -> Result:
 def falls(case: Case, controller: Controller) -> int:
     """Return how many of `REFUSED_RUNS` runs with a controller end in a fall."""
     loop = case.loop
-    borne = [replace(loop.imperfections, seed=seed) for seed in range(REFUSED_RUNS)]
+    imperfections = [replace(loop.imperfections, seed=seed) for seed in range(REFUSED_RUNS)]
     starts = [initial_state_of(seed) for seed in range(REFUSED_RUNS)]
     survived = simulate_batch(
-        loop.model, controller, hold(), duration=BALANCE, initial_states=starts, imperfections=borne, every=0
+        loop.model,
+        controller,
+        hold(),
+        duration=BALANCE,
+        initial_states=starts,
+        imperfections=imperfections,
+        every=0,
     ).survived
     return REFUSED_RUNS - int(survived.sum())
 
@@ -282,7 +288,7 @@ class Board:
         self._held = HeldRobot(
             loop.model.robot, sensors=self._robot.sensors, torque_noise=case.drawn.scenario.torque_noise
         )
-        self._model, self._borne = loop.model, loop.imperfections
+        self._model, self._imperfections = loop.model, loop.imperfections
 
     def _begin(self) -> None:
         """Start the firmware as after a reset; what `ballbot_are_allowed` refuses is an InputError."""
@@ -357,7 +363,7 @@ class Board:
 
     def balance(self) -> float:
         """Balance for `BALANCE`; return the largest distance from the start [m]."""
-        plant = SensedPlant(self._model, self._borne)
+        plant = SensedPlant(self._model, self._imperfections)
         measured, farthest = self._run(plant, self._armed(plant), BALANCE)
         if self._firmware.stop or measured.ended:
             raise StageError(self._ending(measured))
@@ -366,7 +372,7 @@ class Board:
     def stand_push(self, impulse: float) -> None:
         """Stand a push [N s] on the centre of mass."""
         pushes = push_of(self._case.drawn, impulse, 2.4 * self._case.number)
-        plant = SensedPlant(self._model, replace(self._borne, pushes=pushes))
+        plant = SensedPlant(self._model, replace(self._imperfections, pushes=pushes))
         measured, _ = self._run(plant, self._armed(plant), BEGINS + AFTERWARDS)
         if self._firmware.stop or measured.ended:
             raise StageError(f"{impulse:.3g} N s: {self._ending(measured)}")
@@ -380,7 +386,7 @@ class Board:
         stuck = Model(self._robot.replace(friction=replace(friction, coulomb=tuple(sticking))))
         pushes = push_of(self._case.drawn, impulse, 2.4 * self._case.number)
         later = (Later(time=BEGINS, model=stuck),)
-        plant = SensedPlant(self._model, replace(self._borne, later=later, pushes=pushes))
+        plant = SensedPlant(self._model, replace(self._imperfections, later=later, pushes=pushes))
         measured, _ = self._run(plant, self._armed(plant), BEGINS + FOUND_WITHIN)
         safety = self._firmware.state["safety"][0]
         if self._firmware.stop is not StopReason.STUCK or safety["stop_wheel"] != wheel + 1:
@@ -389,7 +395,7 @@ class Board:
 
     def halt(self) -> None:
         """Stop the robot while it balances: every torque is zero from then on."""
-        plant = SensedPlant(self._model, self._borne)
+        plant = SensedPlant(self._model, self._imperfections)
         measured, _ = self._run(plant, self._armed(plant), 1.0)
         if self._firmware.stop or measured.ended:
             raise StageError(self._ending(measured))

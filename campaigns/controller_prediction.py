@@ -25,7 +25,7 @@ from ballbot.workflows.controller_prediction import (
     lognormal_interval,
     predict,
 )
-from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.metrics import QUANTITIES, LogScore
 from campaigns.faulty_twins import CONTROLLERS, KINDS, FaultyTwin, Studied, drawn, recorded, studied
 from campaigns.section import Section, share_words
 
@@ -39,9 +39,9 @@ class Outcome:
 
     twin: FaultyTwin
     verdict: ControllerVerdict
-    seen: Performance  #: with the precise controller
+    seen: LogScore  #: with the precise controller
     fell: bool
-    without: Performance  #: without compensation
+    without: LogScore  #: without compensation
     without_fell: bool
 
     @property
@@ -75,9 +75,9 @@ def _outcome(
     return Outcome(
         twin=twin,
         verdict=evaluate_log(prediction, log, controller),
-        seen=Performance.of(log, torque_limit=controller.torque_limit),
+        seen=LogScore.of(log, torque_limit=controller.torque_limit),
         fell=log.ended is not None,
-        without=Performance.of(without, torque_limit=study.controllers["none"].torque_limit),
+        without=LogScore.of(without, torque_limit=study.controllers["none"].torque_limit),
         without_fell=without.ended is not None,
     )
 
@@ -177,7 +177,7 @@ def calibrate() -> None:
 
 
 def _print_discrepancy(study: Studied, controller: str, logs: Sequence[Log]) -> None:
-    seen = [Performance.of(log, torque_limit=study.controllers[controller].torque_limit) for log in logs]
+    seen = [LogScore.of(log, torque_limit=study.controllers[controller].torque_limit) for log in logs]
     drawn_runs = study.choice.trials[controller].performances
     print(f"{controller}, {len(logs)} runs that did not end early:")
     for name in QUANTITIES:

@@ -37,8 +37,7 @@ def rounded(log: Log, robot: Robot) -> Log:
 
     The noise is 0.01 N m of the torques, 1.7e-3 rad of the lean and 1.9e-3 rad/s of the gyro; references are exact.
     """
-    counts, time = robot.sensors.encoder_counts, robot.sensors.sample_time
-    turn = encoder_step(encoder_counts=counts, gear_ratio=robot.drive.gear_ratio) / time
+    turn = encoder_step(robot) / robot.sensors.sample_time
     steps = {
         **dict.fromkeys((*torque_names(3), "ref_x", "ref_y", "ref_psi"), 1e-3),
         **dict.fromkeys((*STATE_NAMES[2:5], *STATE_NAMES[7:]), 1e-4),

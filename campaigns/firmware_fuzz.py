@@ -23,9 +23,9 @@ from ballbot.firmware.build import NUMERICS, source_files, weights_folder
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
-from campaigns.firmware_numbers import controllers
 from campaigns.section import Section
 from tests.support.compiled_firmware import weights_of
+from tests.support.law_comparison import controllers
 
 HERE = Path(__file__).parent
 KEPT = HERE.parent / "build" / "firmware_fuzz"

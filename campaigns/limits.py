@@ -14,7 +14,7 @@ from ballbot.fitting.run import Run
 from ballbot.report.limits import directions_figure, planes_figure
 from ballbot.robot import Robot
 from ballbot.twin import Scenario
-from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, twin_limits
+from ballbot.workflows.limits import ControlledRobot, RobotLimits, TwinLimit, find_limits, twin_limits
 from campaigns.section import Section, write_picture
 
 #: compensation and torque limit [N m]
@@ -77,7 +77,7 @@ _ALTS = (
 def _case(robot: Robot, compensation: Compensation, limit: float) -> Case:
     nominal = nominal_controller(robot, compensation=compensation)
     controller = Controller(robot, nominal.gain, compensation=compensation, torque_limit=limit)
-    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot))
+    loop = ControlledRobot(robot=robot, controller=controller, scenario=Scenario.nominal(robot))
     model = find_limits(loop)
     edges = twin_limits(loop, model, directions=ON_TWIN, run=Run(seed=1))
     return Case(name=f"{compensation}, {limit:g} N m", model=model, twin=edges)

@@ -2,8 +2,8 @@
 
 BALLBOT_VARIANTS=200 .venv/bin/python -m campaigns.evidence mapping_corpus    that many variants, each failure named
 
-A variant is a stretch of a recorded log, written as a team might write it (`campaigns.foreign_logs`), with the kind of
-its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
+A variant is a stretch of a recorded log, written as a team might write it (`tests.support.foreign_logs`), with the kind
+of its command stated, and the columns' names if the file has no header. The log that the proposed mapping makes is
 compared with the recorded one. A result is
 
 right    the log is the recorded one, up to a transformation that leaves every measured signal and the robot's dynamics
@@ -28,13 +28,13 @@ from ballbot.errors import InputError
 from ballbot.fitting.run import Processes
 from ballbot.log import Log
 from ballbot.log.mapping_search.motion import Stated
-from ballbot.log.mapping_search.placement import TURNING_BY_WHEELS
+from ballbot.log.placement import TURNING_BY_WHEELS
 from ballbot.log.proposal import Proposal, evaluate, propose
 from ballbot.log.torque_balance import smoothed_wheel_speeds
 from ballbot.robot import Robot
-from campaigns.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 from campaigns.mapping_recordings import MOTIONS, ROBOTS, dead_band, recording, robot_named
 from campaigns.section import Section, finished, share_words
+from tests.support.foreign_logs import Habits, columns_of, commands, draw, row_times, write
 
 Floats = NDArray[np.float64]
 
@@ -271,7 +271,8 @@ def campaign() -> Section:
     return Section(
         title="Mappings proposed for foreign logs",
         before=f"Stretches of 15 to 60 s of simulated logs of {len(ROBOTS)} robots, written as other teams write them"
-        " (`campaigns/foreign_logs.py`): renamed, permuted, negated, scaled, turned, mirrored, late, noisy, in several"
+        " (`tests/support/foreign_logs.py`): renamed, "
+        "permuted, negated, scaled, turned, mirrored, late, noisy, in several"
         " formats, with the kind of the command stated. Right is the recorded log up to the transformations of"
         " `campaigns.mapping_corpus.differences`. 15 s is what `docs/first_log.md` asks for. (Of 918 stretches of 5 to"
         " 15 s, measured once at commit 2aa9aa1d, 526 were right and 3 wrong, without a question.) Intervals are of 95"

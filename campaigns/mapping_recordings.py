@@ -26,7 +26,7 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.imperfections import imperfections_of, true_model
-from campaigns.foreign_logs import commands
+from tests.support.foreign_logs import commands
 
 Floats = NDArray[np.float64]
 

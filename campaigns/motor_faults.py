@@ -16,9 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike
 
-from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import Reference, circle, figure_eight, hold, square
@@ -29,7 +27,7 @@ from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Push
-from ballbot.simulation.plant import Measurement, Plant
+from ballbot.simulation.plant import Plant
 from ballbot.simulation.run import initial_state_of, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
@@ -37,6 +35,7 @@ from ballbot.twin.faults import Carpet, Payload
 from ballbot.twin.imperfections import changes_of, imperfections_of, true_model
 from campaigns.mapping_recordings import NOMINAL_MASS, robot_named
 from campaigns.section import Section, finished, share_words, write_picture
+from tests.support.failing_motor import COLUMNS, FailingMotor, Fault
 
 #: 400 sound logs, of the compiled loop and of the twin, and logs with a motor that fails, likewise
 SOUND, SOUND_TWIN = range(1850500, 1850870), range(288600, 288630)
@@ -62,27 +61,8 @@ COURSES = ("hold", "square", "circle", "figure_eight")
 LENGTHS = (0.5, 1.0, 2.0, 5.0, 10.0, np.inf)
 #: parts of its torque that a failing motor gives
 FACTORS = (0.0, 0.25, 0.5, 0.75)
-COLUMNS = ("opposite sign", "exchanged", "exchanged with the wheels")
 #: a fault's begin and end are right within this [s]
 TOLERANCE = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fault:
-    """What is wrong in a log."""
-
-    kind: str
-    motors: tuple[int, ...]  #: one, or the two that are exchanged (from 0)
-    start: float  #: [s]
-    length: float  #: [s]
-
-    @property
-    def codes(self) -> tuple[str, ...]:
-        """The codes that name it."""
-        if self.kind in COLUMNS:
-            return ("torque-sign",) if len(self.motors) == 1 else ("torque-order",)
-        weak = ("torque-scale",) if float(self.kind) > 0.0 else ()
-        return (*weak, "dead-motor") if float(self.kind) < 0.5 else weak
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,32 +76,6 @@ class Verdict:
     right: bool  #: motor and kind
     in_time: bool  #: begin and end, too
     fallen: bool
-
-
-class FailingMotor:
-    """A plant one of whose motors gives a part of its torque for a while."""
-
-    def __init__(self, plant: Plant, fault: Fault) -> None:
-        self.plant, self.fault, self.t = plant, fault, 0.0
-
-    @property
-    def robot(self) -> Robot:
-        """The plant's."""
-        return self.plant.robot
-
-    def reset(self, initial_state: ArrayLike | None, *, seed: int) -> Measurement:
-        """Start again."""
-        self.t = 0.0
-        return self.plant.reset(initial_state, seed=seed)
-
-    def step(self, torques: Floats, duration: float) -> Measurement:
-        """Hold what the motors give of these torques."""
-        if self.fault.start <= self.t < self.fault.start + self.fault.length:
-            torques = torques.copy()
-            torques[self.fault.motors[0]] *= float(self.fault.kind)
-        measured = self.plant.step(torques, duration)
-        self.t = measured.t
-        return measured
 
 
 def _scenario(robot: Robot, world: str, random: np.random.Generator) -> Scenario:

@@ -20,8 +20,8 @@ from ballbot.identification.axis.checks import record_findings
 from ballbot.identification.axis.identify import AxisEstimate
 from ballbot.identification.axis.model import LAWS
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.axis_machines import Drive, Logging, Machine, Motion, record_of
 from campaigns.section import Section, public_file, share_words
+from tests.support.axis_machines import Drive, Logging, Machine, Motion, record_of
 
 #: of the record
 SHA_256 = "6cf6814ae14618795da0101aae2bb97ff0c6351b0501b5492751b02b07facf7e"
@@ -174,7 +174,8 @@ def machines() -> Section:
     ]
     return Section(
         title="One axis: simulated machines",
-        before="Random machines (campaigns/axis_machines.py), simulated apart from Ballbot and identified with the law "
+        before="Random machines (tests/support/axis_machines.py), "
+        "simulated apart from Ballbot and identified with the law "
         f"coulomb, all else selected. {SEEDS} seeds with each of three motions, 8 s at 200 Hz: a slide and a "
         "pendulum with rigid drives, and wheels that drive 30 to 60 % of the inertia by gears with a play of 0.5 to 4 "
         "mrad to either side, or by an elastic shaft (15 to 40 Hz); the uneven log comes from a loop at 1 kHz. "

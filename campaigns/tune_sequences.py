@@ -19,7 +19,7 @@ from scipy.stats import beta
 
 from ballbot.control.controller import Controller
 from ballbot.control.gain_set import certified, tunable
-from ballbot.control.law import MEMORY_TYPE, law_code
+from ballbot.control.law import MEMORY_TYPE
 from ballbot.control.presets import (
     NOMINAL_STATE_WEIGHTS,
     PRECISE_STATE_WEIGHTS,
@@ -29,18 +29,14 @@ from ballbot.control.presets import (
 )
 from ballbot.control.tuning import Setting, take_setting
 from ballbot.errors import InputError
-from ballbot.estimation.kalman import filter_row
-from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.components import scaled_friction
 from ballbot.robot.variations import draw_robots, with_default_errors
-from ballbot.simulation.draws import bump_table, draws_of, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, Imperfections, Push, loop_record, packed_on_floor
-from ballbot.simulation.loop import Inputs, Sampling, new_block, run_block
-from ballbot.simulation.model_plant import lift_off, pack_contacts
+from ballbot.simulation.imperfections import Imperfections, Push
+from ballbot.simulation.inputs import draws_of, empty_outcome, inputs_of, new_commands
+from ballbot.simulation.loop import Sampling, new_memory, run_block
 from ballbot.simulation.run import sample_count
 from ballbot.twin import Scenario
 from ballbot.workflows.limits import refuse_weaker_gains
@@ -210,27 +206,8 @@ def _block(controller: Controller, drawn: Drawn, first: int, *, tuned: bool) -> 
         )
         for k in range(first, first + width)
     ]
-    robots, references = [model.robot for model in models], drawn.references[first // LANES]
-    kalman, selected = controller.estimator == "kalman", models[0].selected
-    loops = [
-        loop_record(lane, robot, estimator=controller.estimator, sample_time=h)
-        for lane, robot in zip(lanes, robots, strict=True)
-    ]
-    inputs = Inputs(
-        code=code_of(selected),
-        play_code=0,
-        law_code=law_code(),
-        filter_code=sample_code() if kalman else 0,
-        parameters=np.array([packed_on_floor(m, lane) for m, lane in zip(models, lanes, strict=True)]),
-        lift_offs=np.array([lift_off(robot) for robot in robots]),
-        laws=controller.packed[None],
-        loops=np.concatenate(loops).reshape(-1).view(LOOP.dtype()),
-        filters=filter_row(controller.robot, sample_time=h)[None] if kalman else np.empty((0, 0)),
-        contacts=np.array([pack_contacts(robot) for robot in robots]),
-        initial=np.zeros((1, 10)),
-        pushes=push_table(lanes, h),
-        bumps=bump_table(models, lanes),
-    )
+    references, estimator = drawn.references[first // LANES], controller.estimator
+    inputs = inputs_of(models, lanes, sample_time=h, laws=[controller], estimators=[estimator])
     samples = len(references)
     sampling = Sampling(
         references=references,
@@ -238,18 +215,20 @@ def _block(controller: Controller, drawn: Drawn, first: int, *, tuned: bool) -> 
         steps=models[0].steps_in(h),
         every=samples,
         lost_lean=FALLEN,
-        grip=np.inf,
     )
     out = empty_outcome(width, 1, samples, n)
     draws = draws_of([(lane, lane.seed) for lane in lanes], width, n=n, samples=samples, sample_time=h)
-    block = new_block(inputs.loops, width, n, filtering=kalman)
+    memory = new_memory(inputs.loops, width, n, filtering=len(inputs.filters) > 0)
+    commands = new_commands(width, 0)
+    given = models[0].selected, inputs, draws, sampling, memory, commands, out
+    run_block(*given, (0, 0))
     begins = [sample_count(chunk * CHUNK, h) if chunk else 0 for chunk in range(round(DURATION / CHUNK))]
     for chunk, (begin, end) in enumerate(zip(begins, [*begins[1:], samples], strict=True)):
         for robot, settings in enumerate(drawn.settings[first : first + width] if tuned else ()):
             if chunk in settings:
-                state = block.memories[robot].view(MEMORY_TYPE)["tuning"][0]
+                state = memory.laws[robot].view(MEMORY_TYPE)["tuning"][0]
                 take_setting(controller.record["tuning"][0], state, settings[chunk])
-        run_block(selected, inputs, draws, sampling, block, 0, width, (begin, end), out)
+        run_block(*given, (begin, end))
     return out.ended < samples
 
 

@@ -1,6 +1,7 @@
 """The source's structure: packages import in one direction; functions and files have a readable size."""
 
 import ast
+import re
 from collections import defaultdict
 from functools import cache
 
@@ -78,7 +79,8 @@ def test_collecting_tests_runs_no_compiled_code(run_at_collection):
 
 
 def test_files_that_tests_are_ordered_by_exist():
-    files = [path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("test_*.py")]
+    folders = ROOT / "tests", ROOT / "campaigns" / "tests"
+    files = [path.relative_to(ROOT).as_posix() for folder in folders for path in folder.rglob("test_*.py")]
     for names in ORDER:
         for name in (names,) if isinstance(names, str) else names:
             assert any(file.startswith(name) for file in files), name
@@ -168,6 +170,13 @@ def names_at_top(module: str) -> set[str]:
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             found.add(node.id)
     return found
+
+
+def test_tests_import_no_campaign():
+    texts = {path: path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("*.py")}
+    assert [
+        path.name for path, text in texts.items() if re.search(r"^\s*(from|import) campaigns\b", text, re.M)
+    ] == []
 
 
 def test_what_benchmarks_campaigns_and_examples_import_exists():

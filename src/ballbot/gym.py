@@ -84,22 +84,14 @@ class EnvironmentOptions:
         known = robots[0].imperfections.known or robot
         base = None if self.base is None else designed(as_controller(self.base, known), name="the base")
         estimator = None if self.observe == "state" else base.estimator if base else "kalman"
-        move = None
+        self._lanes = TaskLanes(
+            robots, task, lanes=count, base=base, estimator=estimator, repeat=self.repeat, threads=threads
+        )
         if self.plant == "twin":
             twins = [(robot, scenario)]
             if self.randomize is not None:
                 twins = [(drawn.model.robot, twin_scenario(drawn, scenario)) for drawn in robots]
-            move, threads = Twins(twins=twins, known=known, estimator=estimator), 1
-        self._lanes = TaskLanes(
-            robots,
-            task,
-            lanes=count,
-            base=base,
-            estimator=estimator,
-            repeat=self.repeat,
-            threads=threads,
-            move=move,
-        )
+            self._lanes.move = Twins(twins=twins, known=known, estimator=estimator)
         self.contract = Contract.of(
             known.name,
             wheels=known.wheel_count,

@@ -110,8 +110,7 @@ def test_reference_with_a_lean_or_a_rate_is_refused(place):
 def test_a_flickering_encoder_count_does_not_make_the_motors_chatter():
     robot = alten(replace(FRICTION, viscous=(0.0, 0.0, 0.0), rolling=0.0))
     gain = design_gain(robot).gain
-    counts = {"encoder_counts": robot.sensors.encoder_counts, "gear_ratio": robot.drive.gear_ratio}
-    count = encoder_step(**counts) / 0.005
+    count = encoder_step(robot) / 0.005
     bare, full = Controller(robot, gain), Controller(robot, gain, compensation="full")
     state = count * np.eye(10)[9]  # turning on the spot: encoder speed is A (0 0 -psi_dot)
     speeds = encoder_speeds(robot, state)

@@ -11,7 +11,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.presets import design_integral_gain
 from ballbot.mechanics.equations import LARGEST_LEAN
-from ballbot.workflows.limits import Loop, leaning_state, pushed_state, reach
+from ballbot.workflows.limits import ControlledRobot, leaning_state, pushed_state, reach
 from tests.support.control_examples import alten, four_wheeled
 
 BOUND = LeanLimit(lean=0.1, turn=0.4)
@@ -59,7 +59,7 @@ def test_a_stiff_gain_with_the_bound_comes_back_from_nearly_all_that_the_motors_
 
     def edges(bound: LeanLimit | None) -> tuple[np.ndarray, np.ndarray]:
         controller = Controller(weak, stiff, torque_limit=2.0, parts=Parts(lean_limit=bound))
-        loop = Loop(robot=weak, controller=controller, grip=np.inf)
+        loop = ControlledRobot(robot=weak, controller=controller, grip=np.inf)
         leans = reach(loop.recovers, lambda s: leaning_state(directions, s), shape=(2,), end=LARGEST_LEAN)
         height = weak.body.center_of_mass
         blows = reach(

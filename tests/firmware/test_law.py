@@ -17,20 +17,20 @@ from ballbot.control.references import circle
 from ballbot.control.tuning import Setting
 from ballbot.firmware.build import compile_sources, compilers, weights_folder
 from ballbot.firmware.header import SOURCES
-from ballbot.simulation import batch
+from ballbot.simulation import inputs
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections
-from campaigns import firmware_numbers
-from campaigns.firmware_numbers import TOLERANCE, compare, updates
 from tests.control.test_gain_set import mixed_numbers
+from tests.support import law_comparison
 from tests.support.compiled_estimators import DOUBLE
 from tests.support.compiled_firmware import Library, library, library_of, weights_of
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 from tests.support.friction_law_examples import robot_by_law
+from tests.support.law_comparison import TOLERANCE, compare, updates
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
-CONTROLLERS = firmware_numbers.controllers()
+CONTROLLERS = law_comparison.controllers()
 LAW_SOURCES = [
     *(SOURCES / name for name in ("law.c", "decide.c", "estimation/heading.c")),
     *sorted((SOURCES / "parts").glob("*.c")),
@@ -164,7 +164,7 @@ def test_robots_move_alike_by_either_law(name, monkeypatch):
                   initial_states=states, imperfections=blind)  # fmt: skip
     exact = run()
     code = double_library(weights_of(controller)).functions.ballbot_control_law
-    monkeypatch.setattr(batch, "law_code", lambda: ctypes.cast(code, ctypes.c_void_p).value)
+    monkeypatch.setattr(inputs, "law_code", lambda: ctypes.cast(code, ctypes.c_void_p).value)
     found = run()
     # rounding, which a robot that does not recover makes larger; 3e-12 measured
     np.testing.assert_allclose(found.states, exact.states, rtol=0, atol=1e-10)

@@ -14,8 +14,8 @@ from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.processor_load import SAMPLES, check_clock, measure_load, rehearse
 from ballbot.link.emulated import HARDWARE
-from campaigns.firmware_timing import firmware_runs, image, image_of, law_runs, presets
 from tests.support.control_examples import FRICTION, alten, everything, with_policy
+from tests.support.firmware_on_processor import firmware_runs, image, image_of, law_runs, presets
 
 
 @cache

@@ -1,10 +1,9 @@
-"""Joint random effects between logs: against the conjugate case, exact coverage, and priors that are known."""
+"""Joint random effects between logs: against the conjugate case and exact coverage."""
 
 import numpy as np
 import pytest
 
 from ballbot.fitting.between_logs import spread
-from campaigns.between_logs import RobotLogs, fit_prior
 
 #: of c and s, which make up for one another, and of a third parameter
 ERRORS = np.array([0.1, 0.1, 0.02])
@@ -59,18 +58,3 @@ def test_logs_that_disagree_widen_and_are_found() -> None:
     assert along.p_value > 0.05 > across.p_value
     assert across.factor > 3.0 * alike.factor
     assert along.factor < 1.1 * alike.factor
-
-
-@pytest.mark.slow
-def test_the_prior_of_many_robots_is_recovered() -> None:
-    random, robots = np.random.default_rng(2), 20
-    made = [
-        RobotLogs(
-            estimates=drawn(random, 2, 8.0), covariances=np.tile(RIDGE, (2, 1, 1)), groups=np.array([0, 0, 1])
-        )
-        for _ in range(robots)
-    ]
-    sizes, degrees = fit_prior(made, groups=2)
-    # a size from 20 differences errs by 1 / sqrt(40), more with tau's own scatter and beside errors within logs
-    np.testing.assert_allclose(sizes, [0.03, 0.05], rtol=4.0 / np.sqrt(2.0 * robots))
-    assert 4.0 < degrees < 40.0

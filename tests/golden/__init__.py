@@ -13,7 +13,7 @@ and the oracle that decides between them.
 
 The pages evidence.md and reproduce.md in docs/generated are not copied here. They are committed pages that campaigns
 write, and their numbers stand as they are; no test reads evidence.md. Its campaigns are sampled with bounds of their
-own in tests/campaigns. reproduce.md, which `python -m campaigns.reproduce` writes, is compared with a fresh run by
+own in campaigns/tests. reproduce.md, which `python -m campaigns.reproduce` writes, is compared with a fresh run by
 test_reproduce, as far as it needs no recording.
 """
 

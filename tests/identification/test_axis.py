@@ -9,8 +9,8 @@ from scipy.io import savemat
 from ballbot.cli.main import main
 from ballbot.identification.axis import AxisOptions, identify_axis
 from ballbot.identification.axis.record import AxisColumns, read_axis_record
-from campaigns.axis_machines import Logging, Machine, record_of
 from tests.support.axis_examples import simulated_record
+from tests.support.axis_machines import Logging, Machine, record_of
 
 EMPS = AxisColumns(position="qm", force="vir", force_scale="gtau")
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.identification.bench_checks import encoder_findings, sweep_findings, upside_down_findings
-from ballbot.identification.driveline import classical, sweeps_of
+from ballbot.identification.driveline import friction_of, sweeps_of
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 
 ALTEN = Robot.load("alten")
@@ -31,7 +31,7 @@ def swept(robot: Robot, *, phase: float = 0.4) -> Columns:
         torque = np.sin(2.0 * np.pi * t / 20.0 - phase * wheel)
         line = Driveline(
             inertia=Driveline.of_wheel(robot, wheel).inertia,
-            friction=classical(np.array([0.014, 0.1, 0.05, 0.6])),
+            friction=friction_of(np.array([0.014, 0.1, 0.05, 0.6])),
             speed_limit=limit,
         )
         speed = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME).speeds

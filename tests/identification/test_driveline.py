@@ -10,7 +10,7 @@ import pytest
 from ballbot import Log, Robot
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.identification.driveline import Sweep, classical, fit_driveline, sweeps_of
+from ballbot.identification.driveline import Sweep, fit_driveline, friction_of, sweeps_of
 from ballbot.simulation.driveline import Driveline, simulate_driveline
 from tests.support.report_pages import figure_count
 
@@ -24,7 +24,7 @@ def played_sweep(seed: int) -> Sweep:
     t = np.arange(4000) * SAMPLE_TIME
     torque = np.sin(2.0 * np.pi * t / 20.0)
     acting = (torque + 0.01 * random.standard_normal(len(t)))[:-1]
-    whole, alone = (Driveline(inertia=one, friction=classical(TRUTH)) for one in (0.003, 0.002))
+    whole, alone = (Driveline(inertia=one, friction=friction_of(TRUTH)) for one in (0.003, 0.002))
     # the motor alone until it meets its wheel, both at one speed from there
     free = simulate_driveline(alone, acting, sample_time=SAMPLE_TIME)
     meets = int(np.argmax(free.angles > 0.006))
@@ -57,7 +57,7 @@ def test_noise_of_the_torque_and_play_do_not_bias_the_friction():
 def test_a_sweep_in_one_direction_is_refused():
     t = np.arange(4000) * SAMPLE_TIME
     torque = 0.5 + 0.1 * np.sin(2.0 * np.pi * t / 5.0)
-    line = Driveline(inertia=0.003, friction=classical(np.array([0.02, 0.1, 0.05, 0.3])))
+    line = Driveline(inertia=0.003, friction=friction_of(np.array([0.02, 0.1, 0.05, 0.3])))
     motion = simulate_driveline(line, torque[:-1], sample_time=SAMPLE_TIME, initial_speed=20.0)
     speed = np.append(20.0, motion.speeds) + 0.02 * np.random.default_rng(1).standard_normal(len(t))
     with pytest.raises(InputError, match="coulomb and offset"):

@@ -49,7 +49,7 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
         noise += [draws.noise[:, 6:].copy(), draws.noise[:, :6].copy()]
         faults.append(draws.faults[:, 5:].copy())
         truths.append(lanes.truths.copy())
-        torques.append(lanes._world.blocks.commanded.copy())
+        torques.append(lanes._world.memory.commanded.copy())
     assert not lanes.ended.any()
     noise, faults = np.concatenate(noise, axis=1), np.concatenate(faults, axis=1)
     first = iter((0, 40))
@@ -57,7 +57,7 @@ def test_a_base_controller_with_the_same_random_numbers_gives_what_simulate_batc
     def same_numbers(_, width, **__):
         rows = slice(start := next(first), start + width)
         given = (one[rows] for one in (noise, faults, draws.positions, draws.turns))
-        return Draws(*given, np.zeros((width, 0)))
+        return Draws(*given, durations=np.zeros((width, 0)), samples=samples)
 
     monkeypatch.setattr(batch, "draws_of", same_numbers)
     expected = simulate_batch(
@@ -87,7 +87,7 @@ def test_a_base_controller_is_shown_poses_as_on_a_course_and_its_torque_limit_ho
         control_law(base.packed, memory, seen, pose, expected)
         expected = np.clip(expected + action, -base.torque_limit, base.torque_limit)
         memory[:3] = expected  # the torques that act
-        assert_allclose(lanes._world.blocks.commanded[0], expected, atol=1e-9)
+        assert_allclose(lanes._world.memory.commanded[0], expected, atol=1e-9)
     assert np.any(lanes.references[0, 5:7])
 
 

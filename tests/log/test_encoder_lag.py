@@ -40,9 +40,9 @@ def test_lag_of_differenced_and_filtered_counts(window, kept, seed):
 
 def onboard_log() -> Log:
     sensors = replace(ROBOT.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
-    borne, course = Imperfections(sensors=sensors, known=ROBOT), square(period=4.0)
+    imperfections, course = Imperfections(sensors=sensors, known=ROBOT), square(period=4.0)
     controller = nominal_controller(ROBOT)
-    return simulate_batch(Model(ROBOT), controller, course, duration=6.0, imperfections=borne).log(0)
+    return simulate_batch(Model(ROBOT), controller, course, duration=6.0, imperfections=imperfections).log(0)
 
 
 def errors(log: Log, truth: Log) -> NDArray[np.float64]:

@@ -12,7 +12,6 @@ from ballbot.log.mapping import DutyTable, parse_mapping
 from ballbot.log.mapping_search.motion import Stated, _continued
 from ballbot.log.proposal import MOST_LINES, Proposal, answer_lines, contradictions, evaluate, propose
 from ballbot.robot import Robot
-from campaigns.foreign_logs import Habits
 from tests.support.foreign_log_examples import (
     COURSE,
     foreign_columns,
@@ -20,6 +19,7 @@ from tests.support.foreign_log_examples import (
     swaying_log,
     write_foreign,
 )
+from tests.support.foreign_logs import Habits
 
 
 def found_for(path: Path, habits: Habits = COURSE, stated: Stated | None = None) -> Proposal:

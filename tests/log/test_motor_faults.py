@@ -18,7 +18,7 @@ from ballbot.simulation.run import simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of, true_model
-from campaigns.motor_faults import FailingMotor, Fault
+from tests.support.failing_motor import FailingMotor, Fault
 
 ROBOT = Robot.load("alten")
 NOMINAL = Scenario.nominal(ROBOT)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.mechanics.engine import elementary
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.elementary import (
     binary_logarithm,
@@ -76,11 +75,3 @@ def test_power_of_two(x):
 @settings(deadline=None)
 def test_binary_logarithm(x):
     assert binary_logarithm_of(x) == pytest.approx(math.log2(x), rel=2 * ULP2, abs=ULP2)
-
-
-def test_the_polynomials_are_those_of_the_command():
-    pytest.importorskip("mpmath", reason="mpmath, which SymPy brings, is not installed")
-    from campaigns.polynomials import fits
-
-    for name, (coefficients, _) in fits().items():
-        assert getattr(elementary, name) == tuple(coefficients), name

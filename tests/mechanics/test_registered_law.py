@@ -17,12 +17,14 @@ from ballbot.control.presets import nominal_controller
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
 from ballbot.robot.components import scaled_friction
+from ballbot.simulation.driveline import Driveline, simulate_driveline
 from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.upside_down import ClampedBall, simulate_balls
 from ballbot.twin import Scenario
 from ballbot.twin.driveline import TwinDriveline
 from ballbot.twin.engine import Engine
 from ballbot.twin.mjcf import twin_mjcf
-from ballbot.twin.scenario_file import scenario_text
+from ballbot.twin.scenario_file import load_scenario, scenario_text
 from tests.support.friction_law_examples import FRICTION, dry, robot_by_law
 
 STATE = np.array([0.0, 0.0, 0.02, 0.01, 0.3, 0.3, -0.1, 0.2, 0.1, 0.6])
@@ -172,7 +174,7 @@ def test_loop_with_gear_play_and_sensors_runs_under_the_law():
     assert np.abs(run.states[0, :, 2:4]).max() < 0.1
 
 
-def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():
+def test_twin_has_the_friction_of_the_law_and_its_scenario_file_states_it(tmp_path):
     scenario = replace(Scenario.nominal("alten"), friction=FRICTION)
     engine = Engine(twin_mjcf(Robot.load("alten"), scenario))
     driveline = TwinDriveline(Robot.load("alten"), scenario, engine)
@@ -182,5 +184,46 @@ def test_twin_has_the_friction_of_the_law_and_a_scenario_file_refuses_it():
     driveline.prepare_step()
     sizes = engine.dry_friction[engine.velocities("wheel", 3)]
     np.testing.assert_allclose(sizes, dry(speeds, torques), rtol=1e-12)
-    with pytest.raises(InputError, match="A scenario file has the classical friction law only, not toothed"):
-        scenario_text(scenario)
+    (tmp_path / "toothed.toml").write_text(scenario_text(replace(scenario, name="toothed")))
+    assert load_scenario(tmp_path / "toothed.toml", "alten").friction == FRICTION
+    for text, words in (
+        ('[friction]\nlaw = "toothet"', "did you mean 'toothed'"),
+        (
+            '[friction]\nlaw = "toothed"\nown.quadratic = [-1.0, 0.0, 0.0]',
+            r"friction.own.quadratic\[0\] is -1",
+        ),
+        ("[friction]\nown.quadratic = [0.0, 0.0, 0.0]", "friction.own.quadratic is no parameter of the law"),
+    ):
+        (tmp_path / "wrong.toml").write_text(text)
+        with pytest.raises(InputError, match=words):
+            load_scenario(tmp_path / "wrong.toml", "alten")
+
+
+def test_driveline_and_ball_upside_down_turn_by_the_law():
+    """SciPy's DOP853 under the formula, while no wheel changes its sign."""
+    robot, line = robot_by_law(), Driveline.of_wheel(robot_by_law(), 1)
+    ball, torques = ClampedBall.of_robot(robot), np.array([0.5, -0.4, 0.45])
+    starts = np.array([3.0, -2.0, 4.0])
+    start = np.linalg.solve(ball.A, starts)
+
+    def rate(_: float, omega: np.ndarray) -> np.ndarray:
+        w = ball.A @ omega
+        return ball.push() @ (torques - np.array(FRICTION.viscous) * w - dry(w, torques) * np.sign(w))
+
+    def spin(_: float, w: np.ndarray) -> np.ndarray:
+        return (torques[1] - FRICTION.viscous[1] * w + dry(np.full(3, w), torques)[1]) / line.inertia
+
+    common = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-12}
+    wanted = solve_ivp(rate, (0.0, 0.2), start, **common)
+    alone = solve_ivp(spin, (0.0, 0.2), [-2.0], **common)
+    omega = simulate_balls(
+        ball, friction=FRICTION, initial=[start], torques=[np.tile(torques, (40, 1))], sample_time=0.005
+    )
+    np.testing.assert_allclose(omega[0, -1], wanted.y[:, -1], rtol=1e-9)
+    motion = simulate_driveline(line, np.full(40, torques[1]), sample_time=0.005, initial_speed=-2.0)
+    assert motion.speeds[-1] == pytest.approx(alone.y[0, -1], rel=1e-9)
+    # it holds up to c + s + m |u|
+    limit = sum(FRICTION.coulomb[1:2] + FRICTION.stribeck[1:2]) / (1.0 - 0.1)
+    for share in (0.999, 1.001):
+        moved = simulate_driveline(line, np.full(20, share * limit), sample_time=0.005).speeds.any()
+        assert moved == (share > 1.0)

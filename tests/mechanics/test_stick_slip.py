@@ -1,4 +1,4 @@
-"""Set-valued friction: rest, sticking beside sliding. Break-away and work: test_convex_step; order: tests/campaigns."""
+"""Set-valued friction: rest, sticking beside sliding. Break-away and work: test_convex_step; order: campaigns/tests."""
 
 from dataclasses import replace
 

@@ -1,6 +1,7 @@
 """One driveline: closed forms, an event-driven reference, exact sticking, order, the clamp of (3.2), many at once."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +10,22 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from ballbot import InputError
-from ballbot.mechanics.friction import WheelTerms
-from ballbot.mechanics.friction_laws import Classical
+from ballbot.mechanics.friction import steady_friction
+from ballbot.robot import Friction
 from ballbot.simulation.driveline import Driveline, TorqueSpeedCurve, simulate_driveline
 
 J = 2.97e-3  # j_w + j_r of the thesis's robot [kg m^2]
 DRIVELINE = {"viscous": 0.014, "coulomb": 0.11}
 STRIBECK = {"stribeck": 0.05, "stribeck_speed": 0.6}
-LAW = Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=1.1)
+
+
+def law_of(*, stribeck_speed: float = 1.0, stribeck_exponent: float = 2.0, **numbers: float) -> Friction:
+    """Return the friction of one wheel."""
+    shape = {"stribeck_speed": stribeck_speed, "stribeck_exponent": stribeck_exponent}
+    return replace(Friction.none(1), **shape, **{name: (number,) for name, number in numbers.items()})
+
+
+LAW = law_of(**DRIVELINE, **STRIBECK, stribeck_exponent=1.1)
 CURVE = TorqueSpeedCurve(no_load_speed=27.7, stall_torque=6.0)
 
 
@@ -33,7 +42,7 @@ def swinging_torques(samples: int, sample_time: float) -> np.ndarray:
 
 class TestClosedForms:
     def test_the_supply_brakes_what_turns_too_fast(self):
-        law = Classical(viscous=0.0, coulomb=0.0)
+        law = law_of(viscous=0.0, coulomb=0.0)
         motion = simulate_driveline(
             wheel(law, CURVE), np.full(100, 5.0), sample_time=0.005, initial_speed=35.0
         )
@@ -42,24 +51,23 @@ class TestClosedForms:
         np.testing.assert_allclose(motion.speeds[:8], 27.7 + 7.3 * np.exp(-rate * motion.t[:8]), rtol=1e-4)
 
 
-def event_driven(law: Classical, torques: np.ndarray, sample_time: float) -> np.ndarray:
+def event_driven(law: Friction, torques: np.ndarray, sample_time: float) -> np.ndarray:
     """Return speeds by SciPy: solved between events, with rest as a state of its own."""
-    limit, w, speeds = law.coulomb + law.stribeck, 0.0, []
+    (b,), (c,), (s,) = law.viscous, law.coulomb, law.stribeck
+    limit, w, speeds = c + s, 0.0, []
     for u in torques:
         t = 0.0
         while t < sample_time * (1.0 - 1e-12):
             if w == 0.0 and abs(u) <= limit:
                 break
-            s = math.copysign(1.0, u if w == 0.0 else w)
+            way = math.copysign(1.0, u if w == 0.0 else w)
 
-            def rate(_, x, u=u, s=s):
-                dry = law.coulomb + law.stribeck * math.exp(
-                    -((abs(x[0]) / law.stribeck_speed) ** law.stribeck_exponent)
-                )
-                return [(u - law.viscous * x[0] - s * dry) / J]
+            def rate(_, x, u=u, way=way):
+                dry = c + s * math.exp(-((abs(x[0]) / law.stribeck_speed) ** law.stribeck_exponent))
+                return [(u - b * x[0] - way * dry) / J]
 
-            def stops(t, x, s=s, start=w, began=t):
-                return s * x[0] if start != 0.0 or t > began + 1e-6 else 1.0
+            def stops(t, x, way=way, start=w, began=t):
+                return way * x[0] if start != 0.0 or t > began + 1e-6 else 1.0
 
             stops.terminal, stops.direction = True, -1.0
             path = solve_ivp(
@@ -73,7 +81,7 @@ def event_driven(law: Classical, torques: np.ndarray, sample_time: float) -> np.
 
 @pytest.mark.parametrize("exponent", [1.1, 2.0])
 def test_classical_law_against_an_event_driven_solver(exponent):
-    law = Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent)
+    law = law_of(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent)
     torques = swinging_torques(150, 0.01)
     exact = event_driven(law, torques, 0.01)
     speeds = simulate_driveline(wheel(law), torques, sample_time=0.01, step=1e-4).speeds
@@ -86,7 +94,7 @@ def test_classical_law_against_an_event_driven_solver(exponent):
 @pytest.mark.parametrize(("exponent", "order"), [(1.0, 4.0), (2.0, 4.0), (1.1, 2.1), (0.7, 1.7)])
 def test_order_through_stops_and_starts(exponent, order):
     """Four where the law is smooth for one sign (even |w|^2, or |w|), else 1 + delta from each start."""
-    law, torques = Classical(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent), swinging_torques(200, 0.01)
+    law, torques = law_of(**DRIVELINE, **STRIBECK, stribeck_exponent=exponent), swinging_torques(200, 0.01)
 
     def speeds(count: int) -> np.ndarray:
         return simulate_driveline(wheel(law), torques, sample_time=0.01, step=0.01 / count).speeds
@@ -114,7 +122,7 @@ class TestRest:
     )
     @settings(deadline=None, max_examples=60)
     def test_break_away_at_exactly_c_plus_s(self, coulomb, stribeck, sign, exponent):
-        law = Classical(
+        law = law_of(
             viscous=0.01, coulomb=coulomb, stribeck=stribeck, stribeck_speed=0.5, stribeck_exponent=exponent
         )
         limit = coulomb + stribeck
@@ -129,7 +137,7 @@ class TestRest:
     def test_friction_only_takes_energy(self, seed):
         """Kinetic energy gained is at most the work of the torque, in every sample."""
         rng = np.random.default_rng(seed)
-        law = Classical(
+        law = law_of(
             viscous=rng.uniform(0, 0.05),
             coulomb=rng.uniform(0, 0.2),
             stribeck=rng.uniform(0, 0.1),
@@ -145,24 +153,18 @@ class TestRest:
 
 
 def test_a_stiff_driveline_takes_shorter_steps():
-    stiff = Driveline(inertia=1e-5, friction=Classical(viscous=0.1, coulomb=0.1))
+    stiff = Driveline(inertia=1e-5, friction=law_of(viscous=0.1, coulomb=0.1))
     motion = simulate_driveline(stiff, np.full(50, 0.5), sample_time=0.005)
     assert motion.speeds[-1] == pytest.approx(4.0, rel=1e-9)
 
 
 class TestTermsByDirectionAndLoad:
-    terms = WheelTerms(coulomb_asymmetry=0.03, stribeck_asymmetry=-0.02, load=0.1)
-    law = Classical(**DRIVELINE, **STRIBECK, terms=terms)
+    law = law_of(**DRIVELINE, **STRIBECK, coulomb_asymmetry=0.03, stribeck_asymmetry=-0.02, load=0.1)
 
-    def in_direction(self, direction: float, torque: float) -> Classical:
+    def in_direction(self, direction: float, torque: float) -> Friction:
         """Return the plain law of one direction under a held torque."""
-        return Classical(
-            viscous=self.law.viscous,
-            coulomb=self.law.coulomb + direction * self.terms.coulomb_asymmetry + 0.1 * abs(torque),
-            stribeck=self.law.stribeck + direction * self.terms.stribeck_asymmetry,
-            stribeck_speed=self.law.stribeck_speed,
-            stribeck_exponent=self.law.stribeck_exponent,
-        )
+        sizes = {"coulomb": 0.11 + direction * 0.03 + 0.1 * abs(torque), "stribeck": 0.05 - direction * 0.02}
+        return law_of(**(DRIVELINE | STRIBECK | sizes))
 
     @pytest.mark.parametrize("torque", [0.4, -0.4])
     def test_each_direction_is_a_plain_law_of_its_own(self, torque):
@@ -175,7 +177,7 @@ class TestTermsByDirectionAndLoad:
         assert abs(ours.speeds[-1]) > 1.0
         at = np.array([0.2, 3.0]) * np.sign(torque)
         unloaded = self.in_direction(np.sign(torque), 0.0)
-        np.testing.assert_allclose(self.law.steady_friction(at), unloaded.steady_friction(at), rtol=1e-14)
+        np.testing.assert_allclose(steady_friction(at, self.law), steady_friction(at, unloaded), rtol=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,6 @@ def held(hold):
     return HeldRobot(true_model(robot, load_scenario("nominal", robot)).robot, hold=hold)
 
 
-def resolution(robot):
-    return encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
-
-
 def test_wheels_in_the_air_are_free_drivelines():
     plant = held("in_air")
     torques = np.sin(0.1 * np.arange(400))[:, None] * [0.6, -0.5, 0.4]  # slower than the supply lets them be
@@ -33,7 +29,7 @@ def test_wheels_in_the_air_are_free_drivelines():
         for i in range(3)
     ]
     # a count of the encoder, and what a sample by itself rounds differently
-    np.testing.assert_allclose(found.T, wanted, atol=1.01 * resolution(plant.robot))
+    np.testing.assert_allclose(found.T, wanted, atol=1.01 * encoder_step(plant.robot))
 
 
 @pytest.mark.slow
@@ -71,6 +67,6 @@ def test_tilted_body_turns_the_wheels_the_other_way(axis, angle):
     # one angle after the other is a turn about one axis of the body; a sum of rates over samples has the first order
     np.testing.assert_allclose(turned, target, atol=noise + 0.02 * abs(angle))
     np.testing.assert_allclose(
-        measured.wheel_angles, -transforms(plant.robot).T_owb @ target, atol=1.01 * resolution(plant.robot)
+        measured.wheel_angles, -transforms(plant.robot).T_owb @ target, atol=1.01 * encoder_step(plant.robot)
     )
     np.testing.assert_allclose(measured.truth[2:5], target, atol=1e-12)

@@ -165,8 +165,8 @@ def test_an_imperfection_that_is_off_leaves_the_loop_without_it(name, backlash):
     without = Imperfections(sensors=SENSORS, backlash=backlash, seed=3)
     having = replace(without, **IMPERFECTIONS[name])
 
-    def states(borne: list[Imperfections]) -> NDArray[np.float64]:
-        return ran(precise_controller(ROBOT), borne, duration=0.2).states
+    def states(imperfections: list[Imperfections]) -> NDArray[np.float64]:
+        return ran(precise_controller(ROBOT), imperfections, duration=0.2).states
 
     # the number of lanes is the same: vector code and the scalar code for those that remain round differently
     beside, alone = states([without, *[having] * 14, without]), states([without] * 16)
@@ -331,11 +331,15 @@ def test_payload_and_floor_that_change_are_those_of_the_plant_called_one_sample_
     heavy = ROBOT.replace({"body.mass": 11.0, "friction.rolling": 0.02})
     later = (Later(time=0.1, model=Model(heavy), imbalance=(0.1, 0.05)), Later(time=0.3, model=Model(ROBOT)))
     bumpy = Roughness(height=5e-4, wavelength=0.1, seed=1)
-    borne = replace(NOISY, backlash=PLAY, slope=(0.01, 0.0), known=ROBOT, later=later, roughness=bumpy)
+    imperfections = replace(
+        NOISY, backlash=PLAY, slope=(0.01, 0.0), known=ROBOT, later=later, roughness=bumpy
+    )
     controller = precise_controller(ROBOT).with_estimator("kalman")
-    assert_one_by_one(controller, borne, 0.5)
-    plain = ran(controller, replace(borne, later=()), duration=0.5)
-    assert np.abs(plain.states[0, -1] - ran(controller, borne, duration=0.5).states[0, -1]).max() > 1e-3
+    assert_one_by_one(controller, imperfections, 0.5)
+    plain = ran(controller, replace(imperfections, later=()), duration=0.5)
+    assert (
+        np.abs(plain.states[0, -1] - ran(controller, imperfections, duration=0.5).states[0, -1]).max() > 1e-3
+    )
 
 
 def test_robot_on_a_long_wave_leans_as_on_a_slope():
@@ -344,8 +348,11 @@ def test_robot_on_a_long_wave_leans_as_on_a_slope():
     slope = slope_of(waves_of(waves), np.zeros(2))
     assert 1e-3 < np.hypot(*slope) < 0.02
     leans = []
-    for borne in (Imperfections(roughness=waves), Imperfections(slope=(float(slope[0]), float(slope[1])))):
-        batch = ran(precise_controller(ROBOT), borne, duration=8.0, starts=np.zeros(10))
+    for imperfections in (
+        Imperfections(roughness=waves),
+        Imperfections(slope=(float(slope[0]), float(slope[1]))),
+    ):
+        batch = ran(precise_controller(ROBOT), imperfections, duration=8.0, starts=np.zeros(10))
         leans.append(batch.states[0, -200:, 2:4].mean(axis=0))
     mass, moment = ROBOT.ball.mass + ROBOT.body.mass, ROBOT.body.mass * ROBOT.body.center_of_mass
     expected = mass * ROBOT.ball.radius / moment * np.array([slope[1], -slope[0]])

@@ -42,7 +42,7 @@ TURNING = np.ones(3)
 
 def of_wheels(plant: SensedPlant, first: int) -> np.ndarray:
     """Return a number of each wheel (n,) from the work array: its place in the play, or the torque passed on."""
-    return plant._block.work[first * LANES : (first + plant.robot.wheel_count) * LANES : LANES].copy()
+    return plant._memory.work[0, first * LANES : (first + plant.robot.wheel_count) * LANES : LANES].copy()
 
 
 def torques_of(seed: int, samples: int, size: float = 0.3) -> np.ndarray:
@@ -88,7 +88,7 @@ def test_encoders_count_the_motors_angles(backlash):
     plant = SensedPlant(STUCK, replace(NOMINAL, backlash=backlash))
     plant.reset(leaning(0.05), seed=2)
     start = plant.motor_angles
-    count = encoder_step(encoder_counts=NOMINAL.sensors.encoder_counts, gear_ratio=DRIVE.gear_ratio)
+    count = encoder_step(STUCK.robot, NOMINAL.sensors)
     before = np.zeros(3)
     for u in torques_of(3, 40, size=2.0):
         measured = plant.step(u, SAMPLE)

@@ -3,7 +3,7 @@
 from functools import cache
 
 from ballbot.identification.axis import AxisRecord
-from campaigns.axis_machines import Logging, Machine, record_of
+from tests.support.axis_machines import Logging, Machine, record_of
 
 TRUTH = {"mass": 95.0, "viscous": 200.0, "coulomb": 20.0, "offset": -3.0}
 SAMPLE_TIME = 1e-3

@@ -28,10 +28,10 @@ from ballbot.firmware.estimators import (
     onboard_record,
     reading_record,
     single,
-    step_of,
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
+from ballbot.robot.derived import encoder_step
 from tests.support.compiled_firmware import library
 
 H = 0.005  #: [s]
@@ -137,7 +137,7 @@ class Driven:
         wheels = np.zeros((4, 3))
         wheels[: robot.wheel_count] = transforms(robot).T_owb
         sensors = robot.sensors
-        sizes = (h, robot.ball.radius, step_of(robot), sensors.gyro_noise, sensors.attitude_noise, fixes)
+        sizes = (h, robot.ball.radius, encoder_step(robot), sensors.gyro_noise, sensors.attitude_noise, fixes)
         self._world = np.concatenate([sizes, wheels.ravel(), np.zeros(4), [0.0, robot.wheel_count], [0.0]])
         self._run = hours_library(precision).run
         self._run.restype = None

@@ -8,8 +8,8 @@ import numpy as np
 from ballbot import Log, Model, simulate
 from ballbot.control.presets import nominal_controller
 from ballbot.robot import Friction, Robot
-from campaigns.foreign_logs import POLLED, Habits, columns_of, write
 from tests.support.control_examples import Altered
+from tests.support.foreign_logs import POLLED, Habits, columns_of, write
 
 SENSOR_DELAY = 0.0175  #: [s]
 

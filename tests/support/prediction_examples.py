@@ -19,7 +19,7 @@ from ballbot.twin import Scenario
 from ballbot.twin.imperfections import imperfections_of
 from ballbot.workflows.controller_choice import NamedCourse
 from ballbot.workflows.controller_prediction import ControllerPrediction, checksum_of, performance_intervals
-from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.metrics import QUANTITIES, LogScore
 
 ALTEN = Robot.load("alten")
 SCENARIO = Scenario.nominal(ALTEN)
@@ -40,10 +40,10 @@ def predicted_log() -> Log:
 @cache
 def known_prediction() -> ControllerPrediction:
     """Return a prediction about what that log shows, and without compensation forty times its errors."""
-    seen = Performance.of(predicted_log(), torque_limit=CONTROLLER.torque_limit)
+    seen = LogScore.of(predicted_log(), torque_limit=CONTROLLER.torque_limit)
     random = np.random.default_rng(0)
     numbers = np.array(list(asdict(seen).values())) * np.exp(0.1 * random.standard_normal((20, 5)))
-    similar = [Performance(**dict(zip(QUANTITIES, each, strict=True))) for each in numbers.tolist()]
+    similar = [LogScore(**dict(zip(QUANTITIES, each, strict=True))) for each in numbers.tolist()]
     without = [
         replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
     ]

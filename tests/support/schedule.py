@@ -25,7 +25,7 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     "tests/identification/test_upside_down.py",
     "tests/mechanics/test_convex_step.py",
     "tests/log/test_wrong_logs.py",
-    ("tests/mechanics/test_equations.py", "tests/thesis/test_published"),
+    ("tests/mechanics/test_equations.py", "campaigns/tests/test_published"),
     "tests/identification/test_ladder.py",
     "tests/workflows/test_excite.py",
     "tests/workflows/test_controller_prediction.py",

@@ -15,7 +15,6 @@ from ballbot.control.references import hold
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.simulation.run import simulate
-from tests.support.paths import ROOT
 from tests.support.report_pages import figure_count
 
 pytest.importorskip("mujoco")
@@ -32,7 +31,6 @@ from ballbot.thesis.reproduce.page import reproduction_report
 from ballbot.thesis.reproduce.recordings import CHANGE, ModelOnGrid, TwinOnGrid
 from ballbot.thesis.reproduce.runs import above
 from ballbot.twin import Scenario, Twin
-from campaigns.reproduce import item_markdown, mistake_markdown
 
 
 @pytest.fixture(scope="module")
@@ -173,16 +171,6 @@ def test_run_on_a_grid_is_the_same_under_a_change_of_1e_12(plant: str) -> None:
     np.testing.assert_allclose(run(1.0, grid=True), run(changed, grid=True), rtol=0.0, atol=1e-9)
     if plant == "twin":
         assert np.abs(run(1.0, grid=False) - run(changed, grid=False)).max() > 1e-6
-
-
-@pytest.mark.sample
-def test_documented_page_is_what_a_fresh_run_gives(bench: Bench) -> None:
-    """All that needs no recording; campaigns/reproduce.py writes the whole."""
-    page = ROOT.joinpath("docs", "generated", "reproduce.md").read_text(encoding="utf-8")
-    for number, make in enumerate(MISTAKES, 1):
-        if make.__name__ != "residual_pairs":
-            assert mistake_markdown(number, make(bench)) in page
-    assert item_markdown("Figure III.1", figures.figure_iii_1(bench)) in page
 
 
 def test_page_and_results_have_every_verdict(bench: Bench) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ballbot.errors import InputError
 from ballbot.workflows.alternation import alternate, paired_gain
-from ballbot.workflows.metrics import Performance
+from ballbot.workflows.metrics import LogScore
 
 small = st.floats(-0.5, 0.5)
 
@@ -34,7 +34,7 @@ def test_interval_contains_the_true_factor_as_often_as_it_states(rounds):
 
 
 def performance(error):
-    return Performance(peak_error=error, rms_error=0.5 * error, roughness=0.1, lean=0.02, torque_margin=0.7)
+    return LogScore(peak_error=error, rms_error=0.5 * error, roughness=0.1, lean=0.02, torque_margin=0.7)
 
 
 def test_verdict_needs_the_whole_interval():

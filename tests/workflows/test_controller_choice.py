@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from ballbot.control.controller import Controller
-from ballbot.control.presets import nominal_controller, precise_controller
+from ballbot.control.lqr import LqrDesign
+from ballbot.control.presets import KINDS, nominal_controller, precise_controller
 from ballbot.errors import InputError
 from ballbot.log import Log
 from ballbot.twin.scenario import Scenario
@@ -22,11 +24,13 @@ from ballbot.workflows.controller_choice import (
     NamedCourse,
     PlantDraw,
     Trial,
+    candidates,
     equal_best,
     smoothest_of_best,
 )
+from ballbot.workflows.controller_prediction import discrepancy_of
 from ballbot.workflows.grid import Condition, grid_runs, run_grid
-from ballbot.workflows.metrics import QUANTITIES, Performance, Score
+from ballbot.workflows.metrics import QUANTITIES, LogScore, Score
 from ballbot.workflows.statistics import median_with_interval
 from ballbot.workflows.study import sampled_at
 from tests.support.control_examples import FRICTION, alten
@@ -85,6 +89,31 @@ def test_the_smoothest_of_equals_may_compensate_nothing_and_has_the_best_compens
     found = choice_of(made)
     assert (found.chosen, found.compensated) == ("precise_without_compensation", "precise")
     assert choice_of({"none": made["none"]}).compensated is None
+
+
+def test_every_kind_that_asks_is_tried_if_the_robot_can_have_it(monkeypatch):
+    def impossible(*_: object, **__: object) -> LqrDesign:
+        raise InputError("no such gain")
+
+    soft = KINDS["nominal"]
+    for name, kind in (
+        ("third", replace(soft, name="third")),
+        ("fourth", replace(soft, name="fourth", design=impossible, candidates={})),
+    ):
+        monkeypatch.setitem(CANDIDATES, name, (kind, "partial"))
+    found = SimpleNamespace(robot=alten(FRICTION))
+    made = candidates(found, sample_time=0.005)  # pyright: ignore[reportArgumentType]
+    assert set(made) == {*CANDIDATES} - {"fourth"}
+    assert made["third"].compensation == "partial"
+    assert (made["precise"].parts.integral, made["precise_without_compensation"].compensation) != (
+        None,
+        "full",
+    )
+    widest = discrepancy_of("third")
+    for calibrated in (discrepancy_of("full"), discrepancy_of("precise")):
+        assert all(
+            widest[name][0] <= low and high <= widest[name][1] for name, (low, high) in calibrated.items()
+        )
 
 
 def test_ratios_are_taken_draw_by_draw():
@@ -172,7 +201,7 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     log = log.with_columns(
         {"theta": np.where(t == t[700], 0.03, 0.0), "phi": np.where(t == t[700], 0.04, 0.0)}
     )
-    found = Performance.of(log, torque_limit=0.5)
+    found = LogScore.of(log, torque_limit=0.5)
     assert found.peak_error == pytest.approx(0.02)
     assert found.rms_error == pytest.approx(0.02)
     # about 0.05: the two add in squares
@@ -180,5 +209,5 @@ def test_a_performance_is_read_from_the_logged_state_and_not_from_the_truth():
     assert found.torque_margin == pytest.approx(0.8)
     assert found.roughness == pytest.approx(np.sqrt(np.mean(np.diff(torques["u1"]) ** 2)))
     # measured torques beyond the limit leave no margin, and not less
-    assert Performance.of(log, torque_limit=0.099).torque_margin == 0.0
+    assert LogScore.of(log, torque_limit=0.099).torque_margin == 0.0
     assert len(QUANTITIES) == 5

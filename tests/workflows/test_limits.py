@@ -11,21 +11,21 @@ from ballbot.control.references import change_pose, circle, square
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits
-from ballbot.workflows.limits import Loop, reach
+from ballbot.workflows.limits import ControlledRobot, reach
 from ballbot.workflows.reference_check import check_reference, path_demand
 from tests.support.control_examples import FRICTION, alten
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
 
 
-def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.inf) -> Loop:
+def loop(torque_limit: float, *, robot: Robot | None = None, grip: float = np.inf) -> ControlledRobot:
     body = robot or alten()
-    return Loop(
+    return ControlledRobot(
         robot=body, controller=Controller(body, design_gain(body).gain, torque_limit=torque_limit), grip=grip
     )
 
 
-def leans(one: Loop, *, end: float = 1.0, directions=DIRECTIONS):
+def leans(one: ControlledRobot, *, end: float = 1.0, directions=DIRECTIONS):
     return reach(
         one.recovers, lambda sizes: limits.leaning_state(directions, sizes), shape=directions.shape, end=end
     )
@@ -66,7 +66,7 @@ def test_a_wheel_lets_go_before_the_robot_is_lost():
 def test_sensors_leave_the_limit_and_delay_takes_from_it():
     robot = alten(FRICTION)
     scenario = Scenario.nominal(robot)
-    clean = Loop(robot=robot, controller=precise_controller(robot), grip=np.inf)
+    clean = ControlledRobot(robot=robot, controller=precise_controller(robot), grip=np.inf)
     sensed = replace(clean, scenario=scenario)
     late = replace(clean, scenario=replace(scenario, timing=Timing(delay=8)))
     without, with_sensors, delayed = (

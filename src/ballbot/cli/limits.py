@@ -11,7 +11,7 @@ from ballbot.fitting.run import Run
 from ballbot.report.limits import MOST_CONTROLLERS, limits_report
 from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.candidates import parse_candidates
-from ballbot.workflows.limits import Loop, RobotLimits, TwinLimit, find_limits, twin_limits
+from ballbot.workflows.limits import ControlledRobot, RobotLimits, TwinLimit, find_limits, twin_limits
 
 #: indices of the model's directions that are tried on the twin
 _ON_TWIN = (0, 9, 18, 27)
@@ -56,7 +56,9 @@ def limits(
     models, twins = dict[str, RobotLimits](), dict[str, Sequence[TwinLimit]]()
     with open_result(out, doing="limits", seed=seed) as result:
         for name, controller in chosen.items():
-            loop = Loop(robot=described, controller=controller, scenario=truth, grip=grip, seed=seed)
+            loop = ControlledRobot(
+                robot=described, controller=controller, scenario=truth, grip=grip, seed=seed
+            )
             run = Run(seed=seed, progress=lambda now, name=name: result.report(replace(now, note=name)))
             models[name] = find_limits(loop, run=run)
             if twin:

@@ -36,7 +36,7 @@ from ballbot.twin.scenario_file import load_scenario
 from ballbot.workflows.alternation import MIN_RUNS, alternate
 from ballbot.workflows.controller_prediction import check_controller, evaluate_log, read_prediction
 from ballbot.workflows.courses import PlantName
-from ballbot.workflows.metrics import SETTLE, Performance, settled
+from ballbot.workflows.metrics import SETTLE, LogScore, settled
 
 ABOUT = """Run a live robot over a serial port: check it, record it, balance it, compare controllers on it.
 
@@ -374,7 +374,7 @@ def compare(
                 result.console.print(live_run.ending.text, soft_wrap=True)
                 logs.append(live_run.whole_log())
         performances = [
-            Performance.of(log, torque_limit=controllers[k % 2].torque_limit) for k, log in enumerate(logs)
+            LogScore.of(log, torque_limit=controllers[k % 2].torque_limit) for k, log in enumerate(logs)
         ]
         verdicts = [evaluate_log(predicted, log, controllers[1]) for log in logs[1::2]]
         alternation, compared = alternate(performances, verdicts), (str(files[0]), str(files[1]))
@@ -417,7 +417,7 @@ def _record(
             log = connection.camera.added_to(bench_log(log)) if connection.camera else bench_log(log)
             summary["peak_wheel_speed"] = float(np.abs(log.wheel_speeds).max())
         elif settled(log, SETTLE).any():
-            summary["performance"] = Performance.of(log, torque_limit=connection.robot.torque_limit)
+            summary["performance"] = LogScore.of(log, torque_limit=connection.robot.torque_limit)
         results = {
             "rows": len(log),
             "sample_time": connection.robot.sample_time,

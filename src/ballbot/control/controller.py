@@ -37,7 +37,7 @@ def default_speed_band(robot: Robot, sample_time: float) -> float:
     friction. A narrower band chatters; a wider one leaves friction uncompensated (on the twin's square the peak error
     grows from 0.2 rad/s on).
     """
-    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+    step = encoder_step(robot)
     return BAND_COUNTS * step / sample_time
 
 

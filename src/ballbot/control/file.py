@@ -21,7 +21,7 @@ from ballbot.control.linear import lacking_margin
 from ballbot.control.overcompensation import overcompensation_warning
 from ballbot.control.parts import Parts
 from ballbot.control.parts.part import Part
-from ballbot.errors import InputError, UnsuitedController, every
+from ballbot.errors import InputError, UnsuitedController, about, every
 from ballbot.estimation.interface import EstimatorName
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml, write_text
@@ -57,12 +57,10 @@ def read_controller(path: str | Path, robot: RobotLike) -> Controller:
     learned policy in it is for another robot, another rate or stronger motors.
     """
     described, tree = as_robot(robot), read_toml(path)
-    try:
+    with about(path):
         table = validate_table(ControllerTable, take_format(tree, "controller"), of="a controller file")
         controller = _controller(table, described)
         _check_policy(table, described)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     warn_if_unsuited(controller, described, name=str(path))
     return controller
 

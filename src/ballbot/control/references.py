@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.arrays import positive_number
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.log import Log
 from ballbot.log.formats import is_log_file
 from ballbot.state import STATE_NAMES
@@ -172,11 +172,9 @@ REFERENCES = MappingProxyType(
 
 def named_reference(name: str) -> Reference:
     """Return the reference of that name with its defaults, dashes as underscores; InputError if there is none."""
-    try:
-        return REFERENCES[name.replace("-", "_")]()
-    except KeyError:
-        hint = suggest(name, REFERENCES, otherwise="the names are")
-        raise InputError(f"There is no reference {name!r}; {hint}") from None
+    known = name.replace("-", "_")
+    check_known(known, REFERENCES, f"There is no reference {name!r}", otherwise="the names are")
+    return REFERENCES[known]()
 
 
 def _pose(x: float, y: float, psi: float) -> NDArray[np.float64]:

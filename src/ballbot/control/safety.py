@@ -130,7 +130,7 @@ class SafetyLimits:
         turning = min(_ABOVE * together, friction + _REACHED * (limit - friction))
         # from one count into the next and back, under the least torque that counts
         acceleration = float(own.min()) * max(turning - together, _LEAST_SPARE * turning)
-        count = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+        count = encoder_step(robot)
         turned_round = 2.0 * math.sqrt(2.0 * count / acceleration)
         unchanged = max(_STUCK_TIME, _MARGIN * turned_round)
         return cls(

@@ -19,7 +19,7 @@ from ballbot.control.controller import Compensation, Controller
 from ballbot.control.file import read_controller, warn_if_unsuited
 from ballbot.control.interface import Feedback, estimator_of
 from ballbot.control.presets import KINDS, nominal_controller
-from ballbot.errors import InputError, either, suggest
+from ballbot.errors import InputError, about, either, suggest
 from ballbot.estimation.interface import EstimatorName
 from ballbot.files import sha256_of
 from ballbot.printable import shell_line
@@ -70,10 +70,8 @@ class UserController:
             )
         self._checksum = sha256_of(Path(path))
         made = self._guarded("when it was made", lambda: make(robot))
-        try:
+        with about(self._place):
             self.made = as_controller(cast("ControllerLike", made), robot)
-        except InputError as error:
-            raise InputError(f"{self._place}: {error}") from None
         self.sample_time = self.made.sample_time
         self.estimator = estimator or estimator_of(self.made)
 

@@ -96,7 +96,7 @@ class FilterNoise:
     def of(robot: Robot) -> FilterNoise:
         """Return the noise of a robot's own sensors; a perfect sensor gets a very small noise."""
         sensors = robot.sensors
-        step = encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
+        step = encoder_step(robot)
         by_x, by_y, by_z = (step * np.linalg.norm(transforms(robot).T_obw, axis=1)).tolist()
         return FilterNoise(
             counts=(robot.ball.radius * by_y, robot.ball.radius * by_x, by_z),

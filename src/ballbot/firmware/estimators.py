@@ -129,7 +129,7 @@ def kalman_record(
     return KalmanRecord(
         sample_time=sample_time,
         radius=model.radius,
-        ball_turn=transforms(robot).T_obw * step_of(robot),
+        ball_turn=transforms(robot).T_obw * encoder_step(robot),
         lever=model.lever,
         pull=model.pull,
         forgotten=model.forgotten,
@@ -143,14 +143,9 @@ def kalman_record(
     )
 
 
-def step_of(robot: Robot) -> float:
-    """Return the turn of a wheel [rad] in one count of its encoder."""
-    return encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio)
-
-
 def whole_counts(angles: ArrayLike, *, robot: Robot) -> NDArray[np.int32]:
     """Return the counts of encoders at wheel angles (n,) [rad], modulo 2^32; the angle zero is count zero."""
-    counts = np.round(np.asarray(angles, dtype=np.float64) / step_of(robot)).astype(np.int64)
+    counts = np.round(np.asarray(angles, dtype=np.float64) / encoder_step(robot)).astype(np.int64)
     return counts.astype(np.uint64).astype(np.uint32).view(np.int32)
 
 

@@ -21,13 +21,14 @@ from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.firmware.build import source_files
 from ballbot.firmware.emulator import CLOCK, CYCLES, Board, EmulatedCall, compile_image
-from ballbot.firmware.estimators import reading_record, step_of
+from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.results import reported
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 _NO_HARDWARE = Path(__file__).parent / "no_hardware.c"
 #: of a rehearsal
@@ -215,7 +216,7 @@ def readings(
 ) -> Iterator[Reading]:
     """Yield what the sensors of a robot show that sways, turns and rolls; single-precision numbers, whole counts."""
     random = np.random.default_rng(seed)
-    step, wheels = step_of(robot), transforms(robot).T_owb
+    step, wheels = encoder_step(robot), transforms(robot).T_owb
     bias, drift = random.normal(0.0, 2e-3, 3), 1.5e-3
     angles = counted = np.zeros(robot.wheel_count)
     for k in range(samples):

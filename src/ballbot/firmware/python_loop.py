@@ -14,7 +14,6 @@ import numpy as np
 from ballbot.control.controller import Controller
 from ballbot.errors import InputError
 from ballbot.files import read_text
-from ballbot.firmware.estimators import step_of
 from ballbot.firmware.records import SelfTestOutcome
 from ballbot.log.columns import ATTITUDE_NAMES, torque_names, wheel_angle_names
 from ballbot.log.mapping import (
@@ -27,6 +26,7 @@ from ballbot.log.mapping import (
     motor_resistance,
 )
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 PYTHON_PROJECT = Path(__file__).parent / "python_project"
 MODULE = "ballbot_loop.py"
@@ -78,7 +78,7 @@ def _columns(mapping: LogMapping, robot: Robot) -> dict[str, object]:
         found = [sources[name] for name in names if name in sources]
         return tuple((source.column, source.factor / unit, source.offset / unit + 0.0) for source in found)
 
-    step = step_of(robot)
+    step = encoder_step(robot)
     quaternion = tuple((name, 1.0, 0.0) for name in imu.quaternion)
     resistance = motor_resistance(mapping, robot)
     by_command, by_speed = drive.torque(np.array([1.0, 0.0]), np.array([0.0, 1.0]), resistance).tolist()

@@ -34,9 +34,9 @@ from ballbot.firmware.estimators import (
     OnboardRecord,
     kalman_record,
     onboard_record,
-    step_of,
 )
 from ballbot.firmware.self_test import SelfTestRecord, self_test_record
+from ballbot.robot.derived import encoder_step
 
 #: numbers in which the digest is exported
 DIGEST_WORDS = 8
@@ -195,7 +195,7 @@ def parameter_record(controller: Controller, limits: SafetyLimits) -> NDArray[np
     record["wheel_count"] = len(controller.gain)
     record["estimator"] = ESTIMATORS[controller.estimator]
     record["sample_time"] = sample_time
-    record["encoder_step"] = step_of(robot)
+    record["encoder_step"] = encoder_step(robot)
     record["law"] = controller.record
     fill_record(record["self_test"], self_test_record(robot, sample_time=sample_time))
     fill_record(record["safety"], SafetyRecord(**asdict(limits)))

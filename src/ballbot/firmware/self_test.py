@@ -13,9 +13,9 @@ import numpy as np
 from ballbot.control.records import number, whole
 from ballbot.control.safety import UNKNOWN_FRICTION
 from ballbot.errors import InputError
-from ballbot.firmware.estimators import step_of
 from ballbot.mechanics.held_ball import wheel_mobility
 from ballbot.robot import Robot
+from ballbot.robot.derived import encoder_step
 
 #: least turn of a wheel that counts [rad]: 3 mm of a wheel of 60 mm, more than the hand that holds it moves meanwhile
 _LEAST_TURN = 0.05
@@ -49,8 +49,8 @@ def self_test_record(robot: Robot, *, sample_time: float) -> SelfTestRecord:
     turned = np.abs(mobility) / own  # wheel i over wheel j, which is pushed
     others = float((turned - np.eye(len(own))).max())
     # a count less or more of either wheel leaves the pushed one ahead
-    counts = math.ceil(max(_LEAST_TURN / step_of(robot), 1.0 + 2.0 / (1.0 - others)))
-    turn = (counts + 1) * step_of(robot)
+    counts = math.ceil(max(_LEAST_TURN / encoder_step(robot), 1.0 + 2.0 / (1.0 - others)))
+    turn = (counts + 1) * encoder_step(robot)
     motors, breakaway = robot.drive.torque_limit, np.array(robot.friction.breakaway)
     friction = float((breakaway @ turned).max())  # through the ball, that of all wheels
     # a file's friction may be another robot's, and a push ends as soon as its wheel has turned

@@ -45,7 +45,7 @@ class Iterate(Protocol):
         ...
 
 
-At = TypeVar("At", bound=Iterate)
+IterateT = TypeVar("IterateT", bound=Iterate)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,7 +83,7 @@ class Dependence:
     dependent: tuple[str, ...]
 
 
-class Experiment(Protocol[At]):
+class Experiment(Protocol[IterateT]):
     """What `ballbot.fitting.fit` fits. A point (p,) has all parameters, scaled, also those that are held."""
 
     @property
@@ -106,7 +106,7 @@ class Experiment(Protocol[At]):
         """Which parameters act through others."""
         ...
 
-    def part(self, blocks: Ints) -> Experiment[At]:
+    def part(self, blocks: Ints) -> Experiment[IterateT]:
         """Return the experiment of some of the blocks."""
         ...
 
@@ -114,23 +114,23 @@ class Experiment(Protocol[At]):
         """Return the costs (sets,) at points (sets, p), blocks' states as measured."""
         ...
 
-    def begin(self, point: Floats, near: At | None = None) -> At:
+    def begin(self, point: Floats, near: IterateT | None = None) -> IterateT:
         """Return the first iterate of a descent, its states settled near the measured ones or those of `near`."""
         ...
 
-    def linearize(self, at: At) -> Linearized:
+    def linearize(self, at: IterateT) -> Linearized:
         """Return the equations about an iterate."""
         ...
 
-    def advance(self, at: At, about: Linearized, step: Floats) -> At:
+    def advance(self, at: IterateT, about: Linearized, step: Floats) -> IterateT:
         """Return the iterate after a step (p,), with the states settled there."""
         ...
 
-    def renew(self, at: At, *, seed: int) -> At:
+    def renew(self, at: IterateT, *, seed: int) -> IterateT:
         """Return the same point with states in better minima where there are any."""
         ...
 
-    def equations(self, at: At) -> WindowEquations:
+    def equations(self, at: IterateT) -> WindowEquations:
         """Return each block's equations for standard errors, with the states eliminated."""
         ...
 

@@ -33,7 +33,7 @@ from scipy.optimize import lsq_linear
 from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
-from ballbot.fitting.experiment import At, BlockErrors, Experiment, Residuals
+from ballbot.fitting.experiment import BlockErrors, Experiment, IterateT, Residuals
 from ballbot.fitting.intervals import (
     CONFIDENCE,
     MOST_PROFILES,
@@ -72,11 +72,11 @@ MOST_RENEWALS, _WORTH, _AGAIN = 8, 1e-6, 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Descended(Generic[At]):
+class Descended(Generic[IterateT]):
     """Result of a descent, from which another one can continue."""
 
-    experiment: Experiment[At]
-    end: At
+    experiment: Experiment[IterateT]
+    end: IterateT
     history: tuple[float, ...]  #: the cost after each step
 
     @property
@@ -103,8 +103,8 @@ class Descended(Generic[At]):
 
 
 def descend(
-    experiment: Experiment[At],
-    begin: Floats | At,
+    experiment: Experiment[IterateT],
+    begin: Floats | IterateT,
     *,
     free: Bools,
     most_steps: int,
@@ -112,7 +112,7 @@ def descend(
     moved: Floats | None = None,
     target: float = np.inf,
     run: Run = DEFAULT_RUN,
-) -> Descended[At]:
+) -> Descended[IterateT]:
     """Descend in the parameters and the states of the blocks together.
 
     It begins at a scaled point (p,), from which the states start as measured, or at the end of another descent, and
@@ -179,7 +179,7 @@ _ELSEWHERE, _ANOTHER_BASIN = 2.0, 3.0
 _AT_BOUND = 1e-9
 
 
-def elsewhere(best: Descended[At], other: Descended[At], *, errors: float = _ELSEWHERE) -> bool:
+def elsewhere(best: Descended[IterateT], other: Descended[IterateT], *, errors: float = _ELSEWHERE) -> bool:
     """Return whether two ends differ by more than so many standard errors of the best one in some parameter."""
     return bool((np.abs(best.point - other.point) > errors * best.errors).any())
 
@@ -232,7 +232,9 @@ class FitOptions:
 DEFAULT_OPTIONS = FitOptions()
 
 
-def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, run: Run) -> SearchResult:
+def search(
+    experiment: Experiment[IterateT], starts: Floats, *, options: FitOptions, run: Run
+) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result.
 
     From several it descends side by side, and returns the best end; the stage is "search".
@@ -251,7 +253,7 @@ def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, r
             done, least = done + 1, min(least, step.cost)
             run.progress(Progress(stage="search", done=min(done, total), total=total, cost=least))
 
-    def descent(experiment: Experiment[At], begin: Floats) -> Descended[At]:
+    def descent(experiment: Experiment[IterateT], begin: Floats) -> Descended[IterateT]:
         reported = replace(run, progress=report)
         return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
@@ -262,7 +264,7 @@ def search(experiment: Experiment[At], starts: Floats, *, options: FitOptions, r
     return SearchResult(best=best.point, other=next(others, None))
 
 
-def evolve(experiment: Experiment[At], *, options: FitOptions, run: Run) -> SearchResult:
+def evolve(experiment: Experiment[IterateT], *, options: FitOptions, run: Run) -> SearchResult:
     """Minimise the cost over the unit cube of the free parameters, one batch a generation.
 
     CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. The run's
@@ -316,10 +318,10 @@ class OtherOptimum:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit(Generic[At]):
+class Fit(Generic[IterateT]):
     """A fitted experiment, and the parameters that its data determine."""
 
-    finished: Descended[At]
+    finished: Descended[IterateT]
     no_influence: Bools  #: (p,), free parameters that the residuals do not depend on
     refused: Bools  #: (p,), other parameters that the data do not excite
     other: OtherOptimum | None  #: another optimum, if there is one near
@@ -419,7 +421,7 @@ class Fit(Generic[At]):
 
 
 def fit(
-    experiment: Experiment[At],
+    experiment: Experiment[IterateT],
     starts: Floats,
     *,
     also: Floats | None = None,
@@ -429,7 +431,7 @@ def fit(
     refused: Bools | None = None,
     groups: Ints | None = None,
     run: Run = DEFAULT_RUN,
-) -> Fit[At]:
+) -> Fit[IterateT]:
     """Search, fit by Gauss-Newton, hold the parameters without influence, and fit the others again.
 
     Parameters
@@ -485,13 +487,13 @@ def fit(
 
 
 def _optima(
-    experiment: Experiment[At], start: Floats, also: Floats | None, *, most_steps: int, run: Run
-) -> tuple[Descended[At], OtherOptimum | None]:
+    experiment: Experiment[IterateT], start: Floats, also: Floats | None, *, most_steps: int, run: Run
+) -> tuple[Descended[IterateT], OtherOptimum | None]:
     """Return the end of the descent from the better of two points (p,), before renewal, and the other optimum."""
     free = experiment.coordinates.free
     if also is None:
         return descend(experiment, start, free=free, most_steps=most_steps, run=run), None
-    steps, ends, target = min(_COMPARED_STEPS, most_steps), list[Descended[At]](), np.inf
+    steps, ends, target = min(_COMPARED_STEPS, most_steps), list[Descended[IterateT]](), np.inf
     for point in (start, also):
         end = descend(experiment, point, free=free, most_steps=steps, most_renewals=0, target=target, run=run)
         ends, target = [*ends, end], end.cost + _NEAR
@@ -509,7 +511,9 @@ _EFFECT_CONFIDENCE = 0.999
 _CLEARLY_PRESENT = 4.0
 
 
-def unidentifiable(fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RUN) -> tuple[Bools, Bools]:
+def unidentifiable(
+    fit: Descended[IterateT], *, most_steps: int, run: Run = DEFAULT_RUN
+) -> tuple[Bools, Bools]:
     """Return which free parameters (p,) act only through others that are zero within chance, and these others (p,)."""
     coordinates, names = fit.experiment.coordinates, np.array(fit.experiment.coordinates.names)
     dependent, through = (np.zeros(len(names), dtype=bool) for _ in range(2))
@@ -521,7 +525,9 @@ def unidentifiable(fit: Descended[At], *, most_steps: int, run: Run = DEFAULT_RU
     return dependent, through
 
 
-def _has_effect(fit: Descended[At], through: Bools, dependent: Bools, most_steps: int, run: Run) -> bool:
+def _has_effect(
+    fit: Descended[IterateT], through: Bools, dependent: Bools, most_steps: int, run: Run
+) -> bool:
     """Return whether the fit with parameters `through` is better than without by more than chance explains."""
     amounts, normal, free = fit.point * through, fit.equations, fit.experiment.coordinates.free
     if not amounts.any():
@@ -595,7 +601,7 @@ _AT_LIMIT = 0.2
 
 
 def profile(
-    fit: Descended[At], index: int, *, free: Bools, error: float, rise: float
+    fit: Descended[IterateT], index: int, *, free: Bools, error: float, rise: float
 ) -> tuple[float | None, float | None]:
     """Return the 95 % limits of one parameter, scaled; None on a side where the data set none before the bound.
 
@@ -650,7 +656,7 @@ def _limit(root_of: Callable[[float], float], origin: float, *, step: float, ris
     return target if outside else None
 
 
-def _intervals_at_bounds(fit: Fit[At], widen: float) -> dict[str, Interval]:
+def _intervals_at_bounds(fit: Fit[IterateT], widen: float) -> dict[str, Interval]:
     """Return the intervals of parameters at a bound, about the solution of the equations without that bound."""
     intervals = {}
     coordinates, normal = fit.finished.experiment.coordinates, fit.finished.equations

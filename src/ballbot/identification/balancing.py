@@ -19,6 +19,10 @@ of p and x_w are exact.
 Other minima. A few windows in a hundred have several minima over their start, which differ by when which contact rests.
 After the descent, windows therefore start again from random initial states. If a prediction changes linearly from the
 old to the new initial state, both are in one basin, and the new one is skipped.
+
+What both gain, on logs of the twin, of the model and of drawn robots: without renewals an estimate moves by 2 standard
+errors and more in two of three logs of the twin, and the cost rises by up to 3e-3. With damped steps in place of ties,
+four ways, three of 8 logs end in another optimum, up to 2e-2 higher, depending on the damping.
 """
 
 from __future__ import annotations
@@ -66,6 +70,11 @@ class Starts:
     known: Bools  #: (n,), whether the slopes by parameters are computed yet
     ties: Floats  #: (n, m + 10, m + 10), of starts on kinks
     others: Floats  #: (n, o, 10), starts in other basins to try at the next point
+
+    def put(self, rows: Ints, given: Starts, which: Bools) -> None:
+        """Change the windows of these rows to some of those given; starts in other basins stay."""
+        for name in ("starts", "residuals", "slopes", "slopes_at", "slopes_from", "known", "ties"):
+            getattr(self, name)[rows] = getattr(given, name)[which]
 
     @staticmethod
     def joined(pieces: Sequence[Starts]) -> Starts:
@@ -466,9 +475,7 @@ def _settle(work: Work, about: _Differences, lanes: Starts) -> None:
         gain_on_kink = before - (_flat(residuals, W) ** 2).sum(axis=1)
         holds = (gain > _HOLDS * promised) | (gain > np.maximum(gain_on_kink, 0.0))
         passed, kept = active[holds], active[~holds]
-        for name in ("starts", "residuals", "slopes", "slopes_at", "slopes_from", "known"):
-            vars(lanes)[name][passed] = vars(ahead)[name][holds]
-        ties[passed] = 0.0
+        lanes.put(passed, ahead, holds)
         # earlier ties were at the right kinks only if the gain on this one is the expected one
         expected = -(2.0 * a * onto).sum(axis=1) - (onto * (own @ onto[..., None])[..., 0]).sum(axis=1)
         right = np.abs(gain_on_kink - expected) < 0.2 * np.abs(expected) + _SETTLED

@@ -18,7 +18,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.identification.quantities import Layout
-from ballbot.mechanics.friction import stribeck_decay
+from ballbot.mechanics.friction import stribeck_curve
 from ballbot.results import key, left_out, reported
 from ballbot.robot.friction_law import FrictionLaw
 from ballbot.rounding import plus_minus
@@ -78,7 +78,7 @@ def coulomb_equivalent(
             dry = law.size(driven, 0.0 * x, **numbers)
         else:
             (c, s), (v_s, delta) = parameters[n : 3 * n].reshape(2, n, 1), parameters[3 * n : 3 * n + 2]
-            dry = c + s * stribeck_decay(driven / v_s, delta)
+            dry = stribeck_curve(c, s, driven / v_s, delta)
         return (dry * (4.0 - 6.0 * x)).mean(axis=1)
 
     C = np.nan_to_num(covariance)

@@ -25,7 +25,6 @@ from ballbot.identification.stages import StageEstimate
 from ballbot.identification.stated_uncertainty import with_uncertainty
 from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
-from ballbot.mechanics.friction_laws.classical import Classical
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
 from ballbot.summary import Reported
@@ -163,15 +162,15 @@ class DrivelineFit(Reported):
     findings: tuple[Finding, ...] = ()
 
     @property
-    def law(self) -> Classical:
-        """The identified friction."""
-        return classical(self.values)
+    def friction(self) -> Friction:
+        """The identified friction of one wheel."""
+        return friction_of(self.values)
 
 
-def classical(values: Floats) -> Classical:
-    """Return the law of b, c, s, v_s (4,)."""
+def friction_of(values: Floats) -> Friction:
+    """Return the friction of one wheel by b, c, s, v_s (4,)."""
     b, c, s, v_s = values.tolist()
-    return Classical(viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=1.0)
+    return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
 
 
 def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
@@ -182,7 +181,7 @@ def fit_driveline(sweep: Sweep, *, run: Run = DEFAULT_RUN) -> DrivelineFit:
     >>> from ballbot.simulation.driveline import simulate_driveline
     >>> t = 0.005 * np.arange(4000)
     >>> torque = np.sin(2.0 * np.pi * t / 20.0)
-    >>> line = Driveline(inertia=0.003, friction=classical(np.array([0.012, 0.05, 0.03, 0.7])))
+    >>> line = Driveline(inertia=0.003, friction=friction_of(np.array([0.012, 0.05, 0.03, 0.7])))
     >>> motion = simulate_driveline(line, torque[:-1], sample_time=0.005)
     >>> speed, angle = (np.append(0.0, column) for column in (motion.speeds, motion.angles))
     >>> sweep = Sweep(wheel=1, t=t, torque=torque, speed=speed, limit=27.7, inertia=0.003, angle=angle)

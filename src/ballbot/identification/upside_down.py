@@ -35,6 +35,7 @@ from ballbot.identification.windows import LARGEST_JITTER, Span, Windows, common
 from ballbot.log import Log, LogsLike, as_logs
 from ballbot.log.checks.values import spiked_rows
 from ballbot.log.columns import torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.mechanics.friction import stribeck_curve
 from ballbot.progress import Progress
 from ballbot.robot import Friction, Robot, RobotLike, as_robot
 from ballbot.simulation.upside_down import ClampedBall, simulate_balls
@@ -182,7 +183,7 @@ def momentum_balance(
 
     def impulses(v_s: float) -> Floats:
         """Return the impulse (3 m, 4 n) of b, c and s of each wheel, each 1, and the derivative of that of s by v_s."""
-        signs, fading = np.sign(speeds), np.exp(-np.abs(speeds) / v_s)
+        signs, fading = np.sign(speeds), stribeck_curve(0.0, 1.0, speeds / v_s, 1.0)
         parts = (speeds, signs, signs * fading, speeds * fading / v_s**2)
         sums = [h * part.sum(axis=1)[:, None, :] * A.T for part in parts]
         return (projector @ np.concatenate(sums, axis=2)).reshape(change.size, -1)

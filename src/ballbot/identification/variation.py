@@ -37,7 +37,7 @@ from ballbot.fitting.between_logs import LogEstimates, spread
 from ballbot.fitting.intervals import Interval, Uncertainty
 from ballbot.fitting.uncertainty import Discrepancy, WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import BY_NAME, Coordinates
-from ballbot.mechanics.friction import stribeck_decay
+from ballbot.mechanics.friction import stribeck_curve
 from ballbot.results import key
 
 PRIOR_FILE = Path(__file__).parent / "between_logs.toml"
@@ -184,7 +184,7 @@ def inseparable(
         return ()
     speeds = np.abs(speeds.reshape(-1, n))
     v_s, delta = (float(layout.number(name, values)) for name in ("stribeck_speed", "stribeck_exponent"))
-    decay = stribeck_decay(speeds / v_s, delta).mean(axis=0)
+    decay = stribeck_curve(0.0, 1.0, speeds / v_s, delta).mean(axis=0)
     weights = {"viscous": speeds.mean(axis=0), "coulomb": np.ones(n), "stribeck": decay}
     gradients = {name: np.zeros((n, len(values))) for name in weights}
     for name, weight in weights.items():

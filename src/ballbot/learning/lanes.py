@@ -17,67 +17,44 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller
-from ballbot.control.law import law_code
 from ballbot.control.parts.policy import HISTORY, observation_size
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
-from ballbot.estimation.kalman import filter_row
-from ballbot.estimation.kalman_model import sample_code
 from ballbot.learning.streams import fill_normal, stream_of, uniform
 from ballbot.learning.tasks import Task, TaskNumbers, action_limit, observe, reward
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.play import play_code_of
-from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.engine.tracing import borrowed
-from ballbot.simulation.draws import bump_table, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, loop_record, packed_on_floor
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.inputs import empty_outcome, inputs_of, new_commands
 from ballbot.simulation.loop import (
     ADVANCED,
     LEFT,
     STARTED,
-    Block,
     Commands,
     Draws,
     Inputs,
+    LoopMemory,
     Outcome,
     Sampling,
     advance_block,
-    block_within,
-    draws_within,
-    new_blocks,
+    command,
+    new_memory,
 )
-from ballbot.simulation.model_plant import lift_off, pack_contacts
 from ballbot.workflows.grid import LoopRobot
 
 #: for which an action's torques are held, as near as whole samples come [s]: a policy decides at 100 Hz
 PERIOD = 0.01
 #: what becomes of an episode's end: nothing, a start by the next step's torques, or by the same step's
 KEPT, NEXT_STEP, SAME_STEP = 0, 1, 2
-#: parts of a step: torques are taken, a sample begins, the loop moves, the sample ends, episodes start, all is observed
-TAKE, BEGIN, MOVE, END, START, OBSERVE = (1 << k for k in range(6))
-STEP = TAKE | BEGIN | MOVE | END | START | OBSERVE
 _NEVER = np.iinfo(np.int64).max
-
-
-class Pool(NamedTuple):
-    """The robots of which each episode has one, a row for each: what `Inputs` has of a lane."""
-
-    parameters: NDArray[np.float64]
-    lift_offs: NDArray[np.float64]
-    loops: NDArray[np.float64]  #: records of `ballbot.simulation.imperfections.LOOP` as numbers
-    contacts: NDArray[np.float64]
-    pushes: NDArray[np.float64]
-    bumps: NDArray[np.float64]
-    jitters: NDArray[np.float64]  #: largest deviation of a sampling instant [s]
 
 
 class Episodes(NamedTuple):
     """What is known of each lane's episode."""
 
     streams: NDArray[np.uint64]  #: (lanes, 4)
-    loops: NDArray[np.float64]  #: the lanes' `Inputs.loops` as numbers
     drawn: NDArray[np.int64]  #: (lanes,) which robot of the pool
     actions: NDArray[np.float64]  #: (lanes, n) torques given from outside [N m]
     history: NDArray[np.float64]  #: (lanes, HISTORY, n) those of the last steps, limited, newest first [N m]
@@ -122,26 +99,26 @@ def _take(task, commands, episodes, lane, ending):
 
 
 @inlined
-def _draw_sample(draws, pool, task, episodes, lane):
+def _draw_sample(draws, inputs, task, episodes, lane):
     """Draw what is random in a sample."""
     stream = episodes.streams[lane]
     fill_normal(stream, draws.noise[lane, 0 if task.sensing else 6 :])  # of the AHRS, then of the torques
     if task.sensing:
         fill_normal(stream, draws.faults[lane])
     if draws.durations.shape[1] > 0:
-        jitter, before = pool.jitters[episodes.drawn[lane]], episodes.late[lane]
+        jitter, before = inputs.loops[lane].jitter, episodes.late[lane]
         episodes.late[lane] = jitter * uniform(stream, -1.0, 1.0)
         draws.durations[lane, 0] = task.sample_time + episodes.late[lane] - before
 
 
 @inlined
-def _begin(draws, pool, task, commands, episodes, lane):
+def _begin(draws, inputs, task, commands, episodes, lane):
     """Prepare a lane's sample; return whether there is one."""
     commands.todo[lane] = LEFT
     if not episodes.active[lane]:
         return False
     commands.todo[lane] = ADVANCED
-    _draw_sample(draws, pool, task, episodes, lane)
+    _draw_sample(draws, inputs, task, episodes, lane)
     asked = episodes.references[lane]
     if task.drive > 0.0:
         asked[0] += task.sample_time * asked[5]
@@ -153,14 +130,13 @@ def _begin(draws, pool, task, commands, episodes, lane):
 
 
 @inlined
-def _end(task, inputs, blocks, commands, out, episodes, lane):
+def _end(task, inputs, memory, commands, out, episodes, lane):
     """Reward a lane's sample, and end its episode where that is due."""
     if commands.todo[lane] != ADVANCED:
         return
-    truth, age = blocks.truths[lane], commands.ages[lane] + 1
-    commands.ages[lane] = age
+    truth, age = memory.truths[lane], commands.ages[lane]
     episodes.rewards[lane] += reward(
-        task, truth, episodes.references[lane], blocks.commanded[lane], blocks.last[lane]
+        task, truth, episodes.references[lane], memory.commanded[lane], memory.last[lane]
     )
     lean = max(abs(truth[2]), abs(truth[3]))
     if out.ended[lane] <= age or not lean <= task.fallen:
@@ -196,23 +172,22 @@ def _ask(task, inputs, commands, episodes, lane):
 
 
 @inlined
-def _end_for_good(task, blocks, episodes, lane):
+def _end_for_good(task, memory, episodes, lane):
     """Keep the end of a lane's episode, after which another one starts in the same step."""
-    fill(episodes.final_truths[lane], blocks.truths[lane])
+    fill(episodes.final_truths[lane], memory.truths[lane])
     fill(episodes.final_references[lane], episodes.references[lane])
     out = episodes.final_observations[lane]
-    observe(blocks.states[lane], episodes.references[lane], episodes.history[lane], task.torque_limit, out)
+    observe(memory.states[lane], episodes.references[lane], episodes.history[lane], task.torque_limit, out)
 
 
 @inlined
 def _start(inputs, draws, pool, task, commands, out, episodes, lane):
     """Draw a lane's robot, its start and what it is asked for."""
     stream, x, n = episodes.streams[lane], inputs.initial[lane], draws.positions.shape[1]
-    which = min(int(uniform(stream, 0.0, float(len(pool.parameters)))), len(pool.parameters) - 1)
+    which = min(int(uniform(stream, 0.0, float(len(pool.loops)))), len(pool.loops) - 1)
     episodes.drawn[lane] = which
-    inputs.lift_offs[lane] = pool.lift_offs[which]
-    fill(inputs.parameters[lane], pool.parameters[which])
-    fill(episodes.loops[lane], pool.loops[which])
+    inputs.lift_offs[lane], inputs.loops[lane] = pool.lift_offs[which], pool.loops[which]
+    fill(inputs.parameters[lane], pool.parameters[which if len(pool.parameters) > 1 else 0])
     fill(inputs.contacts[lane], pool.contacts[which])
     own = inputs.pushes.shape[1] - pool.pushes.shape[1]
     for k in range(pool.pushes.shape[1]):
@@ -232,7 +207,7 @@ def _start(inputs, draws, pool, task, commands, out, episodes, lane):
         for i in range(n):
             episodes.history[lane, k, i] = 0.0
     episodes.late[lane] = 0.0
-    _draw_sample(draws, pool, task, episodes, lane)
+    _draw_sample(draws, inputs, task, episodes, lane)
     episodes.late[lane] = 0.0  # the first instant is on the grid
     commands.ages[lane] = 0
     commands.todo[lane] = STARTED
@@ -247,53 +222,83 @@ class LaneArrays(NamedTuple):
     inputs: Inputs
     draws: Draws
     sampling: Sampling
-    blocks: Block
+    memory: LoopMemory
     commands: Commands
     out: Outcome
-    pool: Pool
+    pool: Inputs  #: the robots of which each episode has one, a row for each
     task: TaskNumbers
     episodes: Episodes
 
 
+@inlined
+def _prepare(world, first, last, sample, samples, ending):
+    """Say what the loop does next with lanes first .. last - 1; return with how many of them it does anything.
+
+    Before a step's first sample torques are taken; after all of its samples episodes start.
+    """
+    inputs, draws, _, memory, commands, out, pool, task, episodes = world
+    moving = 0
+    for lane in range(first, last):
+        if sample < samples:
+            if sample == 0:
+                _take(task, commands, episodes, lane, ending)
+            moving += 1 if _begin(draws, inputs, task, commands, episodes, lane) else 0
+            continue
+        commands.todo[lane] = LEFT
+        if episodes.started[lane] or (ending == SAME_STEP and not episodes.active[lane]):
+            if ending == SAME_STEP and episodes.ended[lane]:
+                _end_for_good(task, memory, episodes, lane)
+            else:
+                episodes.fallen[lane] = episodes.ended[lane] = False
+            _start(inputs, draws, pool, task, commands, out, episodes, lane)
+            moving += 1
+    return moving
+
+
+@inlined
+def _conclude(world, first, last, sample, samples):
+    """Reward what lanes did in a sample; after all of a step's samples, and starts, fill their observations."""
+    inputs, _, _, memory, commands, out, _, task, episodes = world
+    for lane in range(first, last):
+        if sample < samples:
+            _end(task, inputs, memory, commands, out, episodes, lane)
+        else:
+            seen, asked = memory.states[lane], episodes.references[lane]
+            observe(seen, asked, episodes.history[lane], task.torque_limit, episodes.observations[lane])
+
+
 @compiled
-def play(selected, world, span, samples, ending, parts):
-    """Take lanes span[0] .. span[1] - 1 through those parts of a step that `parts` has, a step of so many samples.
+def play(selected, world, span, samples, ending):
+    """Take lanes span[0] .. span[1] - 1 through a step of so many samples; without samples only episodes start.
 
     The span begins at a multiple of `LANES`. `ending` is `KEPT`, `NEXT_STEP` or `SAME_STEP`.
     """
-    inputs, draws, sampling, blocks, commands, out, pool, task, episodes = borrowed(world)
+    world = borrowed(world)
+    inputs, draws, sampling, memory, commands, out, _, _, _ = world
     for first in range(span[0], span[1], LANES):
         last = min(first + LANES, span[1])
-        block, rows = block_within(blocks, first // LANES, first, last), draws_within(draws, first, last)
-        if parts & TAKE:
-            for lane in range(first, last):
-                _take(task, commands, episodes, lane, ending)
         for sample in range(samples + 1):
-            moving = 0
-            for lane in range(first, last):
-                if sample < samples:
-                    if parts & BEGIN and _begin(draws, pool, task, commands, episodes, lane):
-                        moving += 1
-                    continue
-                if not parts & START:
-                    continue
-                commands.todo[lane] = LEFT
-                if episodes.started[lane] or (ending == SAME_STEP and not episodes.active[lane]):
-                    if ending == SAME_STEP and episodes.ended[lane]:
-                        _end_for_good(task, blocks, episodes, lane)
-                    else:
-                        episodes.fallen[lane] = episodes.ended[lane] = False
-                    _start(inputs, draws, pool, task, commands, out, episodes, lane)
-                    moving += 1
-            if parts & MOVE and moving > 0:
-                advance_block(selected, inputs, rows, sampling, block, first, last - first, commands, out)
-            if parts & END and sample < samples:
-                for lane in range(first, last):
-                    _end(task, inputs, blocks, commands, out, episodes, lane)
-        if parts & OBSERVE:
-            for lane in range(first, last):
-                seen, asked = blocks.states[lane], episodes.references[lane]
-                observe(seen, asked, episodes.history[lane], task.torque_limit, episodes.observations[lane])
+            moving = _prepare(world, first, last, sample, samples, ending)
+            if moving > 0:
+                advance_block(selected, inputs, draws, sampling, memory, commands, out, first, last - first)
+            _conclude(world, first, last, sample, samples)
+
+
+@compiled
+def prepare(world, sample, samples, ending):
+    """Say what is done next with all lanes, and by what torques, where the loop does not do it: see `_prepare`."""
+    world = borrowed(world)
+    inputs, _, _, memory, commands, _, _, _, _ = world
+    _prepare(world, 0, len(commands.todo), sample, samples, ending)
+    for lane in range(len(commands.todo)):
+        if commands.todo[lane] == ADVANCED:
+            command(inputs, memory, commands, lane)
+
+
+@compiled
+def conclude(world, sample, samples):
+    """Take what was done with all lanes: see `_conclude`."""
+    _conclude(borrowed(world), 0, len(world.commands.todo), sample, samples)
 
 
 class TaskLanes:
@@ -319,11 +324,11 @@ class TaskLanes:
         Samples for which the torques of a step are held; by default those of `PERIOD`.
     threads : int, optional
         All cores by default. The results do not depend on it.
-    move : callable, optional
-        Moves and starts the lanes of `commands.todo` in place of the loop, as `ballbot.learning.twin_lanes.Twins` do.
 
     Attributes
     ----------
+    move : callable or None
+        Moves and starts the lanes of `commands.todo` in place of the loop, as `ballbot.learning.twin_lanes.Twins` do.
     observations : (lanes, size) of float32
     rewards : (lanes,), of the last step
     fallen, ended, refused : (lanes,)
@@ -357,7 +362,6 @@ class TaskLanes:
         estimator: EstimatorName | None = "kalman",
         repeat: int | None = None,
         threads: int | None = None,
-        move: Callable[[LaneArrays], None] | None = None,
     ) -> None:
         self.task, self.robot = task, robots[0].imperfections.known or robots[0].model.robot
         self.lanes = whole_number(lanes, "lanes", least=1)
@@ -366,18 +370,19 @@ class TaskLanes:
         self.repeat = usual if repeat is None else whole_number(repeat, "repeat", least=1)
         self.torque_limit = action_limit(task, self.robot)
         _check_kinds(robots, self.sample_time, base)
-        self._selected, self._moved = robots[0].model.selected, move
+        self.move: Callable[[LaneArrays], None] | None = None
+        self._selected = robots[0].model.selected
         self._world = world = self._new_world(robots, base, estimator, seed)
         self.ages, self.references = world.commands.ages, world.episodes.references
-        self.truths, self.states = world.blocks.truths, world.blocks.states
+        self.truths, self.states = world.memory.truths, world.memory.states
         episodes = world.episodes
         self.observations, self.rewards = episodes.observations, episodes.rewards
         self.fallen, self.ended, self.refused = episodes.fallen, episodes.ended, episodes.refused
         self.final_observations, self.final_truths = episodes.final_observations, episodes.final_truths
         self.final_references = episodes.final_references
-        blocks = -(-lanes // LANES)
-        workers = min(whole_number(threads or os.cpu_count() or 1, "threads", least=1), blocks)
-        ends = [min(lanes, LANES * (blocks * k // workers)) for k in range(workers + 1)]
+        memory = -(-lanes // LANES)
+        workers = min(whole_number(threads or os.cpu_count() or 1, "threads", least=1), memory)
+        ends = [min(lanes, LANES * (memory * k // workers)) for k in range(workers + 1)]
         self._spans = list(pairwise(ends))
         self._threads = ThreadPoolExecutor(max(workers - 1, 1))
 
@@ -388,21 +393,20 @@ class TaskLanes:
         estimator: EstimatorName | None,
         seed: int,
     ) -> LaneArrays:
-        pool, n, lanes = _pool_of(robots, estimator, self.sample_time), self.wheels, self.lanes
-        selected, own = self._selected, 1 if self.task.impulse > 0.0 else 0
-        filters = np.empty((0, 0))
-        if estimator == "kalman":
-            filters = filter_row(self.robot, sample_time=self.sample_time)[None]
-        inputs = Inputs(
-            code=code_of(selected),
-            play_code=play_code_of(selected) if robots[0].imperfections.backlash > 0.0 else 0,
-            law_code=law_code() if base else 0,
-            filter_code=sample_code() if len(filters) else 0,
+        lanes, n, own = self.lanes, self.wheels, 1 if self.task.impulse > 0.0 else 0
+        models, by_lane = [robot.model for robot in robots], [robot.imperfections for robot in robots]
+        pool = inputs_of(
+            models,
+            by_lane,
+            sample_time=self.sample_time,
+            laws=[base] if base else (),
+            estimators=[estimator],
+        )
+        inputs = pool._replace(
             parameters=np.repeat(pool.parameters[:1], lanes, axis=0),
             lift_offs=np.repeat(pool.lift_offs[:1], lanes),
-            laws=base.packed[None].copy() if base else np.zeros((1, 0)),
-            loops=np.repeat(pool.loops[:1], lanes, axis=0).reshape(-1).view(LOOP.dtype()),
-            filters=filters,
+            loops=np.repeat(pool.loops[:1], lanes),
+            filters=pool.filters[:1],
             contacts=np.repeat(pool.contacts[:1], lanes, axis=0),
             initial=np.zeros((lanes, 10)),
             pushes=np.zeros((lanes, own + pool.pushes.shape[1], 6)),
@@ -410,30 +414,20 @@ class TaskLanes:
         )
         return LaneArrays(
             inputs=inputs,
-            draws=_new_draws(robots, lanes, n),
+            draws=_new_draws(by_lane, lanes, n),
             sampling=Sampling(
                 references=np.zeros((1, 10)),
                 sample_time=self.sample_time,
-                steps=robots[0].model.steps_in(self.sample_time),
-                every=1,
-                lost_lean=np.inf,
-                grip=np.inf,
+                steps=models[0].steps_in(self.sample_time),
             ),
-            blocks=new_blocks(
-                pool.loops.reshape(-1).view(LOOP.dtype()), lanes, n, filtering=inputs.filter_code != 0
-            ),
-            commands=Commands(
-                todo=np.zeros(lanes, np.int64),
-                ages=np.zeros(lanes, np.int64),
-                torques=np.zeros((lanes, n)),
-                references=np.zeros((lanes, 10)),
-            ),
+            memory=new_memory(pool.loops, lanes, n, filtering=inputs.filter_code != 0),
+            commands=new_commands(lanes, n, references=lanes),
             out=empty_outcome(lanes, 0, _NEVER, n),
             pool=pool,
             task=TaskNumbers.of(
                 self.task, self.robot, torque_limit=self.torque_limit, sensing=estimator is not None
             ),
-            episodes=_new_episodes(inputs.loops, n, seed),
+            episodes=_new_episodes(lanes, n, seed),
         )
 
     def reseed(self, lane: int, seed: int) -> None:
@@ -443,7 +437,7 @@ class TaskLanes:
     def start(self, which: NDArray[np.bool_] | None = None) -> None:
         """Start the episodes of some lanes (lanes,), all by default, at random states and with random robots."""
         self._world.episodes.started[:] = True if which is None else which
-        self._play(START | MOVE | OBSERVE, KEPT, 0)
+        self._play(0, KEPT)
 
     def step(self, torques: ArrayLike, *, ending: int = KEPT) -> None:
         """Advance every lane whose episode goes on by `repeat` samples with torques (lanes, n) [N m].
@@ -459,7 +453,7 @@ class TaskLanes:
             real_array(torques, self._world.episodes.actions.shape, "The array of torques", finite=False)
         actions = self._world.episodes.actions
         actions[:] = torques
-        self._play(STEP, ending, self.repeat)
+        self._play(self.repeat, ending)
         if self.refused.any():
             lane = int(self.refused.argmax())
             raise InputError(
@@ -467,18 +461,15 @@ class TaskLanes:
                 "the other lanes went on."
             )
 
-    def _play(self, parts: int, ending: int, samples: int) -> None:
-        """Take all lanes through parts of a step of so many samples."""
-        if self._moved is None:
-            self._play_compiled(parts, ending, samples)
+    def _play(self, samples: int, ending: int) -> None:
+        """Take all lanes through a step of so many samples."""
+        if self.move is not None:
+            for sample in range(samples + 1):
+                prepare(self._world, sample, samples, ending)
+                self.move(self._world)
+                conclude(self._world, sample, samples)
             return
-        for part, count in [(parts & TAKE, 0), *[(BEGIN, 1), (END, 1)] * samples, (START, 0), (OBSERVE, 0)]:
-            self._play_compiled(part, ending, count)
-            if part in (BEGIN, START):
-                self._moved(self._world)
-
-    def _play_compiled(self, parts: int, ending: int, samples: int) -> None:
-        own, *others = ((self._selected, self._world, span, samples, ending, parts) for span in self._spans)
+        own, *others = ((self._selected, self._world, span, samples, ending) for span in self._spans)
         playing = [self._threads.submit(play, *other) for other in others]
         play(*own)
         for other in playing:
@@ -521,43 +512,24 @@ def _check_kinds(robots: Sequence[LoopRobot], sample_time: float, base: Controll
             )
 
 
-def _pool_of(robots: Sequence[LoopRobot], estimator: EstimatorName | None, sample_time: float) -> Pool:
-    borne = [robot.imperfections for robot in robots]
-    records = [
-        loop_record(r.imperfections, r.model.robot, estimator=estimator, sample_time=sample_time)
-        for r in robots
-    ]
-    bumps = bump_table([robot.model for robot in robots], borne)
-    return Pool(
-        parameters=np.array([packed_on_floor(r.model, r.imperfections) for r in robots]),
-        lift_offs=np.array([lift_off(r.model.robot) for r in robots]),
-        loops=np.array([record.ravel() for record in records]),
-        contacts=np.array([pack_contacts(r.model.robot) for r in robots]),
-        pushes=push_table(borne, sample_time),
-        bumps=bumps if bumps.shape[1] else np.zeros((len(robots), 0, 4)),
-        jitters=np.array([imperfections.jitter for imperfections in borne]),
-    )
-
-
-def _new_draws(robots: Sequence[LoopRobot], lanes: int, n: int) -> Draws:
+def _new_draws(by_lane: Sequence[Imperfections], lanes: int, n: int) -> Draws:
     """Return room for the random numbers of one sample."""
-    borne = [robot.imperfections for robot in robots]
     return Draws(
-        noise=np.zeros((lanes, 6 + n if any(one.random for one in borne) else 0)),
-        faults=np.zeros((lanes, 10 if any(one.sensor_faults is not None for one in borne) else 0)),
+        noise=np.zeros((lanes, 6 + n if any(one.random for one in by_lane) else 0)),
+        faults=np.zeros((lanes, 10 if any(one.sensor_faults is not None for one in by_lane) else 0)),
         positions=np.zeros((lanes, n)),
         turns=np.zeros((lanes, n)),
-        durations=np.zeros((lanes, 1 if any(one.jitter > 0.0 for one in borne) else 0)),
+        durations=np.zeros((lanes, 1 if any(one.jitter > 0.0 for one in by_lane) else 0)),
+        samples=1,
     )
 
 
-def _new_episodes(loops: NDArray[np.void], n: int, seed: int) -> Episodes:
-    """Return the episodes of robots with `loops` (lanes,) and n wheels; none goes on."""
-    lanes, size = len(loops), observation_size(n)
+def _new_episodes(lanes: int, n: int, seed: int) -> Episodes:
+    """Return the episodes of lanes with n wheels; none goes on."""
+    size = observation_size(n)
     flags = {name: np.zeros(lanes, np.bool_) for name in ("started", "active", "refused", "fallen", "ended")}
     return Episodes(
         streams=np.array([stream_of((seed, lane)) for lane in range(lanes)]),
-        loops=loops.view(np.float64).reshape(lanes, -1),
         drawn=np.zeros(lanes, np.int64),
         actions=np.zeros((lanes, n)),
         history=np.zeros((lanes, HISTORY, n)),

@@ -104,13 +104,13 @@ def _drawn_from_boxes(
         friction=scaled_friction(robot.friction, wheels, rolling_factor=float(rolling)),
     )
     drawn = LoopRobot.of(true, scenario, known=robot)
-    borne = replace(
+    imperfections = replace(
         drawn.imperfections,
         delay=min(drawn.imperfections.delay + delay, MAX_DELAY),
         slope=(slope * math.cos(uphill), slope * math.sin(uphill)),
         seed=seed,
     )
-    return replace(drawn, imperfections=borne)
+    return replace(drawn, imperfections=imperfections)
 
 
 def _between_logs(tree: object, wheels: int) -> dict[str, float]:

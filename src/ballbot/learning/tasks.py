@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ballbot.control.parts.policy import ERRORS, SHOWN
 from ballbot.control.parts.policy import SCALES as SIZES
-from ballbot.errors import InputError, suggest
+from ballbot.errors import check_known
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
@@ -148,8 +148,7 @@ def task_named(name: Task | str) -> Task:
     """
     if isinstance(name, Task):
         return name
-    if name.capitalize() not in TASKS:
-        raise InputError(f"There is no task {name!r}; {suggest(name, TASKS, otherwise='the tasks are')}")
+    check_known(name.capitalize(), TASKS, f"There is no task {name!r}", otherwise="the tasks are")
     return TASKS[name.capitalize()]
 
 

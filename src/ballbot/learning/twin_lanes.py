@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ballbot.control.law import LIMIT_AT, control_law
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import EstimatorName
 from ballbot.learning.lanes import LaneArrays
@@ -25,13 +24,14 @@ from ballbot.workflows.grid import LoopRobot
 
 def twin_scenario(drawn: LoopRobot, scenario: Scenario) -> Scenario:
     """Return the scenario in which a twin has the friction, the delay and the floor of a robot that was drawn."""
-    borne = drawn.imperfections
-    about_x = math.atan(borne.slope[1])
-    timing = Timing(delay=borne.delay, jitter=borne.jitter) if borne.delay or borne.jitter else None
+    given = drawn.imperfections
+    (along, across), delay, jitter = given.slope, given.delay, given.jitter
+    about_x = math.atan(across)
+    timing = Timing(delay=delay, jitter=jitter) if delay or jitter else None
     return replace(
         with_identified(scenario, drawn.model.robot.friction),
         timing=timing,
-        floor_tilt=(about_x, -math.atan(borne.slope[0] * math.cos(about_x))),
+        floor_tilt=(about_x, -math.atan(along * math.cos(about_x))),
         payload=None,  # the robot that was drawn carries it
     )
 
@@ -69,7 +69,7 @@ class Twins:
         return self._placed[lane, which]
 
     def _reset(self, world: LaneArrays, lane: int) -> None:
-        for memory in (world.blocks.memories, world.blocks.commanded, world.blocks.last):
+        for memory in (world.memory.laws, world.memory.commanded, world.memory.last):
             memory[lane] = 0.0
         seed = int(world.episodes.streams[lane, 0] >> np.uint64(33))
         twin, push = self._of(world, lane)
@@ -79,25 +79,18 @@ class Twins:
 
     def _move(self, world: LaneArrays, lane: int) -> None:
         (twin, push), age = self._of(world, lane), int(world.commands.ages[lane])
-        torques, last = world.blocks.commanded[lane], world.blocks.last[lane]
-        last[:] = torques
-        torques[:] = world.commands.torques[lane]
-        if world.inputs.law_code:
-            law, memory, own = world.inputs.laws[0], world.blocks.memories[lane], np.zeros(len(torques))
-            control_law(law, memory, world.blocks.states[lane], world.commands.references[lane], own)
-            torques[:] = np.clip(torques + own, -law[LIMIT_AT], law[LIMIT_AT])
-            memory[: len(torques)] = torques  # the law's history begins with the torques that act
+        world.commands.ages[lane] += 1
         if world.task.impulse > 0.0:
             begin, end, *force, height = world.inputs.pushes[lane, 0].tolist()
             push.clear()
             if begin <= age < end:
                 push.add(force, height)
-        measured = twin.step(torques, world.task.sample_time)
+        measured = twin.step(world.memory.commanded[lane], world.task.sample_time)
         if measured.ended:
             world.out.ended[lane] = age + 1
         self._take(world, lane, measured)
 
     def _take(self, world: LaneArrays, lane: int, measured: Measurement) -> None:
         truth = measured.state if measured.truth is None else measured.truth
-        world.blocks.truths[lane] = truth
-        world.blocks.states[lane] = truth if self.estimator is None else measured.state
+        world.memory.truths[lane] = truth
+        world.memory.states[lane] = truth if self.estimator is None else measured.state

@@ -20,7 +20,7 @@ import numpy as np
 
 from ballbot.control.gain_set import GainSet
 from ballbot.control.tuning import ROUNDING, Setting, check_setting
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, check_known
 from ballbot.files import read_text
 from ballbot.link.messages import AnswerResult, wrapped
 from ballbot.link.references import require_terminal
@@ -136,10 +136,7 @@ class Tuner:
             numbers = tuple(map(float, texts))
         except ValueError:
             numbers = ()
-        if command not in _COMMANDS:
-            raise InputError(
-                f"There is no command {command!r}; {suggest(command, _COMMANDS, otherwise='they are')}"
-            )
+        check_known(command, _COMMANDS, f"There is no command {command!r}", otherwise="they are")
         if command == "compensation" and len(numbers) == 1:
             wanted = replace(self._setting, compensation=numbers[0])
         elif command == "gain" and numbers:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import Bools, Floats
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.findings import Finding, note
 from ballbot.log.columns import (
     STATE_NAMES,
@@ -121,11 +121,9 @@ class Log(Plotted):
         layout, used = (None, None) if by is None else (by.file, by.used_columns)
         columns = read_columns(path, layout, used=used, notes=notes)
         changes = [note("file", sentence) for sentence in notes]
-        try:
+        with about(path):
             columns = columns if by is None else apply_mapping(by, columns, robot=robot, changes=changes)
             return Log(columns, changes=tuple(changes))
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from None
 
     def write(self, path: str | Path) -> None:
         """Write the log to `path`, in the format of its suffix; every value reads back to the same bits.

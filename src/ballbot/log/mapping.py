@@ -87,7 +87,7 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, FiniteFloat, PositiveFloat
 
 from ballbot.arrays import Floats, rows_between
-from ballbot.errors import InputError, suggest
+from ballbot.errors import InputError, about, check_known, suggest
 from ballbot.file_formats import take_format
 from ballbot.files import LARGEST_SETTINGS, parse_toml, read_text
 from ballbot.findings import Finding, Place, note
@@ -469,10 +469,8 @@ def _factor(where: str, unit: str | None, given: str | None, counts_per_turn: fl
     """Return the factor that turns a value in the file's unit, if one is given, into one in Ballbot's."""
     if given is None or unit is None:
         return 1.0
-    try:
+    with about(where):
         return factor_to(unit, given, counts_per_turn=counts_per_turn)
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
 
 
 def _series(
@@ -670,9 +668,9 @@ def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | 
 
 def _scaled(name: str, source: Source, table: Table) -> Floats:
     for column in (source.column, source.direction):
-        if column is not None and column not in table:
-            hint = suggest(column, table, otherwise="it has")
-            raise InputError(f"The mapping takes {name} from column {column!r}, which does not exist; {hint}")
+        if column is not None:
+            sentence = f"The mapping takes {name} from column {column!r}, which does not exist"
+            check_known(column, table, sentence, otherwise="it has")
     values = mark_missing(source.factor * table[source.column] + source.offset)
     if source.direction is None:
         return values

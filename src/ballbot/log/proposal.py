@@ -18,6 +18,7 @@ from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity, note, warning
 from ballbot.log.checks import check
 from ballbot.log.checks.table import judged
+from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
 from ballbot.log.log import Log
@@ -32,11 +33,10 @@ from ballbot.log.mapping_search.commands import (
     needs_of,
     turned_by,
 )
-from ballbot.log.mapping_search.evidence import CONFIDENT
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
 from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.mapping_search.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
+from ballbot.log.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
 from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans

@@ -3,7 +3,7 @@
 geometry, parameters     where the wheels sit; one robot's numbers as compiled code reads them
 equations                mass matrix and forces, from attitude and velocities; and their solution
 friction, floor          the friction law of the wheels, and the floor's friction on the ball
-friction_laws/           one driveline's motion under the classical law
+driveline                one driveline's motion
 contacts, stick_slip     where friction acts, and the convex step that finds the sticking contacts
 model                    all of it as one object, with its linearisation
 engine/                  the compiled forms: many robots side by side

@@ -21,21 +21,22 @@ the integrator must know when it may change.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballbot.arrays import Floats
 from ballbot.mechanics.engine.elementary import binary_logarithm, power_of_two
 from ballbot.mechanics.engine.tracing import greatest, least, traced, where
 from ballbot.robot import Friction
 
 
-def stribeck_decay(ratio: NDArray[np.float64], exponent: float) -> NDArray[np.float64]:
-    """Return E = exp(-|w/v_s|^delta) for the ratio w/v_s (...); 1 at rest. Numba compiles it as it stands."""
-    return np.exp(-(np.abs(ratio) ** exponent))
+def stribeck_curve(
+    coulomb: float | Floats, stribeck: float | Floats, ratio: Floats, exponent: float
+) -> Floats:
+    """Return c + s exp(-|w/v_s|^delta) for the ratio w/v_s (...); c + s at rest. Numba compiles it as it stands."""
+    return coulomb + stribeck * np.exp(-(np.abs(ratio) ** exponent))
 
 
-def dry_friction_size(
-    speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
-) -> NDArray[np.float64]:
+def dry_friction_size(speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None) -> Floats:
     """Return the size (..., n) [N m] of each wheel's dry friction in the direction it turns; at rest the mean of both.
 
     The arguments are those of `wheel_friction`.
@@ -44,13 +45,10 @@ def dry_friction_size(
     if friction.own_law:
         load = np.abs(np.zeros(w.shape) if torque is None else np.broadcast_to(torque, w.shape))
         return friction.dry_size(np.abs(w), load) + np.sign(w) * friction_terms(friction)[:, 0]
-    E = stribeck_decay(w / friction.stribeck_speed, friction.stribeck_exponent)
-    size = np.asarray(friction.coulomb) + np.asarray(friction.stribeck) * E
-    if friction.is_plain:
-        return size
     d, e, mu = friction_terms(friction).T
-    size = size + np.sign(w) * (d + e * E)
-    return size if torque is None else size + mu * np.abs(torque)
+    c = np.asarray(friction.coulomb) + np.sign(w) * d + mu * np.abs(0.0 if torque is None else torque)
+    s = np.asarray(friction.stribeck) + np.sign(w) * e
+    return stribeck_curve(c, s, w / friction.stribeck_speed, friction.stribeck_exponent)
 
 
 class WheelTerms(NamedTuple):
@@ -64,15 +62,13 @@ class WheelTerms(NamedTuple):
 NO_TERMS = WheelTerms()
 
 
-def friction_terms(friction: Friction) -> NDArray[np.float64]:
+def friction_terms(friction: Friction) -> Floats:
     """Return a friction's optional terms (n, 3), a row of `WheelTerms` for each wheel."""
     zeros = (0.0,) * len(friction.coulomb)
     return np.column_stack([getattr(friction, name) or zeros for name in WheelTerms._fields])
 
 
-def wheel_friction(
-    speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None
-) -> NDArray[np.float64]:
+def wheel_friction(speed: ArrayLike, friction: Friction, *, torque: ArrayLike | None = None) -> Floats:
     """Return the friction torque tau(w) (..., n) [N m] of each wheel at w (..., n) [rad/s], zero at zero speed.
 
     It acts against the speed where it is positive. The load term follows the motors' torques at the wheel (..., n) [N
@@ -82,7 +78,24 @@ def wheel_friction(
     return np.asarray(friction.viscous) * w + dry_friction_size(w, friction, torque=torque) * np.sign(w)
 
 
-# --- compiled: of a wheel with the numbers b, c, s, inv_vs, delta and `terms` (`WheelTerms`), or an `OwnWheel` ---
+def steady_friction(speed: ArrayLike, friction: Friction) -> Floats:
+    """Return the friction torque (...) [N m] of the one wheel that a friction is of, at speeds (...) [rad/s]."""
+    return wheel_friction(np.asarray(speed, dtype=float)[..., None], friction)[..., 0]
+
+
+# --- compiled: of a `Wheel`, or an `OwnWheel` ---
+
+
+class Wheel(NamedTuple):
+    """One wheel's numbers under the classical law."""
+
+    axle: tuple[float, float, float]  #: its row of A
+    b: float
+    c: float  #: the motor's load included
+    s: float
+    terms: WheelTerms
+    inv_vs: float  #: 1/v_s [s/rad]
+    delta: float
 
 
 class OwnWheel(NamedTuple):

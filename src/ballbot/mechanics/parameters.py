@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.tracing import instructions_of, traced
-from ballbot.mechanics.friction import NO_TERMS, OwnWheel, WheelTerms, friction_terms
+from ballbot.mechanics.friction import NO_TERMS, OwnWheel, Wheel, WheelTerms, friction_terms
 from ballbot.mechanics.geometry import transforms
-from ballbot.robot import Robot
+from ballbot.robot import Friction, Robot
 from ballbot.robot.friction_law import MOST_PARAMETERS, FrictionLaw
 
 #: "exact": the corrected rigid-body model; "thesis": Appendix II as printed, only its misprints mended
@@ -51,18 +51,6 @@ class Pivoting(NamedTuple):
     wheels: tuple[int, ...]
 
     own_wheel = None
-
-
-class Wheel(NamedTuple):
-    """One wheel's numbers, in compiled code."""
-
-    axle: tuple[float, float, float]  #: its row of A
-    b: float
-    c: float  #: the motor's load included
-    s: float
-    terms: WheelTerms
-    inv_vs: float  #: 1/v_s [s/rad]
-    delta: float
 
 
 class RobotNumbers(NamedTuple):
@@ -130,8 +118,9 @@ _LAW_MARK = "_by_"
 
 
 def __getattr__(name: str) -> type:
-    """Return the class that selects equations by a registered law; code kept on disk names laws of other processes."""
-    kind = {base.__name__: base for base in (Exact, Thesis, Pivoting)}.get(name.partition(_LAW_MARK)[0])
+    """Return the class of a registered law's equations or wheel; code kept on disk names laws of other processes."""
+    kinds = {base.__name__: base for base in (Exact, Thesis, Pivoting, OwnWheel)}
+    kind = kinds.get(name.partition(_LAW_MARK)[0])
     if kind is None or _LAW_MARK not in name:
         raise AttributeError(name)
     globals()[name] = made = type(name, (kind,), {"__module__": __name__, "__slots__": ()})
@@ -140,7 +129,7 @@ def __getattr__(name: str) -> type:
 
 @cache
 def _by_law(kind: type, law: FrictionLaw) -> type:
-    """Return the class that selects equations of a kind by a registered law; its name tells what the law computes."""
+    """Return the class of a registered law's equations or wheel; its name tells what the law computes."""
     try:
         written = instructions_of(law.size, 2 + len(law.takes))
     except Exception as error:
@@ -150,8 +139,10 @@ def _by_law(kind: type, law: FrictionLaw) -> type:
         ) from error
     token = sha256(f"{law.name} {law.takes} {written}".encode()).hexdigest()[:16]
     made = getattr(sys.modules[__name__], f"{kind.__name__}{_LAW_MARK}{law.name}_{token}")
-    made.own_wheel = type(f"OwnWheel_{token}", (OwnWheel,), {"__slots__": (), "size": staticmethod(law.size)})
-    made.parameter_count = len(law.takes)
+    if kind is OwnWheel:
+        made.size = staticmethod(law.size)
+    else:
+        made.own_wheel, made.parameter_count = _by_law(OwnWheel, law), len(law.takes)
     return made
 
 
@@ -228,15 +219,36 @@ def pack(
     )
     numbers = np.concatenate([np.ravel(value) for value in rigid])
     terms = friction_terms(friction)
-    law, of_law = friction.own_law, dict(friction.own)
+    law = friction.own_law
     if law:
         terms[:, 2] = 1.0  # see `OwnWheel.factor`
     of_wheels = np.column_stack([A, friction.viscous, friction.coulomb, friction.stribeck, terms])
-    values = (
-        [of_law[name] if name in of_law else getattr(friction, name) for name in law.takes] if law else []
+    return np.concatenate([numbers, of_wheels.ravel(), _law_values(friction, law).ravel() if law else []])
+
+
+def wheels_of(
+    friction: Friction, axles: ArrayLike = ((0.0, 0.0, 0.0),)
+) -> tuple[Wheel, ...] | tuple[OwnWheel, ...]:
+    """Return the numbers of wheels with these rows of A (n, 3), or of a free one, without a motor's load."""
+    law, rows, terms = (
+        friction.own_law,
+        np.asarray(axles, dtype=float).tolist(),
+        friction_terms(friction).tolist(),
     )
-    by_wheel = [np.broadcast_to(np.asarray(value, dtype=float), (robot.wheel_count,)) for value in values]
-    return np.concatenate([numbers, of_wheels.ravel(), np.ravel(by_wheel, order="F")])
+    if law:
+        own = zip(rows, friction.viscous, terms, _law_values(friction, law).tolist(), strict=True)
+        kind = _by_law(OwnWheel, law)
+        return tuple(kind(tuple(row), b, d, 1.0, tuple(values), 0.0) for row, b, (d, _, _), values in own)
+    wheels = zip(rows, friction.viscous, friction.coulomb, friction.stribeck, terms, strict=True)
+    shape = 1.0 / friction.stribeck_speed, friction.stribeck_exponent
+    return tuple(Wheel(tuple(row), b, c, s, WheelTerms(*of), *shape) for row, b, c, s, of in wheels)
+
+
+def _law_values(friction: Friction, law: FrictionLaw) -> NDArray[np.float64]:
+    """Return the parameters (n, k) of a registered law, in its order."""
+    own, count = dict(friction.own), len(friction.viscous)
+    values = [own[name] if name in own else getattr(friction, name) for name in law.takes]
+    return np.array([np.broadcast_to(value, (count,)) for value in values], dtype=float).reshape(-1, count).T
 
 
 def law_columns(wheel_count: int, index: int, law: FrictionLaw) -> NDArray[np.int64]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -15,6 +16,7 @@ from ballbot.identification.geometry import Geometry
 from ballbot.identification.swing import SwingFit
 from ballbot.identification.upside_down import UpsideDown, cut_ball_windows, predicted_velocity
 from ballbot.log import Log
+from ballbot.mechanics.friction import steady_friction
 from ballbot.report.blocks import Bullets, Paragraph, Result, Sheet, section
 from ballbot.report.series import IN_TURN, Line, Panel, TimeSeries
 from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
@@ -254,7 +256,8 @@ def driveline_report(
     largest = max(float(np.abs(sweep.torque).max()) for sweep in sweeps)
     curves = "Friction over speed, up to the speed limit and at low speeds."
     measured = "Torque over the speed of each wheel, free of the ball. The vertical ends are the supply's speed limit."
-    laws, wheels = [fit.law.steady_friction for fit in fits], [f"wheel {fit.wheel}" for fit in fits]
+    laws = [partial(steady_friction, friction=fit.friction) for fit in fits]
+    wheels = [f"wheel {fit.wheel}" for fit in fits]
     errors = [(wheel, fit.rmse, fit.rmse_without) for wheel, fit in zip(wheels, fits, strict=True)]
     of_fits = [finding for fit in fits for finding in fit.findings]
     words = (

@@ -35,21 +35,28 @@ from ballbot.workflows.metrics import (
 )
 from ballbot.workflows.statistics import Estimate
 
-#: looks of a study's candidates
-RUN_LOOKS: Mapping[str, Look] = {
+#: looks of a study's candidates; others have the sixth
+_CANDIDATE_LOOKS: Mapping[str, Look] = {
     "none": "second",
     "full": "fourth",
     "partial": "third",
     "precise": "first",
     "precise_without_compensation": "fifth",
 }
-CANDIDATE_NAMES: Mapping[str, str] = {
+_SOFT = {
     "none": "soft gain",
     "full": "soft gain, full compensation",
     "partial": "soft gain, partial compensation",
-    "precise": "precise",
-    "precise_without_compensation": "precise without compensation",
 }
+
+
+def candidate_name(candidate: str) -> str:
+    """Return a candidate's name in sentences."""
+    return _SOFT.get(candidate, candidate.replace("_", " "))
+
+
+def _look(candidate: str) -> Look:
+    return _CANDIDATE_LOOKS.get(candidate, "sixth")
 
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
@@ -60,9 +67,9 @@ def paths_figure(runs: Mapping[str, Log]) -> Figure:
         position = true_place(log)
         axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
         x, y = thinned(position["x"], position["y"])
-        axes.plot(x, y, label="robot", **LOOKS[RUN_LOOKS[name]])
+        axes.plot(x, y, label="robot", **LOOKS[_look(name)])
         axes.plot(position["x"][:1], position["y"][:1], "o", color=INK, markersize=3.5)
-        title = CANDIDATE_NAMES[name].replace(" compensation", "\ncompensation")
+        title = candidate_name(name).replace(" compensation", "\ncompensation")
         axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
         axes.set_aspect("equal")
         axes.set_xlabel("$x$ [m]")
@@ -81,7 +88,7 @@ def _distances(runs: Sequence[tuple[str, Look, Log]]) -> tuple[Floats, Panel]:
 def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
     """Return the distance from the reference over time, with the reference below."""
     longest = max(runs.values(), key=len)
-    t, distances = _distances([(CANDIDATE_NAMES[name], RUN_LOOKS[name], log) for name, log in runs.items()])
+    t, distances = _distances([(candidate_name(name), _look(name), log) for name, log in runs.items()])
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
         Line("reference y", longest["ref_y"], "sixth"),

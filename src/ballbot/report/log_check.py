@@ -16,7 +16,7 @@ from ballbot.log import Log
 from ballbot.log.checks import check, check_uses, missing_columns
 from ballbot.log.checks.kinematics import WheelAgreement, wheel_agreement
 from ballbot.log.columns import unit_of
-from ballbot.log.mapping_search.placement import Placement
+from ballbot.log.placement import Placement
 from ballbot.log.pose import with_position, with_rates
 from ballbot.log.proposal import Proposal, answer_lines
 from ballbot.report.blocks import Column, Result, Sheet, Verbatim, entries_of, section, sheet_of

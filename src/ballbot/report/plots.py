@@ -5,7 +5,6 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.linear import robot_loop
 from ballbot.control.lqr import LqrDesign
@@ -17,7 +16,7 @@ from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.learning.learn import Learned
 from ballbot.log import Log
-from ballbot.mechanics.friction import wheel_friction
+from ballbot.mechanics.friction import steady_friction
 from ballbot.registry import FIGURES, PAGES
 from ballbot.report.axis import axis_report, laws_figure
 from ballbot.report.bench import curve_figure, upside_down_report, wheel_report
@@ -68,12 +67,8 @@ def controller_figure(controller: Controller) -> Figure:
 
 def upside_down_figure(fit: UpsideDown) -> Figure:
     """Return each wheel's friction over its speed."""
-    friction, n = fit.robot.friction, fit.robot.wheel_count
-
-    def of_wheel(wheel: int, speed: Floats) -> Floats:
-        return wheel_friction(np.repeat(speed[:, None], n, axis=1), friction)[:, wheel]
-
-    curves = [partial(of_wheel, wheel) for wheel in range(n)]
+    friction = fit.robot.friction
+    curves = [partial(steady_friction, friction=friction.of_wheel(i)) for i in range(fit.robot.wheel_count)]
     return curve_figure(curves, _SHOWN_SPEEDS * friction.stribeck_speed)
 
 
@@ -96,7 +91,8 @@ for kind, draw in {
     Controller: controller_figure,
     ControllerDesign: lambda design: bode_figure(design.loop_margins),
     DrivelineFit: lambda fit: curve_figure(
-        [fit.law.steady_friction], float(np.nanmax(np.abs(fit.predicted), initial=1.0))
+        [partial(steady_friction, friction=fit.friction)],
+        float(np.nanmax(np.abs(fit.predicted), initial=1.0)),
     ),
     Identification: friction_figure,
     Learned: lambda learned: series_figure(curve_series(learned)),

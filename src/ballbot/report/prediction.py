@@ -50,7 +50,7 @@ def prediction_report(
     ]
     caption = (
         "Predicted and measured. Of 50 simulated robots with unknown faults 92 % of all quantities were inside their "
-        "intervals, 87 % of the peak errors."
+        f"intervals, 87 % of the peak errors.{prediction.calibration}"
     )
     table = sheet_of(verdict.quantities, columns, caption=caption, shaded=lambda quantity: quantity.worse)
     return Result(
@@ -89,7 +89,7 @@ def predicted_sheet(prediction: ControllerPrediction) -> Sheet:
             "soft gain, no compensation", lambda row: _interval(row[0], none[row[0]]) if none else "falls"
         ),
     ]
-    caption = "Each interval holds the value of one new run with 95 % probability."
+    caption = f"Each interval holds the value of one new run with 95 % probability.{prediction.calibration}"
     return sheet_of(prediction.chosen.items(), columns, caption=caption)
 
 
@@ -119,7 +119,7 @@ def next_steps(
         steps.append(f"Go back to {previous}, the controller before this one.")
     else:
         kind, compensation = CANDIDATES[prediction.controller]
-        words = ["ballbot", "design", str(robot), "--kind", kind, "--compensation", compensation]
+        words = ["ballbot", "design", str(robot), "--kind", kind.name, "--compensation", compensation]
         steps.append(f"Compensate less friction: `{shell_line(words)} --compensation-gain 0.8 --out weaker`.")
     return [*steps, "Run `ballbot study` again with this log among its logs."]
 

@@ -25,7 +25,7 @@ from ballbot.report.blocks import (
     section,
     sheet_of,
 )
-from ballbot.report.comparison import CANDIDATE_NAMES, paths_figure, position_error_series
+from ballbot.report.comparison import candidate_name, paths_figure, position_error_series
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
@@ -39,7 +39,7 @@ from ballbot.rounding import digits, interval
 from ballbot.summary import counted
 from ballbot.twin.imperfections import left_out
 from ballbot.viewer import replay_part
-from ballbot.workflows.controller_choice import Confirmation, ControllerChoice, Trial
+from ballbot.workflows.controller_choice import CANDIDATES, Confirmation, ControllerChoice, Trial
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
@@ -96,14 +96,14 @@ def controller_sentence(choice: ControllerChoice) -> str:
     if chosen != "none" and gain.runs:
         compared = f", {digits(gain.median)} times smaller ({interval_words(gain)})"
     peak = millimetres(choice.trials[chosen].peak.median)
-    return f"{capital(CANDIDATE_NAMES[chosen])}: {peak} mm{compared}, on {robots}."
+    return f"{capital(candidate_name(chosen))}: {peak} mm{compared}, on {robots}."
 
 
 def _falls_words(choice: ControllerChoice) -> str:
     runs = len(choice.plants)
     return every(
         [
-            f"{CANDIDATE_NAMES[name]} in {trial.falls} of {runs}"
+            f"{candidate_name(name)} in {trial.falls} of {runs}"
             for name, trial in choice.trials.items()
             if trial.falls
         ]
@@ -123,12 +123,14 @@ def _reasons(study: Study) -> list[str]:
     ]
     if any(trial.falls for trial in choice.trials.values()):
         sentences.append(f"Excluded because they fall: {_falls_words(choice)} runs.")
-    if others := [CANDIDATE_NAMES[name] for name in choice.equals if name != choice.chosen]:
+    if lacking := [candidate_name(name) for name in CANDIDATES if name not in choice.trials]:
+        sentences.append(f"This robot cannot have {every(lacking)}; `ballbot design --kind` says why.")
+    if others := [candidate_name(name) for name in choice.equals if name != choice.chosen]:
         sentences.append(f"These count as equal: {', '.join(others)}.")
     chosen = choice.controller
     if chosen is not None and choice.compensated is not None and chosen.compensation == "none":
         sentences.append(
-            f"The best that compensates friction, {CANDIDATE_NAMES[choice.compensated]}, is "
+            f"The best that compensates friction, {candidate_name(choice.compensated)}, is "
             "compensated_controller.toml."
         )
     return [*sentences, confirmation_sentence(study.confirmation)]
@@ -139,7 +141,7 @@ def confirmation_sentence(confirmation: Confirmation | None) -> str:
     if confirmation is None:
         return "The choice was not confirmed on the physics-engine twin."
     words = [
-        f"{CANDIDATE_NAMES[name]} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
+        f"{candidate_name(name)} {_reached(twin)} ({_reached(confirmation.on_loop[name])} on the compiled loop)"
         for name, twin in confirmation.on_twin.items()
     ]
     runs = counted(len(next(iter(confirmation.on_twin.values())).scores), "run")
@@ -231,7 +233,7 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     shown = dict.fromkeys(("none", choice.chosen or "none"))
     try:
         part = replay_part(
-            {CANDIDATE_NAMES[name]: choice.runs[name] for name in shown},
+            {candidate_name(name): choice.runs[name] for name in shown},
             study.found.robot,
             colors=("orange", "blue"),
         )
@@ -385,7 +387,7 @@ def study_results(study: Study) -> dict[str, object]:
 def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
     """Return the columns on a controller's runs: of the table, and of results.json [m, N m]."""
     return (
-        Column("controller", lambda row: CANDIDATE_NAMES[row[0]]),
+        Column("controller", lambda row: candidate_name(row[0])),
         Column("peak [mm]", lambda row: row[1].peak.median, millimetres, key="peak_position_error"),
         Column(
             "95 % interval",

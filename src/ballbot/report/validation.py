@@ -32,7 +32,7 @@ from ballbot.validation import ErrorPair, ModelPair, Validation, findings
 from ballbot.validation.horizons import Horizons
 from ballbot.validation.models import FINEST, Trajectories
 from ballbot.validation.residuals import Prediction, SpeedEffect
-from ballbot.validation.ways import WAYS
+from ballbot.validation.ways import VALIDATIONS
 
 
 def validation_report(
@@ -67,7 +67,7 @@ def undecided_by(validation: Validation) -> list[str]:
     """Return what the logs cannot show of the two models."""
     if validation.no_evidence is not None:
         return [validation.no_evidence]
-    refused = [(way.heading.lower(), validation.refused.get(way.key)) for way in WAYS]
+    refused = [(way.heading.lower(), validation.refused.get(way.key)) for way in VALIDATIONS]
     sentences = [f"Which model is better in {where}: {why}" for where, why in refused if why]
     if no_wheels := validation.prediction.no_wheels:
         sentences.append(f"Whether the wheels' residual torques depend on their speeds: {no_wheels}.")
@@ -84,7 +84,7 @@ def validation_sections(validation: Validation) -> list[Section]:
         replace(
             section(way.heading, *_way_blocks(validation, way.key)), folded=k > 0, result=results[way.key]
         )
-        for k, way in enumerate(WAYS)
+        for k, way in enumerate(VALIDATIONS)
     ]
 
 

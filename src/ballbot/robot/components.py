@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from collections import ChainMap
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,10 +264,14 @@ class Friction:
         """The registered law of the dry friction; None for the classical one."""
         return friction_law(self.law)
 
-    def check_classical(self, user: str) -> None:
-        """Raise InputError if the law is a registered one, which this user of the friction does not have."""
-        if self.own_law:
-            raise InputError(f"{user} has the classical friction law only, not {self.law}.")
+    def of_wheel(self, index: int) -> Friction:
+        """Return the friction of one wheel, 0 for the first, as that of a robot with this wheel only."""
+
+        def one(value: Any) -> Any:
+            return value[index : index + 1] if isinstance(value, tuple) else value
+
+        numbers = {key.name: one(getattr(self, key.name)) for key in fields(self) if key.name != "own"}
+        return replace(self, **numbers, own=tuple((name, one(value)) for name, value in self.own))
 
     def with_law(self, text: str, own: Mapping[str, Value] | None = None) -> Friction:
         """Return this friction by another law; parameters of its own that are not given have their defaults."""

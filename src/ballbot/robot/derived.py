@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballbot.robot.components import Sensors
 from ballbot.robot.robot import Robot
 
 
@@ -26,9 +27,9 @@ def solid_sphere_inertia(*, mass: float, radius: float) -> float:
     return 0.4 * mass * radius**2
 
 
-def encoder_step(*, encoder_counts: int, gear_ratio: float) -> float:
-    """Return the wheel angle [rad] of one encoder count."""
-    return 2.0 * math.pi / (encoder_counts * gear_ratio)
+def encoder_step(robot: Robot, sensors: Sensors | None = None) -> float:
+    """Return the wheel angle [rad] of one count of a robot's encoders, or of those of other sensors on it."""
+    return 2.0 * math.pi / ((sensors or robot.sensors).encoder_counts * robot.drive.gear_ratio)
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def derived_quantities(robot: Robot) -> list[Derived]:
     shell = thin_shell_inertia(mass=ball.mass, radius=ball.radius)
     solid = solid_sphere_inertia(mass=ball.mass, radius=ball.radius)
     swing = math.sqrt(body.mass * robot.gravity * body.center_of_mass / float(pivot[0]))
-    step = encoder_step(encoder_counts=robot.sensors.encoder_counts, gear_ratio=drive.gear_ratio)
+    step = encoder_step(robot)
     about = {"pivot": (pivot, "the ball's centre"), "central": (central, "its centre of mass")}
     rotor, stuck = drive.reflected_inertia, max(robot.friction.breakaway)
     hung = "frequency at which the body swings, hung upside down at the ball's centre"

@@ -238,8 +238,7 @@ def _fields(leaves: Mapping[str, object], stated: IdentificationTables, folder: 
     """Return the values of a robot's fields by dotted name, in SI units."""
     name, about = _text(leaves, "name"), _text(leaves, "body.inertia.about")
     # a Python file's path is relative to the folder of the robot file
-    file, _, law_name = _text(leaves, _LAW, default=CLASSICAL).rpartition(":")
-    law = friction_law(f"{folder / file}:{law_name}" if file else law_name)
+    law = friction_law(_text(leaves, _LAW, default=CLASSICAL), folder=folder)
     own = {law_parameter.stated.name: law_parameter for law_parameter in law.own} if law else {}
     for key in leaves:
         if key in OWN_PARAMETERS and key not in own:

@@ -216,13 +216,13 @@ def _check_proportional(law: FrictionLaw) -> None:
 _LOADING: dict[str, Path] = {}
 
 
-def friction_law(text: str) -> FrictionLaw | None:
-    """Return the law that a robot names, or that FILE.py:NAME registers; None for the classical one.
+def friction_law(text: str, *, folder: Path = Path()) -> FrictionLaw | None:
+    """Return the law that a robot names, or that FILE.py:NAME registers, in a folder; None for the classical one.
 
     InputError if there is no such law.
     """
     path, _, name = text.rpartition(":")
-    file = Path(path).resolve() if path.endswith(".py") else None
+    file = (folder / path).resolve() if path.endswith(".py") else None
     if file and (name not in REGISTERED or REGISTERED[name].file != file):
         _LOADING["file"] = file
         try:

@@ -5,8 +5,9 @@ torques or a sloping floor (`Imperfections`), and may be left once it is lost (`
 """
 
 import math
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
@@ -15,28 +16,30 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array, whole_number
 from ballbot.control.controller import Controller, refusal
 from ballbot.control.interface import Feedback, estimator_of
-from ballbot.control.law import law_code
-from ballbot.control.records import fill_record
 from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
 from ballbot.estimation.interface import EstimatorName
-from ballbot.estimation.kalman import filter_row
-from ballbot.estimation.kalman_model import sample_code
 from ballbot.log.columns import wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.engine.play import play_code_of
-from ballbot.mechanics.engine.run import code_of, over_threads
+from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
-from ballbot.simulation.draws import bump_table, change_samples, draws_of, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, Imperfections, LoopRecord, loop_record, packed_on_floor
-from ballbot.simulation.loop import Inputs, Outcome, Sampling, new_block, run_block
-from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states, lift_off, pack_contacts
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.inputs import (
+    change_samples,
+    draws_of,
+    empty_outcome,
+    inputs_of,
+    new_commands,
+    rows_of,
+)
+from ballbot.simulation.loop import ADVANCED, CHANGED, Outcome, Sampling, new_memory, run_block
+from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states
 from ballbot.simulation.run import initial_state_of, sample_count, simulate
 from ballbot.simulation.sensed_plant import SensedPlant
 
@@ -174,45 +177,34 @@ def _side_by_side(
     n = _common_wheel_count([*robots, *(lane.known for lane in by_lane if lane.known)], controllers)
     samples = len(sampling.references)
     out = empty_outcome(lanes, -(-samples // sampling.every), samples, n)
-    selected = models[0].selected
-    filters = _filters(by_lane, robots, controllers, sample_time)
-    at_start = Inputs(
-        code=code_of(selected),
-        play_code=play_code_of(selected) if any(lane.backlash > 0.0 for lane in by_lane) else 0,
-        law_code=law_code(),
-        filter_code=sample_code() if len(filters) else 0,
-        parameters=_on_floors(models, by_lane),
-        lift_offs=_rows(lift_off, robots),
-        laws=_law_rows(controllers),
-        loops=_loops(by_lane, robots, controllers, sample_time),
-        filters=filters,
-        contacts=_rows(pack_contacts, robots),
-        initial=initial,
-        pushes=push_table(by_lane, sample_time),
-        bumps=bump_table(models, by_lane),
-    )
-    stages = [(0, at_start)]
-    for begin, changed, lanes_now in _changes(by_lane, robots, samples, sample_time):
-        robots_now = [model.robot for model in changed]
-        inputs = at_start._replace(
-            parameters=_on_floors(changed, lanes_now),
-            lift_offs=_rows(lift_off, robots_now),
-            loops=_loops(lanes_now, robots_now, controllers, sample_time),
-            contacts=_rows(pack_contacts, robots_now),
-            bumps=bump_table(changed, lanes_now),
+    estimators: list[EstimatorName] = [law.estimator for law in controllers]
+    changes = list(_changes(models, by_lane, samples, sample_time))
+    stages = [
+        inputs_of(
+            models,
+            imperfections,
+            sample_time=sample_time,
+            laws=controllers,
+            estimators=estimators,
+            initial=initial,
         )
-        stages.append((begin, inputs))
-    ends = [*(begin for begin, _ in stages[1:]), samples]
+        for _, models, imperfections in changes
+    ]
+    spans = list(pairwise([*(begin for begin, *_ in changes), samples]))
     alone = len(by_lane) == 1
 
     def run(first: int) -> None:
-        width = min(LANES, lanes - first)
-        runs = range(first, first + width) if by_lane else ()
+        rows = slice(first, min(first + LANES, lanes))
+        width = rows.stop - first
+        runs = range(first, rows.stop) if by_lane else ()
         which = [(by_lane[0], by_lane[0].seed + k) if alone else (by_lane[k], by_lane[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
-        block = new_block(at_start.loops, width, n, filtering=len(filters) > 0)
-        for (begin, inputs), end in zip(stages, ends, strict=True):
-            run_block(selected, inputs, draws, sampling, block, first, width, (begin, end), out)
+        memory = new_memory(stages[0].loops, width, n, filtering=len(stages[0].filters) > 0)
+        commands = new_commands(width, 0)
+        for inputs, span in zip(stages, spans, strict=True):
+            own = rows_of(inputs, rows), draws, sampling, memory, commands, rows_of(out, rows)
+            run_block(models[0].selected, *own, span)
+            commands.todo[commands.todo == ADVANCED] = CHANGED
 
     over_threads(run, lanes, threads)
     return out
@@ -330,9 +322,10 @@ def _check_imperfections(by_lane: Sequence[Imperfections], model: Model, sample_
 
 
 def _changes(
-    by_lane: Sequence[Imperfections], robots: Sequence[Robot], samples: int, sample_time: float
-) -> Iterator[tuple[int, list[Model], list[Imperfections]]]:
-    """Yield the sample of each change within the run, and the models and imperfections from there on."""
+    models: Sequence[Model], by_lane: Sequence[Imperfections], samples: int, sample_time: float
+) -> Iterator[tuple[int, Sequence[Model], Sequence[Imperfections]]]:
+    """Yield 0 and the sample of each change within the run, and the models and imperfections from there on."""
+    yield 0, models, by_lane
     begins = {tuple(change_samples(lane, sample_time)) for lane in by_lane}
     if len(begins) > 1:
         raise InputError(
@@ -344,84 +337,11 @@ def _changes(
                 replace(
                     lane,
                     imbalance=lane.later[k].imbalance,
-                    known=lane.known or robots[place % len(robots)],
+                    known=lane.known or models[place % len(models)].robot,
                 )
                 for place, lane in enumerate(by_lane)
             ]
             yield begin, [lane.later[k].model for lane in by_lane], changed
-
-
-def _filters(
-    by_lane: Sequence[Imperfections],
-    robots: Sequence[Robot],
-    controllers: Sequence[Controller],
-    sample_time: float,
-) -> NDArray[np.float64]:
-    """Return the rows of `filter_row`; none without a Kalman filter."""
-    if not (any(lane.sensors for lane in by_lane) and any(law.estimator == "kalman" for law in controllers)):
-        return np.empty((0, 0))
-    lanes = range(max(len(by_lane), len(robots), len(controllers)))
-    known = [by_lane[k % len(by_lane)].known or robots[k % len(robots)] for k in lanes]
-    return _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
-
-
-def _loops(
-    by_lane: Sequence[Imperfections],
-    robots: Sequence[Robot],
-    controllers: Sequence[Controller],
-    sample_time: float,
-) -> NDArray[np.void]:
-    """Return the records of `loop_record`."""
-    if not by_lane:
-        # the controllers see the true state and the drives have no limits of their own
-        record = LOOP.zeros()
-        fill_record(record, LoopRecord(sample_time=sample_time))
-        return record.view(np.float64)[None].view(LOOP.dtype())[:, 0]
-    lanes = range(max(len(by_lane), len(robots), len(controllers)))
-    of: list[tuple[Imperfections, Robot, EstimatorName]] = [
-        (by_lane[k % len(by_lane)], robots[k % len(robots)], controllers[k % len(controllers)].estimator)
-        for k in lanes
-    ]
-    # a record does not depend on the seed, by which alone the lanes of a comparison differ
-    keys = [
-        (*(id(value) for name, value in vars(lane).items() if name != "seed"), id(robot), estimator)
-        for lane, robot, estimator in of
-    ]
-    loops = _once(
-        keys, lambda k: loop_record(of[k][0], of[k][1], estimator=of[k][2], sample_time=sample_time)
-    )
-    return np.array(loops).view(LOOP.dtype())[:, 0]
-
-
-def _on_floors(models: Sequence[Model], by_lane: Sequence[Imperfections]) -> NDArray[np.float64]:
-    """Return the rows of `packed_on_floor`; one if it holds for every robot."""
-    by_lane = by_lane or [Imperfections()]
-    of = [(models[k % len(models)], by_lane[k % len(by_lane)]) for k in range(max(len(models), len(by_lane)))]
-    keys = [(id(model), lane.slope, lane.imbalance) for model, lane in of]
-    rows = _once(keys, lambda k: packed_on_floor(*of[k]))
-    return np.array(rows if len(set(keys)) > 1 else rows[:1])
-
-
-def _law_rows(controllers: Sequence[Controller]) -> NDArray[np.float64]:
-    """Return the controllers' numbers, as long as those of the one with the most weights."""
-    rows = np.zeros((len(controllers), max(len(controller.packed) for controller in controllers)))
-    for row, controller in zip(rows, controllers, strict=True):
-        row[: len(controller.packed)] = controller.packed
-    return rows
-
-
-def _rows(row_of: Callable[[T], NDArray[np.float64] | float], values: Sequence[T]) -> NDArray[np.float64]:
-    """Return a row for each value, made once where a value is there more than once."""
-    return np.array(_once([id(value) for value in values], lambda k: row_of(values[k])))
-
-
-def _once(keys: Sequence[Hashable], make: Callable[[int], T]) -> list[T]:
-    """Return make(k) for each place k, made once for those of the same key."""
-    made: dict[Hashable, T] = {}
-    for k, key in enumerate(keys):
-        if key not in made:
-            made[key] = make(k)
-    return [made[key] for key in keys]
 
 
 def _common_sample_time(controllers: Sequence[Feedback]) -> float:

@@ -1,4 +1,4 @@
-"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w), tau the classical law (thesis 3.1 to 3.4).
+"""One driveline, the wheel free: (j_w + j_r) w_dot = T(u, w) - tau(w) (thesis 3.1 to 3.4).
 
 Torques are held over a sample. The supply's speed limit is a torque-speed curve.
 """
@@ -13,19 +13,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import positive_number, real_array, real_number
 from ballbot.errors import InputError
+from ballbot.mechanics.driveline import UNLIMITED, Inertia, move
 from ballbot.mechanics.engine.compiled import compiled
-from ballbot.mechanics.friction import WheelTerms, friction_terms
-from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, Inertia, move
-from ballbot.robot import Robot
+from ballbot.mechanics.friction import steady_friction
+from ballbot.mechanics.parameters import wheels_of
+from ballbot.robot import Friction, Robot
 
 
 @compiled
-def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
+def run_driveline(wheel, inertia, speed, torques, sample_time, steps, out):
     """Turn one driveline from a speed [rad/s] by torques (samples,); `out` (2, samples) takes speed and angle."""
     h, angle = sample_time / steps, 0.0
     for sample in range(len(torques)):
         for _ in range(steps):
-            speed, travel = move(law, inertia, torques[sample], speed, h)
+            speed, travel = move(wheel, inertia, torques[sample], speed, h)
             angle += travel
         out[0, sample] = speed
         out[1, sample] = angle
@@ -33,6 +34,8 @@ def run_driveline(law, inertia, speed, torques, sample_time, steps, out):
 
 _LARGEST_RATE_STEP = 0.5  # explicit steps are at most this part of the driveline's fastest time constant
 _MAX_STEPS = 100_000  # a sample
+#: at which the friction's slope is taken [rad/s]; the start of a law with delta below 1 is infinitely steep
+_SPEEDS = np.geomspace(1e-3, 1e3, 400)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,28 +51,18 @@ class Driveline:
     """Motor, gearbox and wheel, free to turn."""
 
     inertia: float  #: j_w + j_r [kg m^2]
-    friction: Classical
+    friction: Friction  #: of one wheel
     speed_limit: TorqueSpeedCurve | None = None
 
     @staticmethod
     def of_wheel(robot: Robot, wheel: int, *, speed_limit: TorqueSpeedCurve | None = None) -> Driveline:
         """Return the driveline of a robot's wheel (0 for the first) with the robot's friction."""
-        friction = robot.friction
-        friction.check_classical("The plant of one driveline")
-        law = Classical(
-            viscous=friction.viscous[wheel],
-            coulomb=friction.coulomb[wheel],
-            stribeck=friction.stribeck[wheel],
-            stribeck_speed=friction.stribeck_speed,
-            stribeck_exponent=friction.stribeck_exponent,
-            terms=WheelTerms(*friction_terms(friction)[wheel].tolist()),
-        )
         inertia = robot.wheels.inertia + robot.drive.reflected_inertia
-        return Driveline(inertia=inertia, friction=law, speed_limit=speed_limit)
+        return Driveline(inertia=inertia, friction=robot.friction.of_wheel(wheel), speed_limit=speed_limit)
 
     def fastest_rate(self) -> float:
         """Return the fastest rate [1/s] that an explicit step has to resolve."""
-        slope = self.friction.explicit_slope()
+        slope = float(np.abs(np.diff(steady_friction(_SPEEDS, self.friction)) / np.diff(_SPEEDS)).max())
         if self.speed_limit:
             slope += self.speed_limit.stall_torque / self.speed_limit.no_load_speed
         return slope / self.inertia
@@ -115,6 +108,7 @@ def simulate_driveline(
         )
     steps = math.ceil(wanted * (1.0 - 1e-9))
     out = np.empty((2, len(inputs)))
-    run_driveline(line.friction.numbers(), line.numbers(), speed, inputs, sample_time, steps, out)
+    (wheel,) = wheels_of(line.friction)
+    run_driveline(wheel, line.numbers(), speed, inputs, sample_time, steps, out)
     t = np.arange(1.0, len(inputs) + 1.0) * sample_time
     return DrivelineMotion(t=t, speeds=out[0], angles=out[1])

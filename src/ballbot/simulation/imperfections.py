@@ -281,6 +281,8 @@ class LoopRecord:
     winding: float = field(default=1.0, metadata=number("ohm"))
     ampere: float = field(default=1.0, metadata=number("N m/A"))
     back: float = field(default=0.0, metadata=number("V s/rad"))
+    #: largest deviation of a sampling instant
+    jitter: float = field(default=0.0, metadata=number("s"))
     torque_noise: float = field(default=0.0, metadata=number("N m"))
     #: time constant of the motors
     lag: float = field(default=0.0, metadata=number("s"))
@@ -360,6 +362,7 @@ def loop_record(
         "limited": 1,
         "torque_limit": drive.torque_limit,
         "top_speed": drive.top_speed,
+        "jitter": imperfections.jitter,
         "torque_noise": imperfections.torque_noise,
         "lag": imperfections.lag,
         "play": imperfections.backlash,
@@ -420,7 +423,7 @@ def _of_sensors(
     memory = math.exp(-sample_time / faults.lean_error_time)
     return {
         "estimator": 1 if estimator == "onboard" else 2,
-        "count": encoder_step(encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio),
+        "count": encoder_step(robot, sensors),
         "speed_window": imperfections.speed_window,
         "window_time": imperfections.speed_window * sample_time,
         "gyro_noise": sensors.gyro_noise,

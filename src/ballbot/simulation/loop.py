@@ -123,6 +123,7 @@ class Draws(NamedTuple):
         np.float64
     ]  #: (robots, n) angles of the wheels at the start, from a roller of the first ring [rad]
     durations: NDArray[np.float64]  #: (robots, samples) of the samples; without columns all are alike [s]
+    samples: int  #: that have numbers; a robot's sample takes those of its number modulo this
 
 
 class Sampling(NamedTuple):
@@ -131,9 +132,9 @@ class Sampling(NamedTuple):
     references: NDArray[np.float64]  #: (samples, 10)
     sample_time: float  #: [s]
     steps: int  #: in a sample
-    every: int  #: so many samples between records
-    lost_lean: float  #: [rad] a lane that leans farther, and outward, is left
-    grip: float  #: of the wheels on the ball; a lane that needs more is left
+    every: int = 1  #: so many samples between records
+    lost_lean: float = math.inf  #: [rad] a lane that leans farther, and outward, is left
+    grip: float = math.inf  #: of the wheels on the ball; a lane that needs more is left
 
 
 class Outcome(NamedTuple):
@@ -154,10 +155,10 @@ class Outcome(NamedTuple):
     changes: NDArray[np.float64]  #: sum of the squared changes of its torques
 
 
-class Block(NamedTuple):
-    """The loop's memory of each robot of a block, from sample to sample."""
+class LoopMemory(NamedTuple):
+    """What the loop keeps of each robot, from sample to sample."""
 
-    memories: NDArray[np.float64]  #: of the laws, rows that are records of `ballbot.control.law.MEMORY`
+    laws: NDArray[np.float64]  #: memories of the laws, rows that are records of `ballbot.control.law.MEMORY`
     by_steps: bool  #: whether the torques of any robot change within a sample
     late: NDArray[np.float64]  #: (1 + longest delay, robots, n) torques on their way
     wanted: NDArray[np.float64]  #: (robots, n) torques that the drivers want of the motors
@@ -179,14 +180,14 @@ class Block(NamedTuple):
     pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
     truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
-    filters: NDArray[np.float64]  #: the Kalman filters' work array, a robot a column
-    work: NDArray[np.float64]  #: the mechanics' work array
-    # scratch of one robot
-    wheels: NDArray[np.float64]  #: (n,) speeds
-    rolled: NDArray[np.float64]  #: (n,) torques of the rollers
-    attitude: NDArray[np.float64]  #: (3,) angles
-    start: NDArray[np.float64]  #: (10,) state
-    force: NDArray[np.float64]  #: (6,) as a row of `pushes`
+    filters: NDArray[np.float64]  #: the Kalman filters' work array of each block, a robot a column
+    work: NDArray[np.float64]  #: the mechanics' work array of each block
+    # scratch
+    wheels: NDArray[np.float64]  #: (robots, n) speeds
+    rolled: NDArray[np.float64]  #: (robots, n) torques of the rollers
+    attitude: NDArray[np.float64]  #: (robots, 3) angles that the AHRS shows [rad]
+    start: NDArray[np.float64]  #: (robots, 10) states
+    force: NDArray[np.float64]  #: (robots, 6) as a row of `pushes`
 
 
 @inlined
@@ -250,15 +251,15 @@ def _angles_of(g, heading):
 
 
 @inlined
-def _read_ahrs(record, block, robot, sample, drawn, noise, faults, angles):
+def _read_ahrs(record, memory, robot, sample, drawn, noise, faults, angles):
     """Fill the block's gyro and angles (3,) with what the AHRS shows."""
-    truth, gyro = block.truths[robot], block.gyros[robot]
+    truth, gyro = memory.truths[robot], memory.gyros[robot]
     a = attitude((truth[2], truth[3], truth[4]))
     rate = body_rates(a, (truth[7], truth[8], truth[9]))
     for i in range(3):
         gyro[i] = rate[i] + record.gyro_noise * noise[i]
         angles[i] = truth[2 + i] + record.attitude_noise * noise[3 + i]
-    errors, drift = block.ahrs[robot], record.heading_drift * (sample * record.sample_time)
+    errors, drift = memory.ahrs[robot], record.heading_drift * (sample * record.sample_time)
     if len(faults) > 0:
         if sample == 0:
             for i in range(3):
@@ -282,7 +283,7 @@ def _read_ahrs(record, block, robot, sample, drawn, noise, faults, angles):
         for i in range(2):
             errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * fresh[3 + i]
     if record.latency > 0:
-        readings = block.readings[robot]
+        readings = memory.readings[robot]
         now = readings[sample % len(readings)]
         for i in range(3):
             now[i], now[3 + i] = gyro[i], angles[i]
@@ -292,9 +293,9 @@ def _read_ahrs(record, block, robot, sample, drawn, noise, faults, angles):
 
 
 @inlined
-def _read_encoders(record, block, robot, sample, angles, speeds):
+def _read_encoders(record, memory, robot, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
-    recent = block.counted[robot]
+    recent = memory.counted[robot]
     now, before = sample % len(recent), (sample - record.speed_window) % len(recent)
     for i in range(len(angles)):
         angles[i] = math.floor(angles[i] / record.count) * record.count
@@ -318,12 +319,12 @@ def _ball_rate(record, speeds):
 
 
 @inlined
-def _onboard(record, block, robot, sample, speeds, gyro, angles, state):
+def _onboard(record, memory, robot, sample, speeds, gyro, angles, state):
     """Fill the state (10,) as `OnboardState` has it."""
     a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
     z = add(_ball_rate(record, speeds), w)
     v = (record.known_radius * dot(a.R[1], z), -record.known_radius * dot(a.R[0], z))
-    kept = block.onboard[robot]
+    kept = memory.onboard[robot]
     for i in range(2):
         if sample > 0:
             kept[i] += 0.5 * record.sample_time * (v[i] + kept[2 + i])
@@ -336,7 +337,8 @@ def _onboard(record, block, robot, sample, speeds, gyro, angles, state):
 
 @inlined
 def _slot(row, robot):
-    return row * LANES + robot
+    """Return where the work array of a robot's block has a row of its filter."""
+    return row * LANES + robot % LANES
 
 
 @inlined
@@ -360,9 +362,9 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
 
 
 @inlined
-def _show_filter(record, block, robot, limit, turned, gyro, angles):
+def _show_filter(record, memory, robot, limit, turned, gyro, angles):
     """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
-    filters = block.filters
+    filters = memory.filters[robot // LANES]
     rate = _ball_rate(record, turned)
     g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
     for i in range(3):
@@ -371,7 +373,7 @@ def _show_filter(record, block, robot, limit, turned, gyro, angles):
     for i in range(2):
         filters[_slot(_AHRS + i, robot)] = g[i]
     filters[_slot(_AHRS + 2, robot)] = heading
-    filters[_slot(PIVOTS, robot)] = 1.0 if abs(block.pivoting[robot]) > limit else 0.0
+    filters[_slot(PIVOTS, robot)] = 1.0 if abs(memory.pivoting[robot]) > limit else 0.0
 
 
 @inlined
@@ -451,15 +453,15 @@ def _along(v, p):
 
 
 @inlined
-def _take_pushes(selected, work, lane, inputs, block, sampling, first, sample):
+def _take_pushes(selected, work, lane, inputs, memory, sampling, sample):
     """Let pushes, and the slope of the floor's bumps as a push at the ball's centre, act on a lane for a sample."""
     robot = robot_in(work, lane)
-    pushes = inputs.pushes[_row_of(inputs.pushes, first + robot)]
-    bumps = inputs.bumps[_row_of(inputs.bumps, first + robot)]
+    pushes = inputs.pushes[_row_of(inputs.pushes, robot)]
+    bumps = inputs.bumps[_row_of(inputs.bumps, robot)]
     for k in range(len(pushes) + min(len(bumps), 1)):
-        push = block.force
+        push = memory.force[robot]
         if k == len(pushes):
-            x, y = block.truths[robot, 0], block.truths[robot, 1]
+            x, y = memory.truths[robot, 0], memory.truths[robot, 1]
             push[2], push[3] = 0.0, 0.0
             for i in range(len(bumps)):
                 size = bumps[i, 3] * math.cos(bumps[i, 0] * x + bumps[i, 1] * y + bumps[i, 2])
@@ -469,34 +471,32 @@ def _take_pushes(selected, work, lane, inputs, block, sampling, first, sample):
             push = pushes[k]
             if not pushes[k, 0] <= sample < pushes[k, 1]:
                 continue
-        record = _loop_of(inputs, first + robot)
+        record = _loop_of(inputs, robot)
         _push(selected, work, lane, record, push, sampling.sample_time)
 
 
 @inlined
-def _roll(selected, work, lane, inputs, record, block, number, since):
+def _roll(selected, work, lane, inputs, memory, since):
     """Let a lane's wheels touch the ball where their angles have them; fill `rolled` (n,) with the rollers' torques."""
-    n, robot, rolled = block.acting.shape[1], robot_in(work, lane), block.rolled
-    axles = inputs.parameters[_row_of(inputs.parameters, number)]
+    n, robot = memory.acting.shape[1], robot_in(work, lane)
+    record, rolled, wheels = _loop_of(inputs, robot), memory.rolled[robot], memory.wheels[robot]
+    axles = inputs.parameters[_row_of(inputs.parameters, robot)]
     _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
-    fill(block.wheels, speeds)
+    fill(wheels, speeds)
     for i in range(n):
         rolled[i] = 0.0
     for i in range(n):
         angle = work[(ANGLE + i) * LANES + lane]
         if record.play == 0.0:
-            angle = block.angles[robot, i] + since * block.speeds[robot, i]
-        angle += block.turns[robot, i]
+            angle = memory.angles[robot, i] + since * memory.speeds[robot, i]
+        angle += memory.turns[robot, i]
         nearest = math.floor(angle / record.pitch + 0.5)
         away = angle - nearest * record.pitch
         x = abs(away)
         y = record.pitch - x  # to the next roller
         further = record.out_of_round * (y * y * y * y - x * x * x * x)
         nearing = (
-            4.0
-            * record.out_of_round
-            * (y * y * y + x * x * x)
-            * math.copysign(block.wheels[i], away * block.wheels[i])
+            4.0 * record.out_of_round * (y * y * y + x * x * x) * math.copysign(wheels[i], away * wheels[i])
         )
         share = min(max(0.5 + 0.5 * (further - record.relaxation * nearing) / record.give, 0.0), 1.0)
         size = 4.0 * record.out_of_round * record.pressure * (share * x * x * x - (1.0 - share) * y * y * y)
@@ -508,7 +508,7 @@ def _roll(selected, work, lane, inputs, record, block, number, since):
             work[(row + k) * LANES + lane] = axles[row + k] + ring * record.off_middle[i, k]
         turning = 0.0
         for j in range(n):
-            turning += record.about_normal[i, j] * block.wheels[j]
+            turning += record.about_normal[i, j] * wheels[j]
         most = record.grip * min(share, 1.0 - share) * record.pressure
         moment = 2.0 * record.lever * min(max(record.creep * record.lever * turning, -most), most)
         for j in range(n):
@@ -516,25 +516,25 @@ def _roll(selected, work, lane, inputs, record, block, number, since):
 
 
 @inlined
-def _press(selected, work, lane, inputs, record, block, number):
+def _press(selected, work, lane, inputs, memory):
     """Let the dry friction of a lane's wheels follow the forces between wheels and ball."""
-    n, whole = block.acting.shape[1], load(selected, work, lane)
+    robot, whole = robot_in(work, lane), load(selected, work, lane)
+    record, pressing = _loop_of(inputs, robot), memory.rolled[robot]
     P, u = whole, load_torques(selected, work, lane)
     if record.play > 0.0:
         P, u = wheel_side(whole, record.rotor_inertia), passed_torques(selected, work, lane)
-    contacts = inputs.contacts[_row_of(inputs.contacts, number)]
+    contacts = inputs.contacts[_row_of(inputs.contacts, robot)]
     _, pressed = wheel_forces(selected, P, load_state(selected, work, lane), u, contacts)
-    pressing = block.rolled
     fill(pressing, pressed)
-    numbers = inputs.parameters[_row_of(inputs.parameters, number)]
-    for i in range(n):
+    numbers = inputs.parameters[_row_of(inputs.parameters, robot)]
+    for i in range(len(pressing)):
         share = max(0.0, 1.0 + record.load_dependence * (pressing[i] / record.pressure - 1.0))
         for row in range(RIGID_SIZE + WHEEL_SIZE * i + _DRY, RIGID_SIZE + WHEEL_SIZE * (i + 1)):
             work[row * LANES + lane] = share * numbers[row]
 
 
 @inlined
-def _put_torques(selected, work, width, inputs, block, first, h, since):
+def _put_torques(selected, work, width, inputs, memory, h, since):
     """Let the torques act on the lanes for a step of h [s]: behind the motors' lag, and within what the supply leaves.
 
     The step begins `since` [s] after the sample. Gears with play have the motors' speeds of each step, rigid ones those
@@ -542,25 +542,25 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
     """
     for lane in range(width):
         robot = robot_in(work, lane)
-        record, acting, speeds = _loop_of(inputs, first + robot), block.acting[robot], block.wheels
+        record, acting, speeds = _loop_of(inputs, robot), memory.acting[robot], memory.wheels[robot]
         if record.pitch > 0.0:
-            _roll(selected, work, lane, inputs, record, block, first + robot, since)
-        fill(acting, block.wanted[robot])
+            _roll(selected, work, lane, inputs, memory, since)
+        fill(acting, memory.wanted[robot])
         if record.lag > 0.0:
             kept = math.exp(-h / record.lag)
             mean = (1.0 - kept) * record.lag / h
             for i in range(len(acting)):
-                away = block.given[robot, i] - block.wanted[robot, i]
+                away = memory.given[robot, i] - memory.wanted[robot, i]
                 acting[i] += mean * away
-                block.given[robot, i] = block.wanted[robot, i] + kept * away
+                memory.given[robot, i] = memory.wanted[robot, i] + kept * away
         for i in range(len(acting)):
-            speeds[i] = work[(MOTOR + i) * LANES + lane] if record.play > 0.0 else block.speeds[robot, i]
+            speeds[i] = work[(MOTOR + i) * LANES + lane] if record.play > 0.0 else memory.speeds[robot, i]
             if record.limited == 1:
                 acting[i] = _within_drive(record, acting[i], speeds[i])
         if record.limited == 2:
             _within_supply(record, acting, speeds)
         for i in range(len(acting)):
-            load_on_wheel = -block.rolled[i] if record.pitch > 0.0 else 0.0
+            load_on_wheel = -memory.rolled[robot, i] if record.pitch > 0.0 else 0.0
             if record.play > 0.0:
                 work[(TORQUE + i) * LANES + lane], work[(LOAD + i) * LANES + lane] = acting[i], load_on_wheel
             else:
@@ -571,53 +571,80 @@ def _put_torques(selected, work, width, inputs, block, first, h, since):
 
 
 @inlined
-def _change(selected, work, width, inputs, block, first):
-    """Go on with other numbers of the robots in the lanes; poses and velocities stay."""
-    state = block.start
-    for lane in range(width):
-        robot = robot_in(work, lane)
-        put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + robot)])
-        fill(state, block.truths[robot])
-        _floored(state, _loop_of(inputs, first + robot), -1.0)
-        start_lane(selected, work, lane, state, work[STEP * LANES + lane])
-        work[ROBOT * LANES + lane] = float(robot)
+def _change(selected, work, lane, inputs, memory):
+    """Go on with other numbers of the robot in a lane; pose and velocities stay."""
+    robot = robot_in(work, lane)
+    state = memory.start[robot]
+    put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
+    fill(state, memory.truths[robot])
+    _floored(state, _loop_of(inputs, robot), -1.0)
+    start_lane(selected, work, lane, state, work[STEP * LANES + lane])
+    work[ROBOT * LANES + lane] = float(robot)
 
 
 @inlined
-def _start(selected, lane, inputs, draws, sampling, first, block):
+def _zero(numbers):
+    for i in range(len(numbers)):
+        numbers[i] = 0.0
+
+
+@inlined
+def _clear(work, lane, memory):
+    """Forget all that the robot in a lane has done."""
+    robot = robot_in(work, lane)
+    for row in range(ROWS):
+        work[row * LANES + lane] = 0.0
+    work[ROBOT * LANES + lane] = float(robot)
+    filters = memory.filters[robot // LANES]
+    for row in range(len(filters) // LANES):
+        filters[_slot(row, robot)] = 0.0
+    for numbers in (memory.laws, memory.wanted, memory.given, memory.commanded, memory.last, memory.angles):
+        _zero(numbers[robot])
+    for numbers in (memory.before, memory.ahrs, memory.onboard):
+        _zero(numbers[robot])
+    for late in range(len(memory.late)):
+        _zero(memory.late[late, robot])
+    for rows in (memory.counted[robot], memory.readings[robot]):
+        for row in range(len(rows)):
+            _zero(rows[row])
+    memory.pivoting[robot] = 0.0
+
+
+@inlined
+def _start(selected, work, lane, inputs, draws, memory):
     """Put a robot into its lane, at rest in its plays."""
-    n, work, state, robot = block.acting.shape[1], block.work, block.start, robot_in(block.work, lane)
-    record = _loop_of(inputs, first + robot)
-    put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, first + robot)])
-    fill(state, inputs.initial[_row_of(inputs.initial, first + robot)])
+    n, robot = memory.acting.shape[1], robot_in(work, lane)
+    record, state = _loop_of(inputs, robot), memory.start[robot]
+    put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
+    fill(state, inputs.initial[_row_of(inputs.initial, robot)])
     for i in range(2):
-        block.onboard[robot, i] = state[i]
-    fill(block.truths[robot], state)
+        memory.onboard[robot, i] = state[i]
+    fill(memory.truths[robot], state)
     _floored(state, record, -1.0)
-    start_lane(selected, work, lane, state, sampling.sample_time / sampling.steps)
+    start_lane(selected, work, lane, state, 0.0)
     work[ROBOT * LANES + lane] = float(robot)
     _, speeds = pose(selected, load(selected, work, lane), load_state(selected, work, lane))
     work[ROTOR * LANES + lane], work[PLAY * LANES + lane] = record.rotor_inertia, record.play
     for i in range(n):
-        block.turns[robot, i] = draws.turns[robot, i]
-        block.speeds[robot, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
+        memory.turns[robot, i] = draws.turns[robot, i]
+        memory.speeds[robot, i] = work[(MOTOR + i) * LANES + lane] = speeds[i]
         if record.play > 0.0:
-            block.starts[robot, i] = record.play * draws.positions[robot, i]
-            work[(AHEAD + i) * LANES + lane] = block.starts[robot, i]
+            memory.starts[robot, i] = record.play * draws.positions[robot, i]
+            work[(AHEAD + i) * LANES + lane] = memory.starts[robot, i]
 
 
 @inlined
-def _measure(selected, work, lane, inputs, draws, block, first, sample, drawn):
-    """Read a lane's sensors, and fill its state unless the Kalman filter does; `drawn` is the sample in `draws`."""
+def _measure(work, lane, inputs, draws, memory, sample):
+    """Read a lane's sensors, and fill its state unless the Kalman filter does."""
     robot = robot_in(work, lane)
-    record, state, n = _loop_of(inputs, first + robot), block.states[robot], block.acting.shape[1]
-    fill(state, block.truths[robot])
-    gyro, encoders, speeds = block.gyros[robot], block.encoders[robot, :n], block.encoders[robot, n:]
+    record, state, n = _loop_of(inputs, robot), memory.states[robot], memory.acting.shape[1]
+    fill(state, memory.truths[robot])
+    gyro, encoders, speeds = memory.gyros[robot], memory.encoders[robot, :n], memory.encoders[robot, n:]
     for i in range(n):
-        encoders[i], speeds[i] = block.angles[robot, i], block.speeds[robot, i]
+        encoders[i], speeds[i] = memory.angles[robot, i], memory.speeds[robot, i]
         if record.play > 0.0:
             encoders[i] = (
-                work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - block.starts[robot, i]
+                work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - memory.starts[robot, i]
             )
             speeds[i] = work[(MOTOR + i) * LANES + lane]
     if record.estimator == 0:
@@ -625,67 +652,71 @@ def _measure(selected, work, lane, inputs, draws, block, first, sample, drawn):
         for i in range(3):
             gyro[i] = rate[i]
         return
-    angles, noise = block.attitude, draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
-    _read_ahrs(record, block, robot, sample, drawn, noise, draws.faults[robot], angles)
-    _read_encoders(record, block, robot, sample, encoders, speeds)
+    angles, drawn = memory.attitude[robot], sample % draws.samples
+    noise = draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
+    _read_ahrs(record, memory, robot, sample, drawn, noise, draws.faults[robot], angles)
+    _read_encoders(record, memory, robot, sample, encoders, speeds)
     if record.estimator == 1:
-        _onboard(record, block, robot, sample, speeds, gyro, angles, state)
+        _onboard(record, memory, robot, sample, speeds, gyro, angles, state)
         return
-    row = inputs.filters[_row_of(inputs.filters, first + robot)]
+    row = inputs.filters[_row_of(inputs.filters, robot)]
     if sample == 0:
-        _begin_filter(block.filters, robot, row, state, gyro, angles)
+        _begin_filter(memory.filters[robot // LANES], robot, row, state, gyro, angles)
     else:
-        turned = block.wheels
+        turned = memory.wheels[robot]
         for i in range(n):
-            turned[i] = (encoders[i] - block.before[robot, i]) / record.sample_time
-        _show_filter(record, block, robot, row[len(row) - 1], turned, gyro, angles)
-    fill(block.before[robot], encoders)
+            turned[i] = (encoders[i] - memory.before[robot, i]) / record.sample_time
+        _show_filter(record, memory, robot, row[len(row) - 1], turned, gyro, angles)
+    fill(memory.before[robot], encoders)
 
 
 @inlined
-def _see(inputs, block, robot, first, sample):
+def _see(inputs, memory, robot, sample):
     """Fill the state of a robot with a Kalman filter; a missing sample is no number."""
-    record, state = _loop_of(inputs, first + robot), block.states[robot]
+    record, state = _loop_of(inputs, robot), memory.states[robot]
     if record.estimator == 2:
-        row = inputs.filters[_row_of(inputs.filters, first + robot)]
+        row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
         if sample > 0:
-            pivoting = block.filters[_slot(PIVOTING, robot)]
-            block.pivoting[robot] += row[len(row) - 2] * (pivoting - block.pivoting[robot])
-        _filtered(block.filters, robot, block.gyros[robot], state)
+            pivoting = filters[_slot(PIVOTING, robot)]
+            memory.pivoting[robot] += row[len(row) - 2] * (pivoting - memory.pivoting[robot])
+        _filtered(filters, robot, memory.gyros[robot], state)
     if record.missing_from <= sample < record.missing_until:
         state[0] = np.nan
 
 
 @inlined
-def _command(inputs, block, robot, first, reference):
-    """Decide a robot's torques by its law."""
-    state, held = block.states[robot], block.commanded[robot]
-    fill(block.last[robot], held)
-    row = _row_of(inputs.laws, first + robot)
-    decide_torques(
-        inputs.law_code, inputs.laws[row], block.memories[robot], state, reference, held, len(held)
-    )
+def command(inputs, memory, commands, robot):
+    """Decide a robot's torques: those commanded, or its law's and what is commanded beside them."""
+    held, commanded = memory.commanded[robot], commands.torques[robot]
+    fill(memory.last[robot], held)
+    if inputs.law_code == 0:
+        fill(held, commanded)
+        return
+    row, past = inputs.laws[_row_of(inputs.laws, robot)], memory.laws[robot]
+    reference = commands.references[_row_of(commands.references, robot)]
+    decide_torques(inputs.law_code, row, past, memory.states[robot], reference, held, len(held))
+    for i in range(len(commanded)):
+        held[i] = min(max(held[i] + commanded[i], -row[LIMIT_AT]), row[LIMIT_AT])
+        past[i] = held[i]  # the law's history begins with the torques that act
 
 
 @inlined
-def _drive(work, lane, inputs, block, first, sample, noise, changes):
+def _drive(inputs, memory, robot, sample, noise, changes):
     """Give motors the torques that are due, with noise (n,), within the driver's limit."""
-    robot = robot_in(work, lane)
-    record, held = _loop_of(inputs, first + robot), block.commanded[robot]
-    late = block.late
+    record, held, late = _loop_of(inputs, robot), memory.commanded[robot], memory.late
     fill(late[sample % len(late), robot], held)
     due = late[(sample - record.delay) % len(late), robot]
     for i in range(len(held)):
         if sample > 0:
-            changes[first + robot] += (held[i] - block.last[robot, i]) ** 2
+            changes[robot] += (held[i] - memory.last[robot, i]) ** 2
         torque = due[i]
         if record.torque_noise > 0.0:
             torque += record.torque_noise * noise[i]
         if record.limited > 0:
             torque = min(max(torque, -record.torque_limit), record.torque_limit)
-        block.wanted[robot, i] = torque
+        memory.wanted[robot, i] = torque
         if record.lag == 0.0:
-            block.given[robot, i] = torque
+            memory.given[robot, i] = torque
 
 
 def _ends(selected, work, width, plays):
@@ -713,27 +744,27 @@ def _ends_without_play(selected, work, width):
 
 
 @inlined
-def _turn_motors(selected, work, width, inputs, block, first, steps):
+def _turn_motors(selected, work, width, plays, memory, steps):
     """Look at the lanes at a sample's end; leave the speeds of rigid motors, and turn their encoders by the mean."""
-    if _loop_of(inputs, first).play > 0.0:  # all robots of a block, or none
+    if plays:
         _ends_with_play(selected, work, width)
         return
     _ends_without_play(selected, work, width)
     for lane in range(width):
         robot, duration = robot_in(work, lane), steps * work[STEP * LANES + lane]
-        for i in range(block.speeds.shape[1]):
+        for i in range(memory.speeds.shape[1]):
             speed = work[(SPEEDS + i) * LANES + lane]
-            block.angles[robot, i] += 0.5 * duration * (block.speeds[robot, i] + speed)
-            block.speeds[robot, i] = speed
+            memory.angles[robot, i] += 0.5 * duration * (memory.speeds[robot, i] + speed)
+            memory.speeds[robot, i] = speed
 
 
 @inlined
-def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample, out):
+def _end_where_due(selected, work, lane, inputs, sampling, memory, out, sample):
     """Stop a lane that has fallen within the sample, would lift off or slip at its end, or is lost."""
     robot = robot_in(work, lane)
-    record, number = _loop_of(inputs, first + robot), first + robot
+    record = _loop_of(inputs, robot)
     lean = max(abs(work[(STATE + 2) * LANES + lane]), abs(work[(STATE + 3) * LANES + lane]))
-    truth = block.truths[robot]
+    truth = memory.truths[robot]
     _truth(work, lane, record, truth)
     fallen = work[STEP * LANES + lane] == 0.0 or not lean <= LARGEST_LEAN
     # 1 - (theta^2 + phi^2)/2 is at most the product of the cosines
@@ -742,327 +773,155 @@ def _end_where_due(selected, work, lane, inputs, sampling, block, first, sample,
     lost = truth[2] * truth[2] + truth[3] * truth[3] > sampling.lost_lean * sampling.lost_lean
     fallen = fallen or (lost and truth[2] * truth[7] + truth[3] * truth[8] > 0.0)
     if not fallen:
-        if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, number)]:
-            fallen = out.lifted[number] = True
+        if not work[_SINKING * LANES + lane] < inputs.lift_offs[_row_of(inputs.lift_offs, robot)]:
+            fallen = out.lifted[robot] = True
         elif sampling.grip < math.inf:
             P, u = load(selected, work, lane), load_torques(selected, work, lane)
             if record.play > 0.0:
                 P, u = wheel_side(P, record.rotor_inertia), passed_torques(selected, work, lane)
             state = load_state(selected, work, lane)
-            touching = inputs.contacts[_row_of(inputs.contacts, number)]
+            touching = inputs.contacts[_row_of(inputs.contacts, robot)]
             if not friction_needed(selected, P, state, u, touching) <= sampling.grip:
-                fallen = out.slipped[number] = True
+                fallen = out.slipped[robot] = True
     if fallen:
-        out.ended[number] = sample
+        out.ended[robot] = sample
         work[STEP * LANES + lane] = 0.0  # the lane stays where it is
 
 
-@inlined
-def _runs(work, lane, out, first, samples):
-    robot = first + robot_in(work, lane)
-    return out.ended[robot] == samples
-
-
-def new_block(loops: NDArray[np.void], width: int, n: int, *, filtering: bool) -> Block:
-    """Return the memory of a block whose robots all begin; n is the number of wheels."""
-    return _new_memory(loops, width, n, blocks=(), filtering=filtering)
-
-
-def new_blocks(loops: NDArray[np.void], lanes: int, n: int, *, filtering: bool) -> Block:
-    """Return the memory of many robots, for `advance_block`."""
-    memory = _new_memory(loops, lanes, n, blocks=(-(-lanes // LANES),), filtering=filtering)
-    for k, work in enumerate(memory.work):
-        width = min(LANES, lanes - k * LANES)
-        work[ROBOT * LANES : ROBOT * LANES + width] = np.arange(width)
-    return memory
-
-
-def _new_memory(
-    loops: NDArray[np.void], width: int, n: int, *, blocks: tuple[int, ...], filtering: bool
-) -> Block:
+def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool) -> LoopMemory:
+    """Return the memory of robots that all begin; n is the number of wheels."""
+    blocks = -(-robots // LANES)
     delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
     window = max(1, int(loops["speed_window"].max()))
     by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
-    shapes = dict.fromkeys(Block._fields, (width, n)) | {
-        "memories": (width, MEMORY_SIZE),
-        "late": (1 + delay, width, n),
-        "encoders": (width, 2 * n),
-        "counted": (width, 1 + window, n),
-        "ahrs": (width, 6),
-        "readings": (width, 1 + latency, 6),
-        "gyros": (width, 3),
-        "onboard": (width, 4),
-        "pivoting": (width,),
-        "truths": (width, 10),
-        "states": (width, 10),
-        "filters": (*blocks, FILTER_ROWS * LANES if filtering else LANES),
-        "wheels": (*blocks, n),
-        "rolled": (*blocks, n),
-        "attitude": (*blocks, 3),
-        "start": (*blocks, 10),
-        "force": (*blocks, 6),
+    shapes = dict.fromkeys(LoopMemory._fields, (robots, n)) | {
+        "laws": (robots, MEMORY_SIZE),
+        "late": (1 + delay, robots, n),
+        "encoders": (robots, 2 * n),
+        "counted": (robots, 1 + window, n),
+        "ahrs": (robots, 6),
+        "readings": (robots, 1 + latency, 6),
+        "gyros": (robots, 3),
+        "onboard": (robots, 4),
+        "pivoting": (robots,),
+        "truths": (robots, 10),
+        "states": (robots, 10),
+        "attitude": (robots, 3),
+        "start": (robots, 10),
+        "force": (robots, 6),
     }
     arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-    work = new_work.py_func()  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
-    if blocks:
-        work = np.stack([work] * blocks[0])  # a row is a whole number of cache lines
-    others = {"by_steps": by_steps, "work": work}
-    return Block(**arrays | others)  # pyright: ignore[reportArgumentType]
+    new = new_work.py_func  # pyright: ignore[reportFunctionMemberAccess] (Numba's)
+    work, filters = (
+        new(blocks * rows).reshape(blocks, -1) for rows in (ROWS, FILTER_ROWS if filtering else 1)
+    )
+    for robot in range(robots):
+        work[robot // LANES, ROBOT * LANES + robot % LANES] = robot
+    others = {"by_steps": by_steps, "work": work, "filters": filters}
+    return LoopMemory(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 
 @inlined
-def _move(selected, work, width, inputs, block, sampling, first):
+def _move(selected, work, width, plays, inputs, memory, sampling):
     """Move a block's robots on by a sample."""
-    plays = _loop_of(inputs, first).play > 0.0  # all robots of a block, or none
     h = sampling.sample_time / sampling.steps
     for lane in range(width):
-        robot = robot_in(work, lane)
-        record = _loop_of(inputs, first + robot)
-        if record.load_dependence > 0.0:
-            _press(selected, work, lane, inputs, record, block, first + robot)
-    if not (plays or block.by_steps):
-        _put_torques(selected, work, width, inputs, block, first, h, 0.0)
+        if _loop_of(inputs, robot_in(work, lane)).load_dependence > 0.0:
+            _press(selected, work, lane, inputs, memory)
+    if not (plays or memory.by_steps):
+        _put_torques(selected, work, width, inputs, memory, h, 0.0)
         take_steps(inputs.code, work, width, sampling.steps)
         return
     for step in range(sampling.steps):
-        _put_torques(selected, work, width, inputs, block, first, h, step * h)
+        _put_torques(selected, work, width, inputs, memory, h, step * h)
         if plays:
             play_block(inputs.play_code, work, width)
         else:
             take_steps(inputs.code, work, width, 1)
 
 
-@compiled
-def run_block(selected, inputs, draws, sampling, block, first, width, span, out):
-    """Run robots first .. first + width - 1 from a sample to another; `draws` and `block` are of these alone.
-
-    Other inputs from a later sample on are a payload or a floor that has changed.
-    """
-    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
-    block, out = borrowed(block), borrowed(out)
-    samples, n = len(sampling.references), out.torques.shape[2]
-    begin, end = span
-    filtering, work = len(inputs.filters) > 0, block.work
-    if begin == 0:
-        for lane in range(width):
-            work[ROBOT * LANES + lane] = float(lane)
-            _start(selected, lane, inputs, draws, sampling, first, block)
-    else:
-        _change(selected, work, width, inputs, block, first)
-    moving = 0
-    for lane in range(width):
-        moving += 1 if _runs(work, lane, out, first, samples) else 0
-    for sample in range(begin, end):
-        reference = sampling.references[sample]
-        record, recorded = sample // sampling.every, sample % sampling.every == 0
-        if recorded:
-            for robot in range(width):
-                fill(out.states[first + robot, record], block.truths[robot])
-        if moving > 0:
-            for lane in range(width):
-                if _runs(work, lane, out, first, samples):
-                    _measure(selected, work, lane, inputs, draws, block, first, sample, sample)
-            if filtering and sample > 0:
-                sample_block(inputs.filter_code, block.filters, width)
-            for lane in range(width):
-                if _runs(work, lane, out, first, samples):
-                    robot = robot_in(work, lane)
-                    noise = draws.noise[robot, (n + 6) * sample + 6 : (n + 6) * sample + 6 + n]
-                    _see(inputs, block, robot, first, sample)
-                    _command(inputs, block, robot, first, reference)
-                    _drive(work, lane, inputs, block, first, sample, noise, out.changes)
-                    if draws.durations.shape[1] > 0:
-                        work[STEP * LANES + lane] = draws.durations[robot, sample] / sampling.steps
-            for lane in range(width):
-                _take_pushes(selected, work, lane, inputs, block, sampling, first, sample)
-            _move(selected, work, width, inputs, block, sampling, first)
-            _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
-        for lane in range(width):
-            robot = first + robot_in(work, lane)
-            if _runs(work, lane, out, first, samples):
-                _end_where_due(selected, work, lane, inputs, sampling, block, first, sample + 1, out)
-                moving -= 1 if work[STEP * LANES + lane] == 0.0 else 0
-            if recorded:
-                fill(out.torques[robot, record], block.acting[robot - first])
-                fill(out.seen[robot, record], block.states[robot - first])
-                fill(out.commanded[robot, record], block.commanded[robot - first])
-                fill(out.encoders[robot, record], block.encoders[robot - first])
-                fill(out.gyro[robot, record], block.gyros[robot - first])
-    for robot in range(width):
-        fill(out.finals[first + robot], block.truths[robot])
-
-
-@compiled
-def start_alone(selected, inputs, draws, sampling, block):
-    """Set a robot whose controller is called from outside to its start."""
-    _start(selected, 0, inputs, draws, sampling, 0, block)
-    _measure(selected, block.work, 0, inputs, draws, block, 0, 0, 0)
-
-
-@compiled
-def change_alone(selected, inputs, block):
-    """Go on with other numbers of such a robot."""
-    _change(selected, block.work, 1, inputs, block, 0)
-
-
-@compiled
-def step_alone(selected, inputs, draws, sampling, block, sample, torques, out):
-    """Move such a robot on by a sample of its controller's torques (n,); what it measures is then in the block.
-
-    Of `draws`, the torques' noise (1, n) and the sample's duration (1, 1) are of this sample.
-    """
-    work = block.work
-    fill(block.commanded[0], torques)
-    _drive(work, 0, inputs, block, 0, sample, draws.noise[0], out.changes)
-    work[STEP * LANES] = draws.durations[0, 0] / sampling.steps
-    _take_pushes(selected, work, 0, inputs, block, sampling, 0, sample)
-    _move(selected, work, 1, inputs, block, sampling, 0)
-    _turn_motors(selected, work, 1, inputs, block, 0, sampling.steps)
-    _end_where_due(selected, work, 0, inputs, sampling, block, 0, sample + 1, out)
-    _measure(selected, work, 0, inputs, draws, block, 0, 0, 0)
-
-
-# --- robots that are commanded from outside, each at its own sample ---
-
-#: what is done with a robot: nothing, a sample on, or a start
-LEFT, ADVANCED, STARTED = 0, 1, 2
+#: what is done with a robot: nothing, a sample on, a start, or a sample on with other numbers
+LEFT, ADVANCED, STARTED, CHANGED = range(4)
 
 
 class Commands(NamedTuple):
-    """What robots that are commanded from outside are given, a row for each."""
+    """What is done with robots, a row for each."""
 
-    todo: NDArray[
-        np.int64
-    ]  #: `LEFT`, `ADVANCED` or `STARTED`; where any is advanced, only robots that ended are left
-    ages: NDArray[np.int64]  #: samples since each robot's start
-    torques: NDArray[np.float64]  #: (robots, n) beside those of the laws, if there are any
-    references: NDArray[np.float64]  #: (robots, 10) for the laws
-
-
-@inlined
-def _zero(numbers):
-    for i in range(len(numbers)):
-        numbers[i] = 0.0
+    todo: NDArray[np.int64]  #: `LEFT`, `ADVANCED`, `STARTED` or `CHANGED`
+    ages: NDArray[np.int64]  #: samples since each robot's start, which the loop counts
+    #: (robots, n) commanded from outside, beside those of the laws, if there are any; else without columns
+    torques: NDArray[np.float64]
+    references: NDArray[np.float64]  #: (1 or robots, 10) for the laws
 
 
 @inlined
-def _clear(block, lane, robot):
-    """Forget all that a robot has done."""
-    for row in range(ROWS):
-        block.work[row * LANES + lane] = 0.0
-    block.work[ROBOT * LANES + lane] = float(robot)
-    for row in range(len(block.filters) // LANES):
-        block.filters[_slot(row, robot)] = 0.0
-    for memory in (block.memories, block.wanted, block.given, block.commanded, block.last, block.angles):
-        _zero(memory[robot])
-    for memory in (block.before, block.ahrs, block.onboard):
-        _zero(memory[robot])
-    for late in range(len(block.late)):
-        _zero(block.late[late, robot])
-    for rows in (block.counted[robot], block.readings[robot]):
-        for row in range(len(rows)):
-            _zero(rows[row])
-    block.pivoting[robot] = 0.0
+def advance_block(selected, inputs, draws, sampling, memory, commands, out, begin, width):
+    """Do what is to be done with robots begin .. begin + width - 1; what each then sees is in the memory.
 
-
-@inlined
-def draws_within(draws, a, b):
-    """Return the random numbers of robots a .. b - 1."""
-    return Draws(
-        draws.noise[a:b], draws.faults[a:b], draws.positions[a:b], draws.turns[a:b], draws.durations[a:b]
-    )
-
-
-@inlined
-def block_within(all_blocks, k, a, b):
-    """Return the k-th block, of robots a .. b - 1, of the memory of many."""
-    m = all_blocks
-    return Block(
-        m.memories[a:b],
-        m.by_steps,
-        m.late[:, a:b],
-        m.wanted[a:b],
-        m.given[a:b],
-        m.acting[a:b],
-        m.commanded[a:b],
-        m.last[a:b],
-        m.starts[a:b],
-        m.angles[a:b],
-        m.speeds[a:b],
-        m.turns[a:b],
-        m.before[a:b],
-        m.encoders[a:b],
-        m.counted[a:b],
-        m.ahrs[a:b],
-        m.readings[a:b],
-        m.gyros[a:b],
-        m.onboard[a:b],
-        m.pivoting[a:b],
-        m.truths[a:b],
-        m.states[a:b],
-        m.filters[k],
-        m.work[k],
-        m.wheels[k],
-        m.rolled[k],
-        m.attitude[k],
-        m.start[k],
-        m.force[k],
-    )
-
-
-@inlined
-def advance_block(selected, inputs, draws, sampling, block, first, width, commands, out):
-    """Take robots first .. first + width - 1 on by a sample, or start them; what each then sees is in the block.
-
-    `draws` and `block` are of these alone. `draws` has numbers for some samples; the place of a robot's age in them is
-    that modulo their number.
+    A block begins at a multiple of `LANES`. While others advance, only robots that ended may be `LEFT`.
     """
-    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
-    block, commands, out = borrowed(block), borrowed(commands), borrowed(out)
-    n, work, filtering = block.acting.shape[1], block.work, len(inputs.filters) > 0
-    kept, moving = max(draws.noise.shape[1] // (n + 6), 1), 0
+    n, moving, filtering = memory.acting.shape[1], 0, len(inputs.filters) > 0
+    work, plays = memory.work[begin // LANES], _loop_of(inputs, begin).play > 0.0  # all robots, or none
     for lane in range(width):
         robot = robot_in(work, lane)
-        number = first + robot
-        if commands.todo[number] != ADVANCED:
+        if commands.todo[robot] == CHANGED:
+            _change(selected, work, lane, inputs, memory)
+            commands.todo[robot] = ADVANCED
+        if commands.todo[robot] != ADVANCED:
             work[STEP * LANES + lane] = 0.0  # the lane stays where it is
             continue
         moving += 1
-        age, held = commands.ages[number], block.commanded[robot]
-        drawn = age % kept
-        if inputs.law_code == 0:
-            fill(block.last[robot], held)
-            fill(held, commands.torques[number])
-        else:
-            _command(inputs, block, robot, first, commands.references[number])
-            limit = inputs.laws[_row_of(inputs.laws, number), LIMIT_AT]
-            for i in range(n):
-                held[i] = min(max(held[i] + commands.torques[number, i], -limit), limit)
-                block.memories[robot, i] = held[i]  # the law's history begins with the torques that act
+        age, drawn = commands.ages[robot], commands.ages[robot] % draws.samples
+        command(inputs, memory, commands, robot)
         noise = draws.noise[robot, (n + 6) * drawn + 6 : (n + 6) * drawn + 6 + n]
-        _drive(work, lane, inputs, block, first, age, noise, out.changes)
+        _drive(inputs, memory, robot, age, noise, out.changes)
         h = draws.durations[robot, drawn] if draws.durations.shape[1] > 0 else sampling.sample_time
         work[STEP * LANES + lane] = h / sampling.steps
-        _take_pushes(selected, work, lane, inputs, block, sampling, first, age)
+        _take_pushes(selected, work, lane, inputs, memory, sampling, age)
     if moving > 0:
-        _move(selected, work, width, inputs, block, sampling, first)
-        _turn_motors(selected, work, width, inputs, block, first, sampling.steps)
+        _move(selected, work, width, plays, inputs, memory, sampling)
+        _turn_motors(selected, work, width, plays, memory, sampling.steps)
     for lane in range(width):
         robot = robot_in(work, lane)
-        number = first + robot
-        age = commands.ages[number] + 1
-        if commands.todo[number] == ADVANCED:
-            _end_where_due(selected, work, lane, inputs, sampling, block, first, age, out)
-            _measure(selected, work, lane, inputs, draws, block, first, age, age % kept)
+        if commands.todo[robot] == LEFT:
+            continue
+        if commands.todo[robot] == STARTED:
+            commands.ages[robot] = 0
+            _clear(work, lane, memory)
+            _start(selected, work, lane, inputs, draws, memory)
+        else:
+            commands.ages[robot] += 1
+            _end_where_due(selected, work, lane, inputs, sampling, memory, out, commands.ages[robot])
+        _measure(work, lane, inputs, draws, memory, commands.ages[robot])
     if filtering and moving > 0:
-        sample_block(inputs.filter_code, block.filters, width)
-    for lane in range(width):
-        robot = robot_in(work, lane)
-        number, age = first + robot, commands.ages[first + robot] + 1
-        if commands.todo[number] == STARTED:
-            age = 0
-            _clear(block, lane, robot)
-            _start(selected, lane, inputs, draws, sampling, first, block)
-            _measure(selected, work, lane, inputs, draws, block, first, 0, 0)
-        if commands.todo[number] != LEFT:
-            _see(inputs, block, robot, first, age)
+        sample_block(inputs.filter_code, memory.filters[begin // LANES], width)
+    for robot in range(begin, begin + width):
+        if commands.todo[robot] != LEFT:
+            _see(inputs, memory, robot, commands.ages[robot])
+
+
+@compiled
+def run_block(selected, inputs, draws, sampling, memory, commands, out, span):
+    """Start a block of robots, if they are `STARTED`, and take them from a sample to another, each until it ends.
+
+    What is recorded of a robot that has ended is what stood at its end.
+    """
+    inputs, draws, sampling = borrowed(inputs), borrowed(draws), borrowed(sampling)
+    memory, commands, out = borrowed(memory), borrowed(commands), borrowed(out)
+    width, starts = len(commands.todo), 1 if commands.todo[0] == STARTED else 0
+    for sample in range(span[0] - starts, span[1]):  # a start takes a turn of its own
+        record, recorded = sample // sampling.every, sample >= span[0] and sample % sampling.every == 0
+        fill(commands.references[0], sampling.references[max(sample, 0)])
+        for robot in range(width if recorded else 0):
+            fill(out.states[robot, record], memory.truths[robot])
+            fill(out.seen[robot, record], memory.states[robot])
+            fill(out.encoders[robot, record], memory.encoders[robot])
+            fill(out.gyro[robot, record], memory.gyros[robot])
+        advance_block(selected, inputs, draws, sampling, memory, commands, out, 0, width)
+        for robot in range(width):
+            if recorded:
+                fill(out.torques[robot, record], memory.acting[robot])
+                fill(out.commanded[robot, record], memory.commanded[robot])
+            commands.todo[robot] = ADVANCED if out.ended[robot] > commands.ages[robot] else LEFT
+    for robot in range(width):
+        fill(out.finals[robot], memory.truths[robot])

@@ -15,14 +15,12 @@ from ballbot.arrays import positive_number, real_array
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.estimation.interface import Estimator, EstimatorName
-from ballbot.mechanics.engine.play import play_code_of
-from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.simulation.draws import bump_table, change_samples, draws_of, empty_outcome, push_table
-from ballbot.simulation.imperfections import LOOP, Imperfections, loop_record, packed_on_floor
-from ballbot.simulation.loop import Inputs, Sampling, change_alone, new_block, start_alone, step_alone
-from ballbot.simulation.model_plant import LIFTED, checked_states, fallen_words, lift_off, pack_contacts
+from ballbot.simulation.imperfections import Imperfections
+from ballbot.simulation.inputs import change_samples, draws_of, empty_outcome, inputs_of, new_commands
+from ballbot.simulation.loop import ADVANCED, CHANGED, Sampling, new_memory, run_block
+from ballbot.simulation.model_plant import LIFTED, checked_states, fallen_words
 from ballbot.simulation.plant import Measurement
 from ballbot.simulation.sensors import SensorSuite, sensor_samples
 
@@ -71,37 +69,18 @@ class SensedPlant:
             (change.model, replace(imperfections, imbalance=change.imbalance, known=assumed))
             for change in imperfections.later
         ]
-        self._stages = [self._inputs_of(*stage) for stage in ((model, imperfections), *later)]
+        self._stages = [
+            inputs_of([one], [given], sample_time=self._sample_time)
+            for one, given in ((model, imperfections), *later)
+        ]
         self._changes = change_samples(imperfections, self._sample_time)
         self._inputs = self._stages[0]
         self._sampling = Sampling(
             references=np.zeros((1, 10)),
             sample_time=self._sample_time,
             steps=model.steps_in(self._sample_time),
-            every=1,
-            lost_lean=np.inf,
-            grip=np.inf,
         )
         self.reset()
-
-    def _inputs_of(self, model: Model, imperfections: Imperfections) -> Inputs:
-        """Return the loop's inputs of a robot."""
-        record = loop_record(imperfections, model.robot, estimator=None, sample_time=self._sample_time)
-        return Inputs(
-            code=code_of(model.selected),
-            play_code=play_code_of(model.selected) if imperfections.backlash > 0.0 else 0,
-            law_code=0,
-            filter_code=0,
-            parameters=packed_on_floor(model, imperfections)[None],
-            lift_offs=np.array([lift_off(model.robot)]),
-            laws=np.zeros((1, 0)),
-            loops=record.view(LOOP.dtype()),
-            filters=np.empty((0, 0)),
-            contacts=pack_contacts(model.robot)[None],
-            initial=np.zeros((1, 10)),
-            pushes=push_table([imperfections], self._sample_time),
-            bumps=bump_table([model], [imperfections]),
-        )
 
     @property
     def robot(self) -> Robot:
@@ -111,12 +90,12 @@ class SensedPlant:
     @property
     def motor_angles(self) -> NDArray[np.float64]:
         """Angles (n,) of the motors at the wheels since the reset, of which the encoders count [rad]."""
-        return self._block.encoders[0, : self.robot.wheel_count].copy()
+        return self._memory.encoders[0, : self.robot.wheel_count].copy()
 
     @property
     def motor_speeds(self) -> NDArray[np.float64]:
         """Speeds (n,) of the motors at the wheels [rad/s]."""
-        return self._block.encoders[0, self.robot.wheel_count :].copy()
+        return self._memory.encoders[0, self.robot.wheel_count :].copy()
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
         """Start at t = 0 from a true state (10,), by default upright at rest at the origin, and return the measurement.
@@ -130,11 +109,12 @@ class SensedPlant:
         n = self.robot.wheel_count
         self._random, self._instants = np.random.default_rng(seed), np.random.default_rng([seed, 5])
         drawn = draws_of([(self.imperfections, seed)], 1, n=n, samples=0, sample_time=self._sample_time)
-        self._draws = drawn._replace(noise=np.zeros((1, n)), durations=np.zeros((1, 1)))
+        self._draws = drawn._replace(noise=np.zeros((1, 6 + n)), durations=np.zeros((1, 1)), samples=1)
         self._sample, self._late = 0, 0.0
-        self._out = empty_outcome(1, 0, np.iinfo(np.int64).max, n)
-        self._block = new_block(self._inputs.loops, 1, n, filtering=False)
-        start_alone(self.model.selected, self._inputs, self._draws, self._sampling, self._block)
+        self._out = empty_outcome(1, 1, np.iinfo(np.int64).max, n)
+        self._memory = new_memory(self._inputs.loops, 1, n, filtering=False)
+        self._commands = new_commands(1, n)
+        self._run((0, 0))
         self._sensors.reset(self._random, self.motor_angles)
         self._estimator.reset(position=(float(state[0]), float(state[1])))
         return self._measure()
@@ -156,28 +136,26 @@ class SensedPlant:
 
     def _advance(self, torques: NDArray[np.float64]) -> None:
         """Advance by one sample with the torques (n,) that were commanded."""
+        self._commands.todo[0] = ADVANCED
         if self._sample in self._changes:
             self._inputs = self._stages[1 + self._changes.index(self._sample)]
-            change_alone(self.model.selected, self._inputs, self._block)
+            self._commands.todo[0] = CHANGED
         late = self.imperfections.jitter * self._instants.uniform(-1.0, 1.0)
-        self._random.standard_normal(out=self._draws.noise[0])
+        self._random.standard_normal(out=self._draws.noise[0, 6:])
         self._draws.durations[0, 0] = self._sample_time + late - self._late
-        step_alone(
-            self.model.selected,
-            self._inputs,
-            self._draws,
-            self._sampling,
-            self._block,
-            self._sample,
-            torques,
-            self._out,
-        )
+        self._commands.torques[0] = torques
+        self._run((0, 1))
         self._sample, self._late = self._sample + 1, late
+
+    def _run(self, span: tuple[int, int]) -> None:
+        """Take the loop over a sample, or to the start."""
+        given = self._inputs, self._draws, self._sampling, self._memory, self._commands, self._out
+        run_block(self.model.selected, *given, span)
 
     def _measure(self) -> Measurement:
         """Read every sensor once."""
         given, t = self.imperfections, round(self._sample * self._sample_time, 9)
-        truth, rate = self._block.states[0].copy(), self._block.gyros[0].copy()
+        truth, rate = self._memory.states[0].copy(), self._memory.gyros[0].copy()
         missing = given.missing_from <= self._sample < given.missing_from + given.missing
         body_velocity = np.array([truth[5], truth[6], 0.0, *rate])
         reading = self._sensors.read(t, truth, body_velocity, self.motor_angles)

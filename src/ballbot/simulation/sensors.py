@@ -41,9 +41,7 @@ class Encoders:
 
     def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
         #: [rad] a count, at the wheel
-        self.resolution = encoder_step(
-            encoder_counts=sensors.encoder_counts, gear_ratio=robot.drive.gear_ratio
-        )
+        self.resolution = encoder_step(robot, sensors)
         self._window_time = window * sensors.sample_time
         self._recent = np.zeros((window + 1, robot.wheel_count))
         self._start = np.zeros(robot.wheel_count)

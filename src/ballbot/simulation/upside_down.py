@@ -28,18 +28,18 @@ from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.engine.tracing import traced
-from ballbot.mechanics.engine.vector import from_array
+from ballbot.mechanics.engine.vector import dot, from_array
 from ballbot.mechanics.friction import (
-    WheelTerms,
+    OwnWheel,
+    Wheel,
     breakaway,
     directed_friction,
     dry_friction,
-    friction_terms,
     sign,
     under_load,
 )
-from ballbot.mechanics.friction_laws.classical import ClassicalNumbers
 from ballbot.mechanics.geometry import transforms
+from ballbot.mechanics.parameters import wheels_of
 from ballbot.mechanics.stick_slip import minimiser
 from ballbot.robot import Friction, Robot
 
@@ -50,26 +50,9 @@ PARTS = 4
 class BallNumbers(NamedTuple):
     """A ball on clamped wheels, in compiled code."""
 
-    A: NDArray[np.float64]  #: (n, 3)
     M: NDArray[np.float64]  #: (3, 3) [kg m^2]
     push: NDArray[np.float64]  #: M^-1 A^T (3, n)
-    #: b, c, s, 1 / v_s and delta of each wheel, and its terms by direction and load (n, 8)
-    friction: NDArray[np.float64]
-    wheels: tuple[int, ...]  #: as many as there are wheels
-
-
-@inlined
-def _wheel(ball, i, torque):
-    """Return the numbers of a wheel's friction under its motor's torque."""
-    row = ball.friction[i]
-    terms = WheelTerms(row[5], row[6], row[7])
-    return under_load(ClassicalNumbers(row[0], row[1], row[2], row[3], row[4], terms), torque)
-
-
-@inlined
-def _speed(ball, i, omega):
-    """Return the speed of a wheel [rad/s]."""
-    return ball.A[i, 0] * omega[0] + ball.A[i, 1] * omega[1] + ball.A[i, 2] * omega[2]
+    wheels: tuple[Wheel, ...] | tuple[OwnWheel, ...]
 
 
 @inlined
@@ -77,8 +60,8 @@ def _accelerate(ball, u, omega, signs, rate):
     """Fill `rate` (3,) with M^-1 A^T (u - tau(A Omega)), the dry friction having these signs."""
     rate[0] = rate[1] = rate[2] = 0.0
     for i in range(len(u)):
-        speed = _speed(ball, i, omega)
-        wheel = _wheel(ball, i, u[i])
+        wheel = under_load(ball.wheels[i], u[i])
+        speed = dot(wheel.axle, omega)
         torque = u[i] - wheel.b * speed
         if signs[i] != 0.0:
             torque -= signs[i] * directed_friction(wheel, speed, signs[i])
@@ -99,8 +82,8 @@ def _slide(ball, u, omega, signs, h, end, rates, middle):
             end[axis] += weight * rates[axis]
             middle[axis] = omega[axis] + ahead * rates[axis]
     for i in range(len(u)):
-        wheel = _wheel(ball, i, u[i])
-        if breakaway(wheel) > 0.0 and not _speed(ball, i, end) * signs[i] > 0.0:
+        wheel = under_load(ball.wheels[i], u[i])
+        if breakaway(wheel) > 0.0 and not dot(ball.wheels[i].axle, end) * signs[i] > 0.0:
             return False
     return True
 
@@ -111,20 +94,21 @@ def _convex(ball, u, omega, h, end):
     limits = np.zeros(len(u))
     fill(end, omega)
     for i in range(len(u)):
-        speed, wheel = _speed(ball, i, omega), _wheel(ball, i, u[i])
+        wheel = under_load(ball.wheels[i], u[i])
+        speed = dot(wheel.axle, omega)
         limits[i] = dry_friction(wheel, speed) if speed != 0.0 else breakaway(wheel)
         for axis in range(3):
             end[axis] += h * ball.push[axis, i] * free_torque(wheel, u[i], speed)
-    M, free, C, most = _problem(ball.wheels, ball.M, end, ball.A, limits)
+    M, free, C, most = _problem(ball.wheels, ball.M, end, limits)
     fill(end, minimiser(M, free, C, most, 0.0, h)[2:])
 
 
 @traced
-def _problem(wheels, M, free, A, limits):
+def _problem(wheels, M, free, limits):
     """Return the numbers of `minimiser`'s arrays, as tuples."""
     mass = [(1.0, 0.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0, 0.0)]
     mass += [(0.0, 0.0, M[3 * i], M[3 * i + 1], M[3 * i + 2]) for i in range(3)]
-    rows = tuple((0.0, 0.0, A[3 * i], A[3 * i + 1], A[3 * i + 2]) for i in range(len(wheels)))
+    rows = tuple((0.0, 0.0, *wheel.axle) for wheel in wheels)
     return tuple(mass), (0.0, 0.0, free[0], free[1], free[2]), rows, from_array(wheels, limits)
 
 
@@ -133,7 +117,7 @@ def _in_parts(ball, u, omega, signs, h, end, rates, middle):
     """Advance `omega` (3,) by `PARTS` steps of h."""
     for _ in range(PARTS):
         for i in range(len(u)):
-            signs[i] = sign(_speed(ball, i, omega))
+            signs[i] = sign(dot(ball.wheels[i].axle, omega))
         if not _slide(ball, u, omega, signs, h, end, rates, middle):
             _convex(ball, u, omega, h, end)
         fill(omega, end)
@@ -145,12 +129,12 @@ def run_ball(ball, omega, torques, sample_time, steps, out):
 
     `out` (samples, 3) takes Omega after each sample of so many inner steps.
     """
-    n, h = len(ball.A), sample_time / steps
+    n, h = len(ball.wheels), sample_time / steps
     signs, end, rates, middle = np.empty(n), np.empty(3), np.empty(3), np.empty(3)
     for sample in range(len(torques)):
         for _ in range(steps):
             for i in range(n):
-                signs[i] = sign(_speed(ball, i, omega))
+                signs[i] = sign(dot(ball.wheels[i].axle, omega))
             if _slide(ball, torques[sample], omega, signs, h, end, rates, middle):
                 fill(omega, end)
             else:
@@ -194,18 +178,14 @@ def simulate_balls(
     InputError if shapes disagree, a number is not finite, or a time is not above zero.
     """
     n = len(ball.A)
-    friction.check_classical("The plant of the robot upside down")
-    wheels = np.column_stack([friction.viscous, friction.coulomb, friction.stribeck])
-    if len(wheels) != n:
-        raise InputError(f"The friction is that of {len(wheels)} wheels; the ball has {n}.")
-    shape = np.full((n, 2), [1.0 / friction.stribeck_speed, friction.stribeck_exponent])
-    rows = np.hstack([wheels, shape, friction_terms(friction)])
+    if len(friction.viscous) != n:
+        raise InputError(f"The friction is that of {len(friction.viscous)} wheels; the ball has {n}.")
     starts = real_array(initial, ("windows", 3), "The array of starts")
     inputs = real_array(torques, (len(starts), "samples", n), "The array of torques")
     sample_time, step = positive_number(sample_time, "The sample time"), positive_number(step, "The step")
     steps = max(1, int(np.ceil(sample_time / step - 1e-9)))
     out = np.empty((len(starts), inputs.shape[1], 3))
-    numbers = BallNumbers(ball.A, ball.inertia, ball.push(), rows, tuple(range(n)))
+    numbers = BallNumbers(ball.inertia, ball.push(), wheels_of(friction, ball.A))
 
     def run(first: int) -> None:
         for window in range(first, min(first + LANES, len(starts))):

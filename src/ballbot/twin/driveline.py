@@ -1,13 +1,10 @@
 """Motors, shafts and friction of the twin's wheels, a physics step at a time.
 
 Motors turn the commanded torques into those that act: torque limit, speed limit or battery, and the drivers' lag.
-Each wheel's friction acts on the motor's speed w relative to the body, the speed that its encoder sees:
-
-    tau(w) = b w + (c + s exp(-|w/v_s|^delta)) sgn(w)
-
-The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo solves as a constraint
-that sticks exactly at rest; its size depends on the speed and is set before each step. It may differ forward and
-backward, and depend on the force between wheel and ball.
+Each wheel's friction, that of `ballbot.mechanics.friction`, acts on the motor's speed w relative to the body, the speed
+that its encoder sees. The viscous part is the joint's damping. The dry part is the joint's friction loss, which MuJoCo
+solves as a constraint that sticks exactly at rest; its size depends on the speed and is set before each step. It may
+differ forward and backward, and depend on the force between wheel and ball.
 
 Shafts give the angles that encoders see. Wheels with rollers simply turn. A wheel that touches the ball in a single
 point has one roller, which must stay under the ball: before each step such a wheel is turned back until its roller
@@ -21,7 +18,7 @@ from numba import njit
 
 from ballbot.arrays import Floats
 from ballbot.mechanics.engine.compiled import compiled_alone
-from ballbot.mechanics.friction import dry_friction_size, stribeck_decay
+from ballbot.mechanics.friction import dry_friction_size, stribeck_curve
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import FALLING_PART, DriveLimits
 from ballbot.twin.engine import Engine
@@ -67,12 +64,12 @@ class Shafts:
 _AT_REST = 1e-3  # [rad/s]
 
 
-_decay = njit(error_model="numpy")(stribeck_decay)
+_curve = njit(error_model="numpy")(stribeck_curve)
 
 
 @compiled_alone
 def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> float:
-    """Write c + s exp(-|w/v_s|^delta) of each wheel into `sizes` and return the largest |w|.
+    """Write the plain dry friction of each wheel into `sizes` and return the largest |w|.
 
     Compiled, because it runs before every physics step: NumPy took a tenth of MuJoCo's own time.
     """
@@ -80,7 +77,7 @@ def _stribeck_sizes(speeds, coulomb, stribeck, slowness, exponent, sizes) -> flo
     for i in range(len(speeds)):
         speed = abs(speeds[i])
         largest = max(largest, speed)
-        sizes[i] = coulomb[i] + stribeck[i] * _decay(speed * slowness, exponent)
+        sizes[i] = _curve(coulomb[i], stribeck[i], speed * slowness, exponent)
     return largest
 
 

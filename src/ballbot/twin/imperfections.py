@@ -113,8 +113,8 @@ def sensed(model: Model, scenario: Scenario | str | Path, *, estimator: Estimato
     identified = with_identified(load_scenario(scenario, model.robot), model.robot.friction)
     robot = model.robot
     true = Model(true_model(robot, identified).robot, model.formulation, model.step, model.pivoting)
-    borne = replace(imperfections_of(identified, known=robot), later=changes_of(robot, identified))
-    return SensedPlant(true, borne, estimator=estimator)
+    imperfections = replace(imperfections_of(identified, known=robot), later=changes_of(robot, identified))
+    return SensedPlant(true, imperfections, estimator=estimator)
 
 
 def true_model(robot: Robot, scenario: Scenario) -> Model:

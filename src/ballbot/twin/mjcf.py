@@ -132,7 +132,6 @@ def _add_wheel(
         body, "body", name=name, pos=-parts.center_distance * frame[:, 0], xyaxes=(*frame[:, 0], *frame[:, 1])
     )
     friction, half = scenario.friction, scenario.backlash / 2
-    at_rest = friction.breakaway if friction.own_law else np.add(friction.coulomb, friction.stribeck)
     add(
         element,
         "joint",
@@ -140,7 +139,7 @@ def _add_wheel(
         axis="0 0 1",
         armature=robot.drive.reflected_inertia,
         damping=friction.viscous[index],
-        frictionloss=float(at_rest[index]),
+        frictionloss=friction.breakaway[index],
     )
     if scenario.compliance:
         add(element, "joint", name=f"play {index + 1}", axis="0 0 1")

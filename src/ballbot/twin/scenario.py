@@ -306,6 +306,8 @@ def _check_friction(scenario: Scenario, robot: Robot) -> None:
                 f"The scenario {scenario.name!r} has friction for {len(values)} wheels, but the robot "
                 f"{robot.name!r} has {robot.wheel_count}. Give one value for each wheel."
             )
+    if scenario.friction.own_law:
+        robot.replace(friction=scenario.friction)
 
 
 def _check_rates(scenario: Scenario) -> None:

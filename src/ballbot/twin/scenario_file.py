@@ -14,15 +14,16 @@ and, commented out, an example of every other one; it reads back as the same sce
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass, replace
 from pathlib import Path
 from types import NoneType
 from typing import get_args, get_type_hints
 
-from ballbot.errors import InputError, about, suggest
+from ballbot.errors import InputError, about, check_known, suggest
 from ballbot.file_formats import format_line, take_format
 from ballbot.files import read_toml
-from ballbot.robot import RobotLike, as_robot
+from ballbot.robot import Friction, RobotLike, as_robot
+from ballbot.robot.friction_law import CLASSICAL, OWN_PARAMETERS, friction_law
 from ballbot.robot.parameters import DIMENSIONLESS, parameters_of
 from ballbot.schema import toml_line, validate_table
 from ballbot.twin.scenario import Scenario, check_scenario
@@ -59,13 +60,17 @@ def load_scenario(source: Scenario | str | Path, robot: RobotLike) -> Scenario:
         raise InputError(f"There is no scenario or scenario file {str(source)!r}; {hint}")
     tree = read_toml(path)
     with about(path):
-        return scenario_of(take_format(tree, "scenario"), robot, default_name=path.stem)
+        tables = take_format(tree, "scenario")
+        return scenario_of(tables, robot, default_name=path.stem, folder=path.parent)
 
 
-def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: str) -> Scenario:
+def scenario_of(
+    tree: Mapping[str, object], robot: RobotLike, *, default_name: str, folder: Path = Path()
+) -> Scenario:
     """Return the scenario that the tables of a scenario file describe, for a robot; without any it is `nominal`.
 
-    InputError if they misspell a key or describe no scenario of that robot.
+    A friction law's Python file is in the folder. InputError if they misspell a key or describe no scenario of that
+    robot.
     """
     changes = dict(tree)
     base = changes.pop("base", "nominal")
@@ -78,9 +83,24 @@ def scenario_of(tree: Mapping[str, object], robot: RobotLike, *, default_name: s
             "asymmetry is gone: give coulomb_asymmetry and stribeck_asymmetry in [friction] [N m]."
         )
     values = _merged(asdict(start), {"name": default_name, **changes})
+    if isinstance(friction := values["friction"], dict):
+        values["friction"] = _by_law(friction, folder)
     scenario = validate_table(Scenario, values, of="a scenario file")
+    friction = scenario.friction.with_law(scenario.friction.law, dict(scenario.friction.own))
+    scenario = replace(scenario, friction=friction)
     check_scenario(scenario, as_robot(robot))
     return scenario
+
+
+def _by_law(friction: Mapping[str, object], folder: Path) -> dict[str, object]:
+    """Return the friction with the law that it names, and this law's own parameters as pairs."""
+    law, own = friction_law(str(friction["law"]), folder=folder), friction["own"]
+    if isinstance(own, dict):
+        known = [parameter.name for parameter in law.own] if law else []
+        for name in own:
+            check_known(name, known, f"friction.own.{name} is no parameter of the law", otherwise="it has")
+        own = tuple(own.items())
+    return {**friction, "law": law.text if law else CLASSICAL, "own": own}
 
 
 def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
@@ -96,8 +116,7 @@ def _merged(base: Mapping[str, object], changes: Mapping[str, object]) -> dict[s
 
 
 def scenario_text(scenario: Scenario) -> str:
-    """Return a scenario as a TOML file, which reads back as the same; InputError if its friction law is registered."""
-    scenario.friction.check_classical("A scenario file")
+    """Return a scenario as a TOML file, which reads back as the same."""
     keys: list[str] = []
     tables: list[str] = []
     for field in fields(scenario):
@@ -116,18 +135,21 @@ def scenario_text(scenario: Scenario) -> str:
 def _table(name: str, content: object) -> list[str]:
     """Return the lines of a table, in double brackets if there may be several."""
     assert is_dataclass(content)
-    return [
+    lines = [
         f"[[{name}]]" if name == "pushes" else f"[{name}]",
         *_lines({field.name: getattr(content, field.name) for field in fields(content)}, f"{name}."),
     ]
+    if isinstance(content, Friction) and content.own_law:
+        lines.insert(1, toml_line("law", content.law))
+        lines += ["", "[friction.own]", *_lines(dict(content.own), "friction.own.")]
+    return lines
 
 
 def _lines(values: Mapping[str, object], prefix: str) -> Iterator[str]:
     """Yield a line for each key that is not empty."""
-    stated = {parameter.name: parameter for parameter in parameters_of(Scenario)}
+    stated = OWN_PARAMETERS | {parameter.name: parameter for parameter in parameters_of(Scenario)}
     for key, value in values.items():
-        # the classical law is the only one, and no key states it
-        if value != () and f"{prefix}{key}" != "friction.law":
+        if value != () and f"{prefix}{key}" not in ("friction.law", "friction.own"):
             parameter = stated[f"{prefix}{key}"]
             unit = f" [{parameter.unit}]" if parameter.unit != DIMENSIONLESS else ""
             yield toml_line(key, value, f"{parameter.meaning}{unit}")

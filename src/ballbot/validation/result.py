@@ -12,7 +12,7 @@ from ballbot.validation.horizons import Horizons
 from ballbot.validation.models import C, Comparison, ModelPair
 from ballbot.validation.open_loop import OpenLoop
 from ballbot.validation.residuals import Prediction
-from ballbot.validation.ways import WAYS
+from ballbot.validation.ways import VALIDATIONS
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -23,7 +23,7 @@ class Validation(Reported):
     """
 
     models: ModelPair
-    comparisons: Mapping[str, Comparison]  #: by the keys of `WAYS`; only those that the log allows
+    comparisons: Mapping[str, Comparison]  #: by the keys of `VALIDATIONS`; only those that the log allows
     refused: Mapping[str, str]  #: by the keys of the others, why the log does not allow them
     duration: float  #: of the stretches compared [s]
     log_findings: tuple[Finding, ...] = ()  #: of the checks of the log
@@ -60,7 +60,7 @@ class Validation(Reported):
 
     def verdicts(self) -> dict[str, str]:
         """Return each validation's verdict by its key, or the reason why the log does not allow it."""
-        words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in WAYS}
+        words = {way.key: f"No {way.code} validation: {self.refused.get(way.key)}" for way in VALIDATIONS}
         return words | {key: comparison.verdict() for key, comparison in self.comparisons.items()}
 
     def results(self) -> dict[str, object]:
@@ -73,9 +73,9 @@ class Validation(Reported):
             ],
             "findings": by_severity(findings(self)),
             "duration": self.duration,
-            **dict.fromkeys(way.key for way in WAYS),
+            **dict.fromkeys(way.key for way in VALIDATIONS),
             **{key: comparison.results() for key, comparison in self.comparisons.items()},
-            **{f"no_{way.key}": self.refused.get(way.key) for way in WAYS if way.undisturbed},
+            **{f"no_{way.key}": self.refused.get(way.key) for way in VALIDATIONS if way.undisturbed},
             "recovered_gain": closed and closed.recovered,
         }
 
@@ -85,7 +85,7 @@ def findings(validation: Validation) -> tuple[Finding, ...]:
     if validation.no_evidence is not None:
         return (warning("no-evidence", validation.no_evidence),)
     in_order, verdicts = [], validation.verdicts()
-    for way in WAYS:
+    for way in VALIDATIONS:
         in_order += [note(way.code, verdicts[way.key])] if verdicts[way.key] else []
         if way.key in validation.comparisons:
             in_order += validation.comparisons[way.key].remarks()

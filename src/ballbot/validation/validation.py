@@ -25,7 +25,7 @@ from ballbot.progress import Progress
 from ballbot.robot import RobotLike, as_robot
 from ballbot.validation.models import FINEST, Case, Interval, ModelPair, stretches
 from ballbot.validation.result import Validation
-from ballbot.validation.ways import WAYS
+from ballbot.validation.ways import VALIDATIONS
 
 
 def validate(
@@ -100,8 +100,8 @@ def validate_pair(
     nothing_shown = no_evidence(case)
     disturbed = next((finding.text for finding in check_disturbance(log, models.first.model.robot)), None)
     comparisons, refused = {}, {}
-    for done, way in enumerate(WAYS):
-        run.progress(Progress(stage=way.heading.lower(), done=done, total=len(WAYS)))
+    for done, way in enumerate(VALIDATIONS):
+        run.progress(Progress(stage=way.heading.lower(), done=done, total=len(VALIDATIONS)))
         comparison = (way.undisturbed and (nothing_shown or disturbed)) or way.compare(case)
         (refused if isinstance(comparison, str) else comparisons)[way.key] = comparison
     return Validation(
@@ -129,7 +129,7 @@ def validate_logs(
 
     def report(now: Progress) -> None:
         stage = "validating" if len(logs) > 1 else now.stage
-        run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * len(WAYS)))
+        run.progress(Progress(stage=stage, done=next(stages), total=len(logs) * len(VALIDATIONS)))
 
     def validated(holdouts: Mapping[str, Sequence[Interval]], name: str) -> Validation:
         own, held = replace(run, progress=report), holdouts.get(name)
@@ -156,7 +156,7 @@ def join_validations(parts: Sequence[Validation]) -> Validation:
     if reasons:
         return replace(join_validations(shown), left_out=reasons)
     comparisons = {}
-    for way in WAYS:
+    for way in VALIDATIONS:
         if results := [part.comparisons[way.key] for part in parts if way.key in part.comparisons]:
             comparisons[way.key] = type(results[0]).join(results)
     return replace(

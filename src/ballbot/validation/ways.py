@@ -11,7 +11,7 @@ from ballbot.validation.residuals import predict
 
 
 @dataclass(frozen=True, kw_only=True)
-class Way:
+class ValidationKind:
     """A kind of validation."""
 
     key: str  #: in results.json
@@ -21,9 +21,15 @@ class Way:
     undisturbed: bool = False  #: whether it needs a log without external disturbances
 
 
-WAYS = (
-    Way(key="open_loop", heading="Open loop", compare=open_loop, code="open-loop", undisturbed=True),
-    Way(key="closed_loop", heading="Closed loop", compare=closed_loop, code="closed-loop", undisturbed=True),
-    Way(key="horizon", heading="Error against horizon", compare=compare_horizons, code="horizon"),
-    Way(key="prediction", heading="Residuals of the next sample", compare=predict, code="residuals"),
+VALIDATIONS = (
+    ValidationKind(
+        key="open_loop", heading="Open loop", compare=open_loop, code="open-loop", undisturbed=True
+    ),
+    ValidationKind(
+        key="closed_loop", heading="Closed loop", compare=closed_loop, code="closed-loop", undisturbed=True
+    ),
+    ValidationKind(key="horizon", heading="Error against horizon", compare=compare_horizons, code="horizon"),
+    ValidationKind(
+        key="prediction", heading="Residuals of the next sample", compare=predict, code="residuals"
+    ),
 )

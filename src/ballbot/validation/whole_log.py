@@ -120,7 +120,7 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
     measured = states[every::every]
     noise = case.drawn_noise(RUNS, records + 1)
     gain = controller.gain
-    borne = Imperfections(
+    imperfections = Imperfections(
         delay=delay,
         torque_noise=float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", gain, case.noise, gain)))),
         seed=case.seed,
@@ -133,7 +133,7 @@ def compare_whole_log(case: Case, controller: Controller, *, delay: int) -> Whol
             lambda t: references[min(round(t / controller.sample_time), samples)],
             duration=samples * controller.sample_time,
             initial_states=states[0] + noise[:, 0],
-            imperfections=borne,
+            imperfections=imperfections,
             every=every,
         )
         runs.append(batch.next_states + noise[:, 1:])

@@ -4,7 +4,7 @@ A drift that is steady from run to run, as of a battery, is estimated together w
 
     log q_k = a + d k + g b_k + e_k        k: number of the run;  b_k = 1 with the new controller, else 0
 
-by least squares, for each quantity q of `Performance` that is a size (of the torque margin, for the share of the torque
+by least squares, for each quantity q of `LogScore` that is a size (of the torque margin, for the share of the torque
 limit that is used). exp(g) is the factor by which the new controller changes the quantity. Its 95 % interval is
 Student's, with n - 3 degrees of freedom; of four runs that is one, and the interval is wide. Each run of the new
 controller is also compared with the study's prediction (`controller_prediction`).
@@ -21,7 +21,7 @@ from ballbot.errors import InputError
 from ballbot.results import reported
 from ballbot.summary import counted
 from ballbot.workflows.controller_prediction import ControllerVerdict, Recommendation
-from ballbot.workflows.metrics import QUANTITIES, Performance
+from ballbot.workflows.metrics import QUANTITIES, LogScore
 from ballbot.workflows.statistics import student_quantile
 
 #: fewest runs: gain, drift and offset are estimated, and one run is left for the scatter
@@ -50,7 +50,7 @@ class PairedGain:
 class Alternation:
     """The result of alternating runs."""
 
-    performances: tuple[Performance, ...]  #: of every run, in order; the old controller's first
+    performances: tuple[LogScore, ...]  #: of every run, in order; the old controller's first
     gains: Mapping[str, PairedGain]  #: by quantity; without those that a run did not show
     verdicts: tuple[ControllerVerdict, ...]  #: of the new controller's runs
 
@@ -61,7 +61,7 @@ class Alternation:
         return next(recommendation for recommendation in _WORST_FIRST if recommendation in given)
 
 
-def alternate(performances: Sequence[Performance], verdicts: Sequence[ControllerVerdict]) -> Alternation:
+def alternate(performances: Sequence[LogScore], verdicts: Sequence[ControllerVerdict]) -> Alternation:
     """Compare two controllers by alternating runs: all performances, A B A B and so on, and the verdicts of B's runs.
 
     Raise InputError if there are fewer than four runs, or more of one controller than of the other.

@@ -23,7 +23,8 @@ from functools import cached_property
 from ballbot.arrays import Floats, whole_number
 from ballbot.control.controller import Compensation, Controller
 from ballbot.control.overcompensation import certain_friction
-from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
+from ballbot.control.presets import KINDS, ControllerKind
+from ballbot.errors import InputError
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.identification import Identification
 from ballbot.log import Log
@@ -42,7 +43,7 @@ from ballbot.workflows.grid import (
     grid_runs,
     run_grid,
 )
-from ballbot.workflows.metrics import Performance, Score, falls_of, values_of
+from ballbot.workflows.metrics import LogScore, Score, falls_of, values_of
 from ballbot.workflows.statistics import MedianEstimate, median_with_interval
 
 
@@ -80,13 +81,9 @@ def draw_plants(fit: Identification, *, scenario: Scenario, count: int, seed: in
     )
 
 
-#: how each candidate is made; the first is what the others are compared with
-CANDIDATES: Mapping[str, tuple[str, Compensation]] = {
-    "none": ("nominal", "none"),
-    "full": ("nominal", "full"),
-    "partial": ("nominal", "partial"),
-    "precise": ("precise", "full"),
-    "precise_without_compensation": ("precise", "none"),
+#: how each candidate is made, of every kind; "none" is what the others are compared with
+CANDIDATES: dict[str, tuple[ControllerKind, Compensation]] = {
+    name: (kind, compensation) for kind in KINDS.values() for name, compensation in kind.candidates.items()
 }
 
 
@@ -113,7 +110,7 @@ class Trial:
 
     controller: Controller
     scores: tuple[Score, ...]  #: by the true position
-    performances: tuple[Performance, ...] = ()  #: as the robot's own log shows them
+    performances: tuple[LogScore, ...] = ()  #: as the robot's own log shows them
     log: Log | None = None  #: of the first run, if it is kept
 
     @property
@@ -183,18 +180,21 @@ class ControllerChoice:
 
 
 def candidates(fit: Identification, *, sample_time: float) -> dict[str, Controller]:
-    """Return the candidates, sampled at that time [s]; all compensate the friction that is 95 % certain."""
-    robot, certain = fit.robot, certain_friction(fit.robot)
-    gain = design_gain(robot, sample_time=sample_time).gain
-    by_kind: Mapping[str, Controller] = {
-        "nominal": Controller(robot.replace(friction=certain), gain, sample_time=sample_time),
-        "precise": precise_controller(
-            robot, design=design_integral_gain(robot, sample_time=sample_time), compensated=certain
-        ),
-    }
+    """Return the candidates, sampled at that time [s]; all compensate the friction that is 95 % certain.
+
+    Kinds that this robot cannot have are left out; InputError if the nominal one is.
+    """
+    certain, made = certain_friction(fit.robot), dict[str, Controller]()
+    for kind in {kind.name: kind for kind, _ in CANDIDATES.values()}.values():
+        try:
+            made[kind.name] = kind.made(fit.robot, compensated=certain, sample_time=sample_time)
+        except InputError:
+            if "none" in kind.candidates:
+                raise
     return {
-        name: by_kind[kind].with_compensation(compensation)
+        name: made[kind.name].with_compensation(compensation)
         for name, (kind, compensation) in CANDIDATES.items()
+        if kind.name in made
     }
 
 
@@ -237,10 +237,10 @@ def run_trials(
         for draw in plants
     ]
 
-    def ask(grid_run: GridRun, log: Log) -> tuple[Score, Performance, Log | None]:
+    def ask(grid_run: GridRun, log: Log) -> tuple[Score, LogScore, Log | None]:
         assert isinstance(grid_run.controller, Controller)
         kept = log if logged and grid_run.condition is conditions[0] else None
-        return grid_run.score(log), Performance.of(log, torque_limit=grid_run.controller.torque_limit), kept
+        return grid_run.score(log), LogScore.of(log, torque_limit=grid_run.controller.torque_limit), kept
 
     table = run_grid(grid_runs(controllers, conditions), ask, workers=Threads(), run=run)
     trials = {}

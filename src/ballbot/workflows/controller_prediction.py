@@ -38,7 +38,7 @@ from ballbot.results import reported
 from ballbot.schema import validate_table
 from ballbot.validation.closed_loop import delay_of
 from ballbot.workflows.controller_choice import CANDIDATES, ControllerChoice, NamedCourse
-from ballbot.workflows.metrics import QUANTITIES, Metric, Performance
+from ballbot.workflows.metrics import QUANTITIES, LogScore, Metric
 from ballbot.workflows.statistics import CONFIDENCE, student_quantile
 
 #: fewest performances for an interval
@@ -46,7 +46,7 @@ MIN_RUNS = 6
 
 #: factors (lower, upper) by which a faulty twin's quantity differs from the median of the robots drawn, at the 2.5th
 #: and 97.5th percentile of the twins that did not fall, beyond the spread of the draws; of the torque margin, of the
-#: share of the limit that is used. `python -m campaigns.controller_prediction` prints them, for both gains.
+#: share of the limit that is used. By kind of controller; `python -m campaigns.controller_prediction` prints them.
 DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
     "precise": {
         "peak_error": (0.39, 4.5),
@@ -55,7 +55,7 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
         "lean": (0.92, 1.4),
         "torque_margin": (0.83, 2.0),
     },
-    "none": {
+    "nominal": {
         "peak_error": (0.72, 3.4),
         "rms_error": (0.54, 2.2),
         "roughness": (0.98, 9.0),
@@ -65,7 +65,17 @@ DISCREPANCY: Mapping[str, Mapping[str, tuple[float, float]]] = {
 }
 
 
-#: the quantities of a `Performance`
+def discrepancy_of(candidate: str) -> Mapping[str, tuple[float, float]]:
+    """Return a candidate's discrepancy; of a kind for which none is calibrated the widest of those that are."""
+    kinds = tuple(DISCREPANCY.values())
+    widest = {
+        name: (min(kind[name][0] for kind in kinds), max(kind[name][1] for kind in kinds))
+        for name in kinds[0]
+    }
+    return DISCREPANCY.get(CANDIDATES[candidate][0].name, widest)
+
+
+#: the quantities of a `LogScore`
 SHOWN: Mapping[str, Metric] = {
     metric.key: metric
     for metric in (
@@ -103,7 +113,7 @@ class ControllerPrediction:
     torque_limit: float  #: of the controller, each wheel [N m]
     scenario: str  #: name of the scenario of the robots
     draws: int  #: number of robots
-    chosen: Mapping[str, PredictionInterval]  #: by quantity of `Performance`
+    chosen: Mapping[str, PredictionInterval]  #: by quantity of `LogScore`
     none: Mapping[str, PredictionInterval] | None  #: the soft gain's; None if too few stood
     log_findings: tuple[str, ...] = ()  #: codes of the findings on the study's logs
 
@@ -111,6 +121,14 @@ class ControllerPrediction:
     def confidence(self) -> float:
         """Of the intervals."""
         return CONFIDENCE
+
+    @property
+    def calibration(self) -> str:
+        """The sentence on a kind of controller whose discrepancy is not calibrated; empty if it is."""
+        kind, _ = CANDIDATES[self.controller]
+        if kind.name in DISCREPANCY:
+            return ""
+        return f" No model discrepancy is calibrated for {kind.name} controllers: the widest of other kinds is taken."
 
 
 def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -> ControllerPrediction | None:
@@ -127,8 +145,9 @@ def predict(choice: ControllerChoice, *, log_findings: Sequence[Finding] = ()) -
             for performance, run in zip(trial.performances, trial.scores, strict=True)
             if run.ended is None
         ]
-        kind = "precise" if CANDIDATES[candidate][0] == "precise" else "none"
-        return performance_intervals(stood, discrepancy=DISCREPANCY[kind]) if len(stood) >= MIN_RUNS else None
+        if len(stood) < MIN_RUNS:
+            return None
+        return performance_intervals(stood, discrepancy=discrepancy_of(candidate))
 
     predicted = intervals(chosen)
     assert predicted is not None, "the chosen candidate falls nowhere"
@@ -151,7 +170,7 @@ def checksum_of(controller: Controller) -> str:
 
 
 def performance_intervals(
-    performances: Sequence[Performance], *, discrepancy: Mapping[str, tuple[float, float]]
+    performances: Sequence[LogScore], *, discrepancy: Mapping[str, tuple[float, float]]
 ) -> dict[str, PredictionInterval]:
     """Return each quantity's prediction interval for a new run on a robot with unknown faults (`DISCREPANCY`)."""
     sizes = [performance.sizes() for performance in performances]
@@ -291,7 +310,7 @@ def evaluate_log(
         )
     run = course_of(complete, prediction, sample_time=controller.sample_time)
     ended = _why_ended(run, prediction)
-    seen = Performance.of(run, torque_limit=prediction.torque_limit)
+    seen = LogScore.of(run, torque_limit=prediction.torque_limit)
     quantities = tuple(
         QuantityResult(name=name, predicted=prediction.chosen[name], value=value)
         for name, value in vars(seen).items()

@@ -196,11 +196,11 @@ def _loop_blocks(runs: Sequence[GridRun]) -> list[list[int]]:
         condition, plant = grid_run.condition, grid_run.condition.plant
         if not (isinstance(plant, LoopRobot) and isinstance(grid_run.controller, Controller)):
             continue
-        model, borne, period = plant.model, plant.imperfections, grid_run.controller.sample_time
-        sampled = borne.sensors.sample_time if borne.sensors else period
-        if borne.fix is None and abs(sampled - period) <= 1e-9 * sampled:
+        model, imperfections, period = plant.model, plant.imperfections, grid_run.controller.sample_time
+        sampled = imperfections.sensors.sample_time if imperfections.sensors else period
+        if imperfections.fix is None and abs(sampled - period) <= 1e-9 * sampled:
             key = (condition.course, condition.duration, period, grid_run.controller.estimator)
-            key += (model.formulation, model.step, model.pivots, borne.backlash > 0.0)
+            key += (model.formulation, model.step, model.pivots, imperfections.backlash > 0.0)
             alike.setdefault(key, []).append(index)
     return [indices[k : k + LANES] for indices in alike.values() for k in range(0, len(indices), LANES)]
 

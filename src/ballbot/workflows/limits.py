@@ -45,7 +45,7 @@ _DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Loop:
+class ControlledRobot:
     """A robot with its controller, within its motors' limits, under a scenario."""
 
     robot: Robot  #: the true one; the controller has its own friction
@@ -247,7 +247,7 @@ class TwinLimit:
         return 0.95 * self.lower <= self.twin <= 1.05 * self.upper
 
 
-def find_limits(loop: Loop, *, run: Run = DEFAULT_RUN) -> RobotLimits:
+def find_limits(loop: ControlledRobot, *, run: Run = DEFAULT_RUN) -> RobotLimits:
     """Return the largest tilts and impulses that a robot recovers from; the loop's grip is that of the lower bounds."""
     unlimited = replace(loop, grip=np.inf)
     directions = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
@@ -303,7 +303,7 @@ def recovered_shares(controller: Controller) -> Floats:
     robot = controller.robot
 
     def largest(one: Controller) -> Floats:
-        loop = Loop(robot=robot, controller=one, grip=np.inf)
+        loop = ControlledRobot(robot=robot, controller=one, grip=np.inf)
         return reach(
             loop.recovers,
             lambda sizes: pushed_state(loop.model, directions, sizes, robot.body.center_of_mass),
@@ -332,7 +332,7 @@ _TWIN_HALVINGS = 5
 
 
 def twin_limits(
-    loop: Loop, on_loop: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
+    loop: ControlledRobot, on_loop: RobotLimits, *, directions: Sequence[int], run: Run = DEFAULT_RUN
 ) -> list[TwinLimit]:
     """Return the twin's limits beside the loop's, in directions by index, by bisection up to 1.1 times these."""
     assert loop.scenario is not None

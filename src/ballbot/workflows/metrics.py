@@ -3,7 +3,7 @@
 Errors are the true position's and heading's if the log has the truth, and count once the robot has settled:
 see `settled`. Torque and energy count from the first row to the last. `score` is every metric at once.
 
-A real robot has no true position. `Performance` therefore takes the errors of the logged state, with its drift, of
+A real robot has no true position. `LogScore` therefore takes the errors of the logged state, with its drift, of
 a robot's log and of a simulated run alike: these are the quantities that a prediction names.
 """
 
@@ -311,7 +311,7 @@ _RARE = 0.001
 
 
 @dataclass(frozen=True, kw_only=True)
-class Performance:
+class LogScore:
     """A run in five numbers that its log shows; errors are NaN if it ended before it settled."""
 
     peak_error: float  #: largest horizontal distance from the reference once settled [m]
@@ -321,12 +321,12 @@ class Performance:
     torque_margin: float  #: share of the torque limit left, in all but a thousandth of the samples
 
     @staticmethod
-    def of(log: Log, *, torque_limit: float) -> Performance:
+    def of(log: Log, *, torque_limit: float) -> LogScore:
         """Return the numbers of a log with reference, torques and states, whatever its truth."""
         seen = log.without_truth()
         error = position_error(seen)[settled(seen, SETTLE)]
         largest = np.abs(seen.torques).max(axis=1)
-        return Performance(
+        return LogScore(
             peak_error=float(error.max()) if len(error) else np.nan,
             rms_error=rms(error) if len(error) else np.nan,
             roughness=rms_torque_change(seen),
@@ -340,14 +340,14 @@ class Performance:
 
 
 #: names of the quantities, in their order
-QUANTITIES = tuple(field.name for field in fields(Performance))
+QUANTITIES = tuple(field.name for field in fields(LogScore))
 
 
 @dataclass(frozen=True)
 class Metric:
     """A number of a run, as tables, figures and sentences show it."""
 
-    key: str  #: of `Score` or `Performance`
+    key: str  #: of `Score` or `LogScore`
     words: str  #: that name it in a sentence
     unit: str  #: that it is shown in
     scale: float  #: from SI to that unit

@@ -33,7 +33,7 @@ from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed_along, pack_contacts
 from ballbot.simulation.run import initial_state_of, sample_count
 from ballbot.twin.scenario import Scenario
-from ballbot.workflows.limits import Loop, lost_lean
+from ballbot.workflows.limits import ControlledRobot, lost_lean
 from ballbot.workflows.metrics import lean_angle
 
 #: corners of a path are rounded by a Gaussian of this deviation [s]: a robot cannot change its speed at once
@@ -241,7 +241,7 @@ def check_reference(
 ) -> ReferenceMargins:
     """Return which share of a robot's limits a reference uses, and how the closed loop follows it in five runs."""
     sample_time = controller.sample_time
-    loop = Loop(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
+    loop = ControlledRobot(robot=robot, controller=controller, scenario=Scenario.nominal(robot), step=_STEP)
     wanted = np.array([reference(k * sample_time) for k in range(sample_count(duration, sample_time))])
     poses = wanted[:, [0, 1, 4]]
     changes = np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0)

@@ -170,7 +170,7 @@ def study(
     )
     confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
     stiffness = None
-    if not options.quick:
+    if not options.quick and "precise" in choice.trials:
         stiffness = measure_stiffness(choice, run=_named(run, "measuring where friction matters"))
     return Study(
         robot=robot,

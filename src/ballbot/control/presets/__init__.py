@@ -1,7 +1,7 @@
 """Ready-made controllers: one file a kind, which begins with what it is for and ends with its `KIND`.
 
 To add one, write such a file here: `ballbot design --kind`, `simulate --controller`, `compare` and Python take its
-name.
+name. A study tries those of its `candidates`.
 """
 
 from collections.abc import Mapping

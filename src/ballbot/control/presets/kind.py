@@ -1,7 +1,7 @@
 """A kind of ready-made controller: how its gain is designed, and what stands around the gain."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from ballbot.control.controller import Compensation, Controller
@@ -36,9 +36,15 @@ class ControllerKind:
     design: GainDesign
     #: of a robot, the part of its friction that is compensated, and a gain that `design` made
     controller: Callable[[Robot, Friction, LqrDesign, Compensation], Controller]
+    #: what a study tries: the compensation by the candidate's name
+    candidates: Mapping[str, Compensation] = field(default_factory=dict[str, Compensation])
 
-    def made(self, robot: RobotLike, compensation: Compensation | None = None) -> Controller:
-        """Return the controller for a robot, by the kind's own weights."""
+    def made(
+        self, robot: RobotLike, *, compensated: Friction | None = None, sample_time: float | None = None
+    ) -> Controller:
+        """Return the controller by the kind's own weights; it compensates the robot's friction if not given another."""
         robot = as_robot(robot)
-        design = self.design(robot, state_weights=self.state_weights, torque_weight=self.torque_weight)
-        return self.controller(robot, robot.friction, design, compensation or self.compensation)
+        design = self.design(
+            robot, state_weights=self.state_weights, torque_weight=self.torque_weight, sample_time=sample_time
+        )
+        return self.controller(robot, compensated or robot.friction, design, self.compensation)

@@ -78,4 +78,5 @@ KIND = ControllerKind(
     state_weights=NOMINAL_STATE_WEIGHTS,
     design=design_gain,
     controller=_with_gain,
+    candidates={"none": "none", "full": "full", "partial": "partial"},
 )

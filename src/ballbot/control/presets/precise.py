@@ -161,4 +161,5 @@ KIND = ControllerKind(
     controller=lambda robot, compensated, design, compensation: precise_controller(
         robot, compensation=compensation, design=design, compensated=compensated
     ),
+    candidates={"precise": "full", "precise_without_compensation": "none"},
 )

@@ -7,7 +7,7 @@ friction between the directions is part of the offset. Dry friction may grow wit
 gears: M. Duclusaud et al., Extended friction models for the physics simulation of servo actuators, arXiv 2410.08650
 (2024), with mu twice theirs.
 
-The motion is that of `ballbot.mechanics.friction_laws`, with the force held over a row or changing linearly to the
+The motion is that of `ballbot.mechanics.driveline`, with the force held over a row or changing linearly to the
 next, and G evaluated in the middle of each step.
 """
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -23,9 +23,11 @@ import numpy as np
 
 from ballbot.arrays import Floats, Ints
 from ballbot.fitting.parameter import FitParameter, Scale
+from ballbot.mechanics.driveline import UNLIMITED, Inertia, move
 from ballbot.mechanics.engine.compiled import compiled, inlined
-from ballbot.mechanics.friction import NO_TERMS
-from ballbot.mechanics.friction_laws.classical import UNLIMITED, Classical, ClassicalNumbers, Inertia, move
+from ballbot.mechanics.friction import Wheel, steady_friction
+from ballbot.mechanics.parameters import wheels_of
+from ballbot.robot import Friction
 
 Values = Mapping[str, float]
 
@@ -105,7 +107,7 @@ class AxisModel:
 class _AxisNumbers(NamedTuple):
     """The parameters of an axis as compiled code reads them."""
 
-    law: ClassicalNumbers  #: without asymmetry and load
+    wheel: Wheel  #: its friction, without asymmetry and load
     asymmetry: float
     inertia: Inertia
     sine: float  #: S
@@ -118,13 +120,12 @@ def _step(axis, position, speed, force, h) -> tuple[float, float]:
     """Return position and speed after h [s] under a force, with gravity at half the step."""
     halfway = position + 0.5 * h * speed
     gravity = axis.sine * math.sin(halfway) + axis.cosine * math.cos(halfway)
-    dry = axis.law.c + 0.5 * axis.mu * abs(force + gravity)
+    own = axis.wheel
+    dry = own.c + 0.5 * axis.mu * abs(force + gravity)
     force -= gravity
     way = 1.0 if speed > 0.0 or (speed == 0.0 and force > 0.0) else -1.0
-    law = ClassicalNumbers(
-        axis.law.b + way * axis.asymmetry, dry, axis.law.s, axis.law.inv_vs, axis.law.delta, axis.law.terms
-    )
-    speed, travel = move(law, axis.inertia, force, speed, h)
+    wheel = Wheel(own.axle, own.b + way * axis.asymmetry, dry, own.s, own.terms, own.inv_vs, own.delta)
+    speed, travel = move(wheel, axis.inertia, force, speed, h)
     return position + travel, speed
 
 
@@ -167,12 +168,10 @@ class Axis:
         return {**dict.fromkeys(PARAMETERS, 0.0), "stribeck_speed": 1.0, **self.values}
 
     @property
-    def _law(self) -> Classical:
-        """The friction without asymmetry and load."""
+    def _friction(self) -> Friction:
+        """The friction without asymmetry and load, as that of one wheel."""
         b, c, s, v_s = (self._all[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
-        return Classical(
-            viscous=b, coulomb=c, stribeck=s, stribeck_speed=v_s, stribeck_exponent=1.0, terms=NO_TERMS
-        )
+        return replace(Friction.none(1), viscous=(b,), coulomb=(c,), stribeck=(s,), stribeck_speed=v_s)
 
     def windows(self, force: Floats, h: float, firsts: Ints, counts: Ints, starts: Floats) -> Floats:
         """Return position and speed (sum of counts, 2) at the ends of the rows, window after window.
@@ -184,8 +183,10 @@ class Axis:
         acting = force - values["offset"]
         rises = np.append(np.diff(acting), 0.0) if self.interpolated else np.zeros(len(acting))
         states = np.empty((int(counts.sum()), 2))
+        (wheel,) = wheels_of(self._friction)
+        assert isinstance(wheel, Wheel)
         numbers = _AxisNumbers(
-            law=self._law.numbers(),
+            wheel=wheel,
             asymmetry=values["asymmetry"],
             inertia=Inertia(inv_J=1.0 / values["mass"], stall=UNLIMITED, inv_no_load=0.0),
             sine=values["gravity_sine"],
@@ -197,7 +198,7 @@ class Axis:
 
     def friction(self, speed: Floats) -> Floats:
         """Return the friction without load [N] at speeds (N,)."""
-        return self._law.steady_friction(speed) + self._all["asymmetry"] * np.abs(speed)
+        return steady_friction(speed, self._friction) + self._all["asymmetry"] * np.abs(speed)
 
     def other_forces(self, force: Floats, position: Floats, speed: Floats, acceleration: Floats) -> Floats:
         """Return the part of a force (N,) that is not `friction`: inertia, offset, G(q) and load."""

@@ -24,7 +24,7 @@ from ballbot.robot import Robot
 from ballbot.summary import counted
 
 if TYPE_CHECKING:
-    from ballbot.log.mapping_search.placement import LeanTest
+    from ballbot.log.placement import LeanTest
 
 #: least standard deviation of the wheel speeds of the states for a conclusion [rad/s]
 LEAST_MOTION = 0.05
@@ -218,9 +218,9 @@ def _gain_findings(gains: tuple[float, ...], robot: Robot) -> list[Finding]:
 def wheel_test(log: Log, robot: Robot) -> LeanTest | None:
     """Return how the wheels of a log sit, by theta, phi, psi and the encoders' angles; None if it does not show that.
 
-    See `ballbot.log.mapping_search.placement`.
+    See `ballbot.log.placement`.
     """
-    from ballbot.log.mapping_search.placement import lean_test
+    from ballbot.log.placement import lean_test
 
     moved = smoothed_motion(log, robot.wheel_count)
     if moved is None:

@@ -1,4 +1,4 @@
-"""Lean axes against the ball's acceleration, by the filtered motion of `ballbot.log.balancing_motion`.
+"""Lean axes against the ball's acceleration, by the filtered motion of `ballbot.log.torque_balance`.
 
 The law is that of the momentum about the floor's contact,
 
@@ -21,8 +21,8 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.findings import Finding
-from ballbot.log.balancing_motion import Complex, Motion, as_complex, as_plane, block_sums, clarity
 from ballbot.log.checks.table import judged
+from ballbot.log.torque_balance import Complex, Motion, as_complex, as_plane, block_sums, clarity
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 

@@ -23,12 +23,11 @@ from scipy.optimize import nnls
 from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.findings import Finding
-from ballbot.log.balancing_motion import EVERY, Motion
 from ballbot.log.checks.table import judged
 from ballbot.log.columns import torque_names, wheel_speed_names
 from ballbot.log.log import Log
 from ballbot.log.signals import INTERVAL
-from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of
+from ballbot.log.torque_balance import EVERY, TURNED_POWER, Driving, Motion, driving_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 

@@ -17,23 +17,26 @@ from scipy.optimize import nnls
 from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.findings import Finding
-from ballbot.log.balancing_motion import EVERY, motion_of
 from ballbot.log.checks.lean import check_lean_axes
 from ballbot.log.checks.motor_faults import check_motors
 from ballbot.log.checks.table import judged
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.log.log import Log
-from ballbot.log.mapping_search.commands import CommandOrder, assign, by_wheel
 from ballbot.log.signals import INTERVAL
 from ballbot.log.torque_balance import (
+    EVERY,
     SURE,
     TURNED_POWER,
     UNLIKE,
     USUAL,
+    CommandOrder,
     Driving,
     Gains,
+    assign,
+    by_wheel,
     driving_of,
     gains_of,
+    motion_of,
     together,
 )
 from ballbot.robot import Robot

@@ -2,10 +2,8 @@
 
 names       what the names of columns say, and which column is which quantity
 units       units by headings, else by what physics supports
-placement   how the lean responds to the wheels, in every order and sign, and how wheels and IMU then sit
 motion      what the sensors show, with the units that fit them
 commands    which command drives which wheel, with which sign, in which scale, how late
-evidence    weights and errors
 
 The checks of a log use it; `ballbot.log.proposal` puts all of it together for a file.
 """

@@ -1,13 +1,6 @@
 """Identify the commands of a foreign log: the wheel that each drives, its sign, its scale and its delay.
 
-Ball and wheels pass each other the torques that the motion needs (`ballbot.log.torque_balance`): about upright,
-wheel i needs n_i. What drives it is a command d_j of unknown order, sign, kind and scale:
-
-    s_j d_j = a n_i + b w_i + h mean(w) + friction's terms in the sign of w_i        w_i speed of the wheel [rad/s]
-
-Every order and every choice of signs is tried; those that explain all commands best, with one a and one b, are the
-answer. The commands are on the left: commands that sum to zero are no difficulty there, while a regression of all
-wheels on all commands would be collinear, and a wheel's sign would be decided by noise.
+Which wheel each drives, and with which sign: `ballbot.log.torque_balance`.
 
 A dead band that the firmware adds is counted as less dry friction, which is the same while a wheel turns the way its
 duty drives it. A log cannot distinguish the two: the dry friction of a sticking wheel also has the sign of the duty. It
@@ -16,52 +9,40 @@ torques (`likely_dead_band`).
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations, product
+from itertools import permutations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.log.balancing_motion import Motion, motion_of
 from ballbot.log.columns import FACTORS
-from ballbot.log.mapping import DutyTable
-from ballbot.log.mapping_search.evidence import (
+from ballbot.log.evidence import (
     CONFIDENT,
-    MOST,
-    TINY,
-    behind,
     correlations,
-    gains_over,
-    posterior,
     probabilities,
     vertex_with_error,
 )
+from ballbot.log.mapping import DutyTable
 from ballbot.log.mapping_search.motion import Columned, SensedMotion
 from ballbot.log.mapping_search.names import INPUT_OF_UNIT, UNIT_OF_INPUT, InputKind
-from ballbot.log.mapping_search.placement import SensorFrame
+from ballbot.log.placement import SensorFrame
 from ballbot.log.signals import INTERVAL, Smooth, new_messages, smooth
-from ballbot.log.torque_balance import TURNED_POWER, Driving, driving_of, gains_of
+from ballbot.log.torque_balance import (
+    TURNED_POWER,
+    CommandOrder,
+    Driving,
+    Motion,
+    assign,
+    by_wheel,
+    driving_of,
+    gains_of,
+    motion_of,
+)
 from ballbot.robot import Drive, Robot
 
 KINDS: tuple[InputKind, ...] = ("torque", "current", "voltage", "duty")
-#: assignments whose torques differ by less than this part of their size count as one: half of what torques may be off
-SAME_TORQUES = 0.1
-#: before the log is seen, motors are numbered as encoders, and have usual signs, with these probabilities
-OWN_ORDER, EQUAL_SIGNS = 0.9, 0.75
-#: weight for each second of the logarithm of the ratio of squared errors, twice that of rolling and once that of
-#: turning (`behind`), set on half of the robots of the campaign (135 logs); of the 121 logs of the others 97 % then
-#: have an order with confidence, and none a wrong one
-EACH_SECOND = 1.0
-#: shares of the commands' power that are left anyway: of rolling and turning, and of what does neither
-LEAST_LEFT, LEAST_IDLE = 1e-3, 3e-4
-#: share of the commands that must be explained, and from which on nothing is in doubt. Commands that are torques about
-#: axes are mixtures of all wheels': single ones leave 0.38 of them, and at most 0.35 where they are right, of robots
-#: whose wheels mostly stick (campaigns/mapping_corpus.py)
-LEAST_EXPLAINED, EXPLAINED = 0.55, 0.65
 #: correlation of a free wheel's speed with its command
 FOLLOWED = 0.8
 #: delays of the commands that are tried [s], and the filter of the wheels for it [s]: delays show in what is quick
@@ -82,23 +63,6 @@ FULL_SCALE_FITS = 0.35
 LEAST_BAND, BAND_OF_FRICTION, LEAST_TORQUE = 0.01, 0.25, 0.5
 #: factors that convert a unit to N m, A or V
 _SCALES: dict[InputKind, dict[str, float]] = {kind: FACTORS[unit] for kind, unit in UNIT_OF_INPUT.items()}
-
-
-@dataclass(frozen=True, kw_only=True)
-class CommandOrder:
-    """Which wheel each command drives."""
-
-    wheels: tuple[int, ...]  #: for the file's commands in turn, the robot's wheel (from 0)
-    signs: tuple[int, ...]  #: of the file's commands in turn
-    explained: float  #: share of the commands' variance
-    advantage: float  #: over the next best assignment, in standard errors over blocks of a second
-    next_best: str  #: in words
-    confidence: float
-
-    @property
-    def description(self) -> str:
-        """The assignment in words."""
-        return f"for wheels {[wheel + 1 for wheel in self.wheels]}, signs {list(self.signs)}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,110 +134,6 @@ def turned_by(base: Columned, motion: SensedMotion) -> CommandOrder | None:
         next_best=f"for wheels {[i + 1 for i in other]}",
         confidence=1.0,
     )
-
-
-_Order = tuple[tuple[int, ...], tuple[int, ...]]  #: wheels and signs of an `CommandOrder`
-
-
-def assign(driving: Driving, counted: Sequence[int]) -> CommandOrder:
-    """Return the likeliest order and signs of the commands: by what the motion leaves of them, and by what is usual.
-
-    That which fits best is likelier than what is less usual; what is more usual does not make up for a worse fit. Those
-    that make nearly the same torques, as opposite wheels of four do while the heading stands still, are one, and the
-    most usual of them is taken. `counted` are the signs with which the encoders count, of the robot's wheels in turn.
-    """
-    left = _left(driving)
-    every, totals = list(left), np.array(list(left.values())).sum(axis=2)
-    floors = np.array([LEAST_LEFT, LEAST_LEFT, LEAST_IDLE])[: totals.shape[1]]
-    weights = np.array([2.0, 1.0, 1.0])[: len(floors)]
-    score = np.log(totals + floors) @ weights
-    without = totals[None] - np.moveaxis(np.array(list(left.values())), 2, 0)
-    gained, z = gains_over(score, np.log(np.maximum(without, 0.0) + floors) @ weights)
-    usual, least = [_usual(order, counted) for order in every], int(np.argmin(score))
-    odds = behind(z, gained, len(without), each_second=EACH_SECOND)
-    probability = posterior([min(probability_of_order, usual[least]) for probability_of_order in usual], odds)
-    torques = {h: by_wheel(driving.torque, every[h]) for h, p in probability.items() if p > 1e-3}
-    likeliest = next(iter(torques.values()))
-    size = SAME_TORQUES * float(np.std(likeliest))
-    alike = [h for h, u in torques.items() if float(np.std(u - likeliest, axis=0).max()) <= size]
-    best = max(alike, key=lambda h: usual[h])
-    other = next((h for h in probability if h not in alike), best)
-    explained = 1.0 - float(totals[best, :2].sum())
-    enough = min(max((explained - LEAST_EXPLAINED) / (EXPLAINED - LEAST_EXPLAINED), 0.0), 1.0)
-    (wheels, signs), (next_wheels, next_signs) = every[best], every[other]
-    return CommandOrder(
-        wheels=wheels,
-        signs=signs,
-        explained=explained,
-        advantage=float(z[other] - z[best]),
-        next_best=f"for wheels {[i + 1 for i in next_wheels]}, signs {list(next_signs)}",
-        confidence=min(sum(probability[h] for h in alike), MOST) * enough,
-    )
-
-
-def _usual(wheels: _Order, counted: Sequence[int]) -> float:
-    """Return the probability of an order before the motion is seen.
-
-    Motors are numbered as encoders, and turn all alike or as these count, in most robots.
-    """
-    order, signs = wheels
-    n, relative = len(order), {sign * counted[wheel] for wheel, sign in zip(order, signs, strict=True)}
-    own, even = order == tuple(range(n)), len(set(signs)) == 1 or len(relative) == 1
-    p = OWN_ORDER if own else (1.0 - OWN_ORDER) / (math.factorial(n) - 1)
-    return p * (EQUAL_SIGNS / 2.0 if even else (1.0 - EQUAL_SIGNS) / (2**n - 2))
-
-
-def by_wheel(commands: Floats, wheels: _Order) -> Floats:
-    """Return the commands (N, n) of the robot's wheels in turn, by the wheels (from 0) and signs of the file's."""
-    order, signs = wheels
-    return (commands * np.asarray(signs, dtype=np.float64))[:, np.argsort(order)]
-
-
-def _left(driving: Driving) -> dict[_Order, Floats]:
-    """Return the shares (k, B) of the commands' power that each order and choice of signs leaves, by seconds.
-
-    They are those of what rolls the ball, of what turns it, and, of four wheels or more, of what does neither. Of the
-    last nothing is explained: a controller has no reason to command it. The first two are fitted together.
-
-    The motors are alike: a and b are common to all wheels, and only dry friction is each wheel's own. None of them can
-    be negative. A controller damps the turning of the heading, which something else drives: commands alike have a part
-    that goes against the wheels' common speed, and would pass for friction of motors with the opposite sign. It is
-    fitted, with either sign. A motor weaker than the others by more than a third can be taken for another if the robot
-    moves along one line.
-    """
-    u, speed = driving.torque - driving.torque.mean(axis=0), driving.friction[:, :, 1]
-    n = u.shape[1]
-    heading = np.broadcast_to(speed.mean(axis=1, keepdims=True), u.shape)
-    dry = np.einsum("tik,ij->tijk", driving.friction[:, :, [0, 2]], np.eye(n)).reshape(len(u), n, -1)
-    # (N, n, k), the terms of each wheel
-    terms = np.concatenate([np.stack([driving.needed, speed, heading, -heading], axis=-1), dry], axis=-1)
-    terms, count = terms - terms.mean(axis=0), terms.shape[-1]
-    plane = np.column_stack([np.ones(n), np.cos(driving.azimuths), np.sin(driving.azimuths)])
-    basis = np.linalg.qr(plane, mode="complete")[0]
-    parts = np.einsum("im,tik->mtk", basis[:, :3], terms)
-    parts = parts / np.maximum(np.sqrt(np.square(parts).sum(axis=(0, 1))), 1e-30)
-    table = np.concatenate([u, *parts], axis=1)
-    seconds = [table[driving.block == b] for b in range(int(driving.block[-1]) + 1)]
-    products = np.array([rows.T @ rows for rows in seconds])
-    power = products[:, :n, :n]
-    crossed = products[:, :n, n:].reshape(-1, n, 3, count)
-    own = np.array([products[:, k : k + count, k : k + count] for k in range(n, n + 3 * count, count)])
-    whole, together = float(np.trace(power.sum(axis=0))), crossed.sum(axis=0)
-    # the same sums of squares, by a triangular matrix in place of all rows
-    root = np.linalg.cholesky(own.sum(axis=(0, 1)) + 1e-9 * np.eye(count)).T
-    unexplained = {}
-    for order in permutations(range(n)):
-        for signs in product((1, -1), repeat=n):
-            way = basis[list(order)].T * np.asarray(signs)  # parts of each command
-            right = np.einsum("mj,jmk->k", way[:3], together)
-            factors, _ = nnls(root, np.linalg.solve(root.T, right))
-            left = np.einsum("mj,bjl,ml->mb", way, power, way)
-            left[:3] -= 2.0 * np.einsum("mj,bjmk,k->mb", way[:3], crossed, factors)
-            left[:3] += np.einsum("k,mbkl,l->mb", factors, own, factors)
-            left = np.maximum(left, 0.0) / max(whole, TINY)
-            idle = [left[3:].sum(axis=0)] if n > 3 else []
-            unexplained[order, signs] = np.array([left[1] + left[2], left[0], *idle])
-    return unexplained
 
 
 def _delay(

@@ -10,21 +10,20 @@ from pathlib import Path
 import numpy as np
 
 from ballbot.arrays import Bools, Floats
-from ballbot.log.balancing_motion import block_sums
 from ballbot.log.columns import FACTORS, Columns
+from ballbot.log.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.formats.text import TextLayout
 from ballbot.log.imu_angles import AngleSequence, integral_of, less_half_a_turn, turning_tilts
-from ballbot.log.mapping_search.evidence import ERRORS_WEIGHT, correlations
 from ballbot.log.mapping_search.names import InputKind, Roles
-from ballbot.log.mapping_search.placement import (
+from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
+from ballbot.log.placement import (
     STILL_HEADING,
     LeanTest,
     advantage,
     heading_of,
     lean_test,
-    left_by_readings,
+    unexplained_by_readings,
 )
-from ballbot.log.mapping_search.units import Unit, Units, lean_units, likeliest_units, wheel_units
 from ballbot.log.signals import (
     INTERVAL,
     Smooth,
@@ -38,6 +37,7 @@ from ballbot.log.signals import (
     unwrapped,
     without_resets,
 )
+from ballbot.log.torque_balance import block_sums
 from ballbot.robot import Robot
 
 #: a wheel faster than this many times the drive's own limit was not turning: its encoder was reset
@@ -319,13 +319,13 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     if not usable.any() or float(np.std(heading[usable])) < STILL_HEADING:
         return Tilts()
     readings = [*((sigma, turning) for sigma in sigmas), *zip(sigmas, tilts, strict=True)]
-    evidence = [left_by_readings(base.robot, readings, wheels, usable)]
+    evidence = [unexplained_by_readings(base.robot, readings, wheels, usable)]
     if base.roles.gyro:
         rates = smooth(
             even_rows(base.t), sampled[kept], base.stacked(base.roles.gyro)[kept], width=WIDTHS[-1]
         )
         named = base.roles.unit(base.roles.gyro)
-        left = [_left_of_gyro(reading, rates.value, named, usable) for _, reading in readings]
+        left = [_unexplained_by_gyro(reading, rates.value, named, usable) for _, reading in readings]
         evidence.append((left, usable.astype(np.float64)))
 
     def odds(one: int, other: int) -> float:
@@ -343,7 +343,7 @@ def _tilts(base: Columned, angles: Floats, sampled: Floats, attitude: Floats) ->
     )
 
 
-def _left_of_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
+def _unexplained_by_gyro(angles: Smooth, rates: Floats, named: str | None, usable: Bools) -> Floats:
     """Return the squares (B,) that a gyro (N, 3) leaves of the rates about x and y by angles (N, 3) [rad]."""
     gyro, body = _gyro_fit(angles, rates, named, with_yaw=True), _body_rates(angles)
     left = ((body if gyro is None else gyro.rates(rates) - body)[:, :2]) * usable[:, None]

@@ -14,7 +14,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.log.columns import FACTORS
-from ballbot.log.mapping_search.evidence import probabilities
+from ballbot.log.evidence import probabilities
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 

@@ -15,14 +15,13 @@ import numpy as np
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.tracing import traced
 from ballbot.mechanics.engine.vector import each
-from ballbot.mechanics.friction import under_load
+from ballbot.mechanics.friction import Wheel, under_load
 from ballbot.mechanics.parameters import (
     LARGEST_ROW,
     RIGID_SHAPE,
     WHEEL_SHAPE,
     Pivoting,
     RobotNumbers,
-    Wheel,
     parameter_count,
 )
 
@@ -55,11 +54,11 @@ GROUP = 8
 
 
 @inlined
-def new_work():
-    """Return a block's work array, zeros, from the beginning of a cache line: no vector then lies across two."""
-    numbers = np.zeros(ROWS * LANES + GROUP)
+def new_work(rows):
+    """Return a work array of so many rows, zeros, from the start of a cache line: no vector then lies across two."""
+    numbers = np.zeros(rows * LANES + GROUP)
     first = -(numbers.ctypes.data // 8) % GROUP
-    return numbers[first : first + ROWS * LANES]
+    return numbers[first : first + rows * LANES]
 
 
 @traced

@@ -55,8 +55,8 @@ from ballbot.mechanics.engine.smooth import ball_velocity, body_velocity, is_upr
 from ballbot.mechanics.engine.tracing import greatest, lanes, least, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, advanced, each, inner, scale, subtract
 from ballbot.mechanics.equations import balancing_attitude, solve
-from ballbot.mechanics.friction import NO_TERMS, OwnWheel, dry_friction, friction_shift
-from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis, Wheel
+from ballbot.mechanics.friction import NO_TERMS, OwnWheel, Wheel, dry_friction, friction_shift
+from ballbot.mechanics.parameters import MAX_WHEELS, Exact, Pivoting, Thesis
 
 _SWEEPS = 100
 #: a sweep that changes no contact's speed by more than this is the last [rad/s, m/s]

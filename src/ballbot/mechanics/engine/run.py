@@ -24,6 +24,7 @@ from ballbot.mechanics.engine.lanes import (
     LANES,
     MARGIN,
     ROBOT,
+    ROWS,
     STATE,
     STEP,
     TORQUE,
@@ -180,7 +181,7 @@ def run_block(code, selected, tables, row_of, h, steps, every, out, ended):
     lanes. The tables come as a plain tuple: a named one would make every call from Python slower.
     """
     parameters, initial, torques = tables
-    work = new_work()
+    work = new_work(ROWS)
     width, samples, n = len(row_of), torques.shape[1], torques.shape[2]
     for lane in range(width):
         put_robot(work, lane, parameters[row_of[lane, 0]])

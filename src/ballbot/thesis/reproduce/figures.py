@@ -19,6 +19,7 @@ from ballbot.arrays import Floats
 from ballbot.identification.driveline import DrivelineFit, Sweep, fit_driveline
 from ballbot.identification.swing import inertia_of_swing
 from ballbot.log import STATE_NAMES, Log
+from ballbot.mechanics.friction import steady_friction
 from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
 from ballbot.report.bench import measured_figure, swing_series
@@ -88,7 +89,7 @@ def figure_3_2(bench: Bench) -> Item:
     fit = fit_driveline(sweep)
     b, c = fit.values[:2]
     speed = np.abs(sweep.speed[sweep.speed != 0.0])
-    share = float(np.sum(b * speed + c) / np.sum(fit.law.steady_friction(speed)))
+    share = float(np.sum(b * speed + c) / np.sum(steady_friction(speed, fit.friction)))
     ratio = fit.rmse_without / fit.rmse
     return Item(
         title="One wheel's sweep: measured, with and without friction in the model",

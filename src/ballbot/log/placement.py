@@ -56,8 +56,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtr
 
 from ballbot.arrays import Bools, Floats
-from ballbot.log.balancing_motion import block_sums, clarity
-from ballbot.log.mapping_search.evidence import (
+from ballbot.log.evidence import (
     CONFIDENT,
     ERRORS_WEIGHT,
     MOST,
@@ -71,9 +70,8 @@ from ballbot.log.mapping_search.evidence import (
     vertex_with_error,
 )
 from ballbot.log.signals import INTERVAL, Smooth
+from ballbot.log.torque_balance import Complex, block_sums, clarity
 from ballbot.robot import Robot
-
-Complex = NDArray[np.complex128]
 
 #: lean later than wheels that is tried [s]: an IMU's filter takes 15 to 20 ms. Whole rows: between them, interpolation
 #: smooths, which looks like a better fit; and the lag with which the weights are first found
@@ -276,7 +274,7 @@ def lean_test(
     )
 
 
-def left_by_readings(
+def unexplained_by_readings(
     robot: Robot, readings: Sequence[tuple[float, Smooth]], wheels: Smooth, usable: Bools
 ) -> tuple[list[Floats], Floats]:
     """Return the squares (B,) that the wheels leave of the lean's acceleration by each reading of it, and the weights.
@@ -437,7 +435,7 @@ def _weights(law: _LeanLaw, usable: Bools) -> tuple[Floats, Bools]:
 
 
 #: the robot's wheel (from 0) of the file's wheels in turn, and their signs
-_Way = tuple[tuple[int, ...], tuple[int, ...]]
+_Arrangement = tuple[tuple[int, ...], tuple[int, ...]]
 
 
 def _evenly_spaced(robot: Robot) -> bool:
@@ -445,7 +443,7 @@ def _evenly_spaced(robot: Robot) -> bool:
     return np.allclose(np.exp(1j * np.diff(beta)), np.exp(step), atol=1e-3)
 
 
-def _every_way(robot: Robot) -> list[_Way]:
+def _every_arrangement(robot: Robot) -> list[_Arrangement]:
     """Return every order and every choice of signs of the file's wheels, up to a turn of the robot and all signs."""
     n, even = robot.wheel_count, _evenly_spaced(robot)
     orders = [p for p in permutations(range(n)) if p[0] == 0 or not even]
@@ -461,7 +459,7 @@ def _ranked_placements(
 
     A placement is behind the best by the jackknife of the best's gain, or by so much that few seconds are enough.
     """
-    every, wheels, n = _every_way(robot), law.wheels, robot.wheel_count
+    every, wheels, n = _every_arrangement(robot), law.wheels, robot.wheel_count
     lean_sums = _sums(np.column_stack([law.columns, law.driven]) * weights[:, None], weights)
     rate = np.zeros(len(weights)) if heading is None else heading.rate[:, 0]
     table = np.column_stack([wheels.rate, rate])
@@ -497,7 +495,7 @@ def _ranked_placements(
     return placements, min(shown, MOST) * min(max(explained, 0.0), 1.0)
 
 
-def _same_wheels(angles: Floats, first: _Way, second: _Way) -> bool:
+def _same_wheels(angles: Floats, first: _Arrangement, second: _Arrangement) -> bool:
     """Return whether two placements give the robot's wheels the same angles, up to a turn of the robot and all signs.
 
     With four wheels and a heading that stands still, opposite wheels have opposite angles.
@@ -511,7 +509,7 @@ def _same_wheels(angles: Floats, first: _Way, second: _Way) -> bool:
 
 
 def _scores(
-    robot: Robot, every: Sequence[_Way], lean_sums: Complex, wheel_sums: Floats
+    robot: Robot, every: Sequence[_Arrangement], lean_sums: Complex, wheel_sums: Floats
 ) -> tuple[Complex, Floats, Floats, Floats]:
     """Return gain, what is unexplained and together, and the score (.., H) of every placement.
 
