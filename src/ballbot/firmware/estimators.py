@@ -104,8 +104,6 @@ class KalmanMemory:
     pivoting: float = field(metadata=number("rad/s"))
     x: Floats = field(metadata=number("state", STATES))
     rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
-    sine: float = field(metadata=number("1"))  #: of the heading x[psi], as it was given last
-    cosine: float = field(metadata=number("1"))
     P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance
 
 

@@ -18,15 +18,6 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* Largest count of samples without encoders; beyond it a float skips whole numbers */
 #define MOST_MISSED 0x1000000
 
-/* Before a loop: unrolled it is faster, rolled it takes less flash. Other compilers decide by themselves. */
-#if defined(__GNUC__)
-#define UNROLLED _Pragma("GCC unroll 14")
-#define ROLLED _Pragma("GCC unroll 1")
-#else
-#define UNROLLED
-#define ROLLED
-#endif
-
 /* square of a cosine, at least */
 #define LEAST_UPRIGHT_SQUARED 1.0e-6f
 
@@ -44,61 +35,15 @@ static float lever_speed(const struct ballbot_kalman_record *record, int32_t k, 
 
 /* ---- the motion ---- */
 
-/* Multiply a state's error by a factor. */
-static void fade(float P[STATES][STATES], int32_t state, float factor)
-{
-    for (int32_t i = 0; i <= state; ++i) {
-        P[i][state] *= factor;
-    }
-    for (int32_t i = state; i < STATES; ++i) {
-        P[state][i] *= factor;
-    }
-}
-
-/*
- * Overwrite the covariance P by F P F^T + Q.
- *
- * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, F_b the bias's columns
- * of F, less the bias's own rows. It comes in with the second product if F P is larger by gyro_variance F_b in it.
- * What is forgotten of a state goes first, and is not in f. What lies below P's diagonal is filled in, and wrong after it.
- */
+/* Overwrite the covariance P by F P F^T + Q, less what is forgotten. */
 static void propagate(const struct ballbot_kalman_record *record, const float f[F_ENTRIES], float P[STATES][STATES])
 {
     float FP[STATES][STATES];
-    if ((P[PSI][PSI] > FORGOTTEN_ABOVE) || (P[X][X] > FORGOTTEN_ABOVE) || (P[Y][Y] > FORGOTTEN_ABOVE)) {
-        fade(P, PSI, REMEMBERED);
-        fade(P, X, REMEMBERED);
-        fade(P, Y, REMEMBERED);
+    faded(record->forgotten, P);
+    for (int32_t j = 0; j < STATES; ++j) {
+        carried(f, P[j], FP[j]);
     }
-    fade(P, A_X, 1.0f - record->forgotten);
-    fade(P, A_Y, 1.0f - record->forgotten);
-    UNROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        UNROLLED
-        for (int32_t j = 0; j < i; ++j) {
-            P[i][j] = P[j][i];
-        }
-    }
-    ROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        carried(f, P[i], &FP[0][i], STATES);
-    }
-    for (int32_t i = 0; i < DRIVEN; ++i) {
-        for (int32_t j = DRIVEN; j < STATES; ++j) {
-            P[i][j] = FP[j][i];
-        }
-        P[i][i] += record->walk[i];
-    }
-    shaken(f, record->gyro_variance, FP);
-    UNROLLED
-    for (int32_t i = DRIVEN; i < STATES; ++i) {
-        float row[STATES];
-        carried(f, FP[i], row, 1);
-        for (int32_t j = i; j < STATES; ++j) {
-            P[i][j] = row[j];
-        }
-        P[i][i] += record->walk[i];
-    }
+    propagated(record, f, FP, P);
 }
 
 /* Move the state on by a sample and give the mean of v (2) [m/s] over it. */
@@ -106,12 +51,7 @@ static void advance(const struct ballbot_kalman_record *record, struct ballbot_k
                     const float gyro[3], float velocity[2])
 {
     float change[STATES];
-    float s;
-    float c;
     moved(record, memory->x, gyro, change, velocity);
-    ballbot_sine_cosine(memory->x[PSI] + 0.5f * change[PSI], &s, &c);
-    change[X] = record->sample_time * (c * velocity[0] - s * velocity[1]);
-    change[Y] = record->sample_time * (s * velocity[0] + c * velocity[1]);
     for (int32_t i = 0; i < STATES; ++i) {
         ballbot_add(&memory->x[i], &memory->rest[i], change[i]);
     }
@@ -135,19 +75,10 @@ static void take_in(float P[STATES][STATES], struct seen *seen, int32_t number)
     float spread;
     float known;
     projected(number, P, seen->h, seen->change, q, &spread, &known);
-    const float residual = seen->residual[number] - known;
     spread = (spread > 0.0f) ? spread : 0.0f; /* but for rounding */
     const float inverse = 1.0f / (spread + seen->variance[number]);
     seen->kept *= seen->variance[number] * inverse;
-    UNROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        const float gain = q[i] * inverse;
-        seen->change[i] += gain * residual;
-        UNROLLED
-        for (int32_t j = i; j < STATES; ++j) {
-            P[i][j] -= gain * q[j];
-        }
-    }
+    corrected(q, seen->residual[number] - known, inverse, P, seen->change);
 }
 
 /* Take in all that was seen, one number after the other. A number that is missing, or does not count, changes nothing. */
@@ -294,21 +225,20 @@ static void sample(const struct ballbot_kalman_record *record, struct ballbot_ka
                    const struct ballbot_reading_record *reading, const float wheels[3], const float attitude[3],
                    const float gyro[3])
 {
-    const float turn[2] = {memory->sine, memory->cosine};
     float mean[3];
     float f[F_ENTRIES];
     float velocity[2];
     for (int32_t k = 0; k < 3; ++k) {
         mean[k] = 0.5f * (memory->gyro[k] + gyro[k]);
     }
-    linearized(record, memory->x, mean, turn, f);
+    linearized(record, memory->x, mean, f);
     advance(record, memory, mean, velocity);
     propagate(record, f, memory->P);
     see(record, memory, reading, wheels, attitude, mean, velocity);
 }
 
-/* Give the state (10) that the robot is controlled by, and remember the heading's sine and cosine for the next sample. */
-static void give(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, float state[10])
+/* Give the state (10) that the robot is controlled by. */
+static void give(const struct ballbot_kalman_record *record, const struct ballbot_kalman_memory *memory, float state[10])
 {
     const float *const x = memory->x;
     float w[3];
@@ -324,8 +254,6 @@ static void give(const struct ballbot_kalman_record *record, struct ballbot_kalm
     float s;
     float c;
     ballbot_sine_cosine(x[PSI], &s, &c);
-    memory->sine = s;
-    memory->cosine = c;
     /* of R = Rz(psi_s) M: its last column is (s2, -s1 c2, c1 c2), its first row (c2 c3, -c2 s3, s2) */
     const float s1_c2 = s * g_x + c * g_y;
     const float s2 = s * g_y - c * g_x;
