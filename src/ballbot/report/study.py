@@ -232,7 +232,7 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     yield position_error_series(runs, "Distance from the reference over time on the first robot.")
     shown = [candidate_name(name) for name in dict.fromkeys(("none", choice.chosen or "none"))]
     try:
-        part = replay_part({name: runs[name] for name in shown}, study.found.robot, colors=("orange", "blue"))
+        part = replay_part({name: runs[name] for name in shown}, study.found.robot)
     except InputError:  # a run that fell at once, or a course too long for a page
         return
     yield Animation(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")
