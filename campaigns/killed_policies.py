@@ -15,17 +15,15 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from distributed import LocalCluster
 
 from ballbot.control.file import controller_text
-from ballbot.file_formats import results_text
 from ballbot.fitting.cluster import Cluster
 from ballbot.fitting.run import Executor, Piece, Result, Threads
 from ballbot.learning.ppo import Training
-from ballbot.robot.file import robot_text
 from campaigns import section
 from campaigns.randomisation import PACKAGES, PolicyRun, learned
 from campaigns.section import Section, finished
-from campaigns.twin_logs import NOMINAL, ROBOT
+from campaigns.twin_logs import ROBOT
 
-TASKS, KINDS = ("balance", "drive"), ("none", "boxes", "found")
+TASKS, KINDS = ("balance", "drive"), ("none", "boxes")
 #: of a training, and of each of its episodes [s]
 UPDATES, EPISODE = 8, 1.0
 #: of the section of the evidence
@@ -73,22 +71,12 @@ def sweep(seeds: int, training: Training) -> dict[str, PolicyRun]:
     """Return seeds x randomisations x tasks."""
     return {
         f"{task}_{kind}_{seed:04d}": PolicyRun(
-            task=task, kind=kind, seed=seed, files=_identification(), training=training, episode=EPISODE
+            task=task, kind=kind, seed=seed, robot=ROBOT, training=training, episode=EPISODE
         )
         for seed in range(seeds)
         for task in TASKS
         for kind in KINDS
     }
-
-
-def _identification() -> dict[str, str]:
-    """Return the files of an identification that leaves a tenth of the friction open, and as much between logs."""
-    friction = NOMINAL.friction
-    tenth = tuple(0.1 * c for c in friction.coulomb)
-    robot = ROBOT.replace(friction=friction).annotated(standard_deviations={"friction.coulomb": tenth})
-    between = {f"c{wheel}": size for wheel, size in enumerate(tenth, start=1)}
-    results = {"identification": {"between_logs": {"standard_deviations": between}}}
-    return {"robot.toml": robot_text(robot), "results.json": results_text(results)}
 
 
 def files_of(name: str, runs: Mapping[str, PolicyRun], *, workers: Executor) -> dict[str, bytes]:
