@@ -130,17 +130,29 @@ class TestPropagation:
             assert spread == pytest.approx(np.atleast_1d(deviation), rel=0.13, abs=1e-12)
         assert all(one.ball == ALTEN.ball for one in drawn)
 
-    def test_further_errors_are_added_and_those_of_one_number_are_the_same(self):
-        friction = replace(ALTEN.friction, coulomb=(0.2, 0.2, 0.2))
-        one = Correlation(of=("friction.coulomb[0]", "friction.coulomb[1]"), lower=((1.0,), (1.0, 1.0)))
-        stated = {"friction.coulomb": (0.01, 0.01, 0.01)}
-        known = ALTEN.replace(friction=friction).annotated(standard_deviations=stated, correlation=one)
-        further = {f"friction.coulomb[{wheel}]": 0.02 for wheel in range(3)}
-        drawn = np.array([each.friction.coulomb for each in draw_robots(known, 400, seed=1, further=further)])
-        # of 400, a standard deviation has a standard error of 3.5 %
-        assert drawn.std(axis=0) == pytest.approx(math.hypot(0.01, 0.02), rel=0.12)
-        assert np.array_equal(drawn[:, 0], drawn[:, 1])
-        assert abs(np.corrcoef(drawn[:, 1:].T)[0, 1]) < 0.2
+    def test_friction_is_drawn_with_its_correlations_intervals_and_signs(self):
+        of = [f"friction.coulomb[{wheel}]" for wheel in range(3)]
+        friction = replace(
+            ALTEN.friction, coulomb=(0.2,) * 3, stribeck=(0.05,) * 3, coulomb_asymmetry=(-0.03, 0.0, 0.0)
+        )
+        known = ALTEN.replace(friction=friction).annotated(
+            standard_deviations={
+                "friction.coulomb": (0.01, 0.02, 0.02),
+                "friction.stribeck": (0.0, 0.0, np.inf),
+                "friction.coulomb_asymmetry": (0.01, 0.0, 0.0),
+            },
+            correlation=Correlation(of=tuple(of), lower=((1.0,), (0.8, 1.0), (0.8, 1.0, 1.0))),
+            intervals={"friction.stribeck[2]": (0.02, 0.1)},
+        )
+        drawn = [robot.friction for robot in draw_robots(known, 400, seed=1)]
+        c, s = (np.array([getattr(each, name) for each in drawn]) for name in ("coulomb", "stribeck"))
+        # of 400, a standard deviation has a standard error of 3.5 %, a correlation of r one of (1 - r^2) / 20
+        assert c.std(axis=0) == pytest.approx([0.01, 0.02, 0.02], rel=0.12)
+        assert np.corrcoef(c[:, 0], c[:, 1])[0, 1] == pytest.approx(0.8, abs=0.07)
+        np.testing.assert_allclose(c[:, 1], c[:, 2], rtol=1e-7)
+        assert (s[:, :2] == 0.05).all()
+        assert (s[:, 2].min(), s[:, 2].max()) == pytest.approx((0.02, 0.1), abs=0.01)
+        assert np.mean([each.coulomb_asymmetry[0] for each in drawn]) == pytest.approx(-0.03, abs=0.002)
 
     def test_draws_that_are_no_robot_are_drawn_again_or_refused(self):
         slight = known_to({"ball.inertia": 0.001})  # a third lies beyond a thin shell's, with its margin
