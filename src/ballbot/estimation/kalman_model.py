@@ -395,7 +395,7 @@ _TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
 LOWER_TRIANGLE = np.tril_indices(STATES)
 
 # Rows of a block's work array: a filter's model, its state and covariance, a sample's inputs, and results on the way
-LEVER = 2  #: C, of the model
+_LEVER = 2
 _FORGOTTEN = 12
 _GYRO_VARIANCE = 13
 _WALK = 14
@@ -421,8 +421,19 @@ _STATE_SHAPE, _TRIANGLE_SHAPE = (0.0,) * STATES, (0.0,) * _TRIANGLE_SIZE
 def _inputs(work, lane):
     """Return a lane's model, its state, and the gyro's mean over the sample."""
     before, gyro = restored(_THREE, work, GYRO_BEFORE, lane), restored(_THREE, work, GYRO, lane)
-    model, x = restored(MODEL_SHAPE, work, 0, lane), restored(_STATE_SHAPE, work, STATE, lane)
-    return model, x, scale(add(before, gyro), 0.5)
+    return restored(MODEL_SHAPE, work, 0, lane), state_in(work, lane), scale(add(before, gyro), 0.5)
+
+
+@traced
+def lever_in(work, lane):
+    """Return a lane's C [m]."""
+    return restored(MODEL_SHAPE.lever, work, _LEVER, lane)
+
+
+@traced
+def state_in(work, lane):
+    """Return a lane's state (14)."""
+    return restored(_STATE_SHAPE, work, STATE, lane)
 
 
 @traced
@@ -466,8 +477,8 @@ def _absorb(work, width, sensors: Sequence[Sensor]):
             for lane in lanes(0, width):
                 _take_in(work, lane, number)
     for lane in lanes(0, width):
-        x, change = restored(_STATE_SHAPE, work, STATE, lane), restored(_STATE_SHAPE, work, _CHANGE, lane)
-        stored(work, STATE, lane, add(x, change))
+        change = restored(_STATE_SHAPE, work, _CHANGE, lane)
+        stored(work, STATE, lane, add(state_in(work, lane), change))
 
 
 def _compare(work, lane, sensor: Sensor):
