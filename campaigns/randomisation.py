@@ -70,12 +70,11 @@ class PolicyRun:
     seed: int  #: of the true robot and of the training
     files: Mapping[str, str]
     training: Training = TRAINING
-    episode: float = 10.0  #: [s]
 
     @property
     def of(self) -> Task:
         """The task."""
-        return replace(task_named(self.task), duration=self.episode)
+        return task_named(self.task)
 
 
 def identified(seed: int) -> dict[str, str]:

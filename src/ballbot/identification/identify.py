@@ -1,8 +1,8 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
 The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
-plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts or by the
-thesis's genetic algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result.
+plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts.
+Gauss-Newton finds the minimum, and held-out windows validate the result.
 """
 
 import math
@@ -360,10 +360,10 @@ def _alike(
         coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
         refused=refused,
         groups=estimate.groups,
-        options=replace(options, search="multistart"),
+        options=options,
         run=estimate.run,
     )
-    return prepared, replace(again, other=estimate.other, searched=estimate.searched)
+    return prepared, replace(again, other=estimate.other)
 
 
 def _result(
@@ -407,7 +407,6 @@ def _result(
         held_out=held_out,
         window=window,
         excluded_states=tuple(options.excluded_states),
-        evolution_cost=estimate.searched,
         gauss_newton_cost=estimate.finished.history,
         findings=(
             *_log_findings(predictor, logs, options.excluded_states),

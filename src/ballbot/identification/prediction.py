@@ -93,14 +93,11 @@ class Predictor:
         times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
         return states - measured + self._sensor_offsets(values, measured, times)
 
-    def in_chunks(
-        self, values: Floats, windows: Windows, *, every: int = 1, starts: Floats | None = None
-    ) -> Iterator[Floats]:
-        """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
+    def in_chunks(self, values: Floats, windows: Windows, *, every: int = 1) -> Iterator[Floats]:
+        """Yield `residuals` of at most `CHUNK` windows at a time."""
         for first in range(0, len(windows), CHUNK):
             rows = np.arange(first, min(first + CHUNK, len(windows)))
-            begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
-            yield self.residuals(values, windows.take(rows), every=every, starts=begin)
+            yield self.residuals(values, windows.take(rows), every=every)
 
     def _initial(self, values: Floats, windows: Windows, starts: Floats | None) -> Floats:
         """Return the true initial states (sets, w, 10 or 11)."""

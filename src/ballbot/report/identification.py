@@ -157,8 +157,7 @@ def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
         Column("without friction", lambda row: math.degrees(row.lean.without_friction)),
         Column("missing friction", lambda row: digits(row.lean.share, 2)),
     ]
-    known = "past rows" if holdout.causal else "its rows"
-    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
+    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from its rows"
     return sheet_of(holdout.horizons, columns, caption=caption)
 
 

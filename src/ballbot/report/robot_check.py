@@ -1,4 +1,4 @@
-"""A checked robot: its derived quantities, poles and margins, a swing, a reference, its linear model and matrices."""
+"""A checked robot: its derived quantities, poles and margins, a swing, its linear model and matrices."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -28,13 +28,12 @@ from ballbot.robot.derived import derived_quantities
 from ballbot.robot.figure import robot_figure
 from ballbot.robot.parameters import value_of
 from ballbot.summary import counted, pole_words
-from ballbot.workflows.reference_check import MARGIN_HEADINGS
 from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread, linearization_results
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
-    robot, following, swing = checked.robot, checked.following, checked.swing
+    robot, swing = checked.robot, checked.swing
     margins = {"refusal": checked.margins} if isinstance(checked.margins, str) else checked.margins.to_dict()
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
@@ -43,7 +42,6 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     doubtful = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    on_twin = "How noise, delay and play change the run along the reference: `ballbot record` has them."
     vertical = "The inertia about the vertical axis: the body does not turn about it in a swing."
     return Result(
         title=f"{robot.name}: check of the robot file",
@@ -52,13 +50,11 @@ def robot_check_report(checked: CheckedRobot) -> Result:
             ("Doubtful", doubtful) if errors + warnings else ("Plausible", "Its numbers fit together."),
             ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
             ("Swing", " ".join(texts(swing.findings)) or f"{swing.notes()[0].text}" if swing else ""),
-            *([(f"Following {following.name}", " ".join(following.verdict()))] if following else []),
         ],
         sections=list(_sections(checked)),
         undecided=[
             "Whether the numbers are those of the machine: they are checked against one another, and a wrong value "
             "that fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`.",
-            on_twin if following else "",
             vertical if swing else "",
         ],
         findings=checked.findings,
@@ -79,7 +75,6 @@ def robot_check_report(checked: CheckedRobot) -> Result:
             "loop_margins": {"controller": checked.controller, **margins},
             "findings": by_severity(checked.findings),
             "swing": swing,
-            "reference": following,
         },
     )
 
@@ -125,10 +120,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             Bullets([finding.text for finding in (*swing.findings, *swing.notes())]),
             swing_series(swing.fit),
         )
-    if following := checked.following:
-        caption = "Largest use of each limit."
-        limits = Sheet(MARGIN_HEADINGS, [use.row() for use in following.uses], caption)
-        yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(Model(robot).linearize(), caption=caption)
     matrices = (

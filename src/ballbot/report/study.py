@@ -25,7 +25,7 @@ from ballbot.report.blocks import (
     section,
     sheet_of,
 )
-from ballbot.report.comparison import candidate_name, paths_figure, position_error_series
+from ballbot.report.comparison import candidate_name, paths_figure, position_error_series, shown_runs
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
 from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
@@ -219,9 +219,9 @@ def _choice_words(choice: ControllerChoice) -> str:
 
 def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     """Yield the candidates' paths and errors, and the replay of the soft gain beside the chosen controller."""
-    choice = study.choice
+    choice, runs = study.choice, shown_runs(study.choice)
     path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
-    yield drawn_picture("paths", path, paths_figure, choice.runs)
+    yield drawn_picture("paths", path, paths_figure, runs)
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
@@ -229,14 +229,10 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     yield sheet_of(
         choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption, brief=(0, 1, 2)
     )
-    yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
-    shown = dict.fromkeys(("none", choice.chosen or "none"))
+    yield position_error_series(runs, "Distance from the reference over time on the first robot.")
+    shown = [candidate_name(name) for name in dict.fromkeys(("none", choice.chosen or "none"))]
     try:
-        part = replay_part(
-            {candidate_name(name): choice.runs[name] for name in shown},
-            study.found.robot,
-            colors=("orange", "blue"),
-        )
+        part = replay_part({name: runs[name] for name in shown}, study.found.robot, colors=("orange", "blue"))
     except InputError:  # a run that fell at once, or a course too long for a page
         return
     yield Animation(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")

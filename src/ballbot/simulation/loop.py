@@ -39,7 +39,7 @@ from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
 from ballbot.estimation.swing import attitude_of, begin_filter, robot_state, swing_of
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined, spliced
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
@@ -805,7 +805,7 @@ class Commands(NamedTuple):
     references: NDArray[np.float64]  #: (1 or robots, 10) for the laws
 
 
-@inlined
+@spliced
 def advance_block(selected, inputs, draws, sampling, memory, commands, out, begin, width):
     """Do what is to be done with robots begin .. begin + width - 1; what each then sees is in the memory.
 

@@ -41,7 +41,7 @@ _ARROW = 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayPart:
-    """A replay to stand within a page: its element with its data, and what the page needs once."""
+    """A replay to stand within a page: its element with its data, and what the page needs once, besides uPlot."""
 
     element: str  #: HTML
     style: str  #: CSS
@@ -116,7 +116,8 @@ def replay_page(
     '<!doctype html>'
     """
     part = replay_part(logs, robot, layout=layout, autoplay=True)
-    style, script = part.style + web_file("page.css"), _script("replay", "page")
+    style = web_file("uPlot.min.css") + part.style + web_file("page.css")
+    script = plot_script() + _script("replay", "page")
     return _document(
         title,
         lead=lead,
@@ -173,10 +174,8 @@ def live_page(
         "runs": runs,
         "notes": [printable_line(note) for note in (*notes, BODY_NOTE)],
     }
-    style, script = (
-        web_file("replay.css") + web_file("live.css") + web_file("page.css"),
-        _script("live", "page"),
-    )
+    style = "".join(map(web_file, ("uPlot.min.css", "replay.css", "live.css", "page.css")))
+    script = plot_script() + _script("live", "page")
     text = _document(title, lead="", body=_element("live", data), style=style, script=script, policy="")
     policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
     return LivePage(html=text, policy=policy)
@@ -221,6 +220,12 @@ def hash_source(text: str) -> str:
 def web_file(name: str, package: str = "ballbot.viewer") -> str:
     """Return a script or style sheet of a package's `web` folder."""
     return (files(package) / "web" / name).read_text(encoding="utf-8")
+
+
+@cache
+def plot_script() -> str:
+    """Return uPlot, which draws time series (MIT licence), with its licence."""
+    return f"/*! uPlot:\n{web_file('uPlot.LICENSE')}*/\n{web_file('uPlot.iife.min.js')}\n"
 
 
 @cache

@@ -90,14 +90,9 @@ class RisingPushes(BaseModel):
 
     def pushes(self, direction: float) -> tuple[Push, ...]:
         """Return them in a direction on the floor, from x towards y [rad]."""
-        toward = (math.cos(direction), math.sin(direction))
+        acts = {"duration": self.duration, "height": self.height}
         return tuple(
-            Push(
-                time=(k + 1) * self.every,
-                duration=self.duration,
-                force=(impulse / self.duration * toward[0], impulse / self.duration * toward[1], 0.0),
-                height=self.height,
-            )
+            Push.of_impulse(impulse, direction, time=(k + 1) * self.every, **acts)
             for k, impulse in enumerate(self.impulses)
         )
 

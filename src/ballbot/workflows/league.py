@@ -16,10 +16,8 @@ import numpy as np
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
 from ballbot.control.source import ControllerLike, as_controller
-from ballbot.errors import InputError
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.log import Log
-from ballbot.progress import in_stage
 from ballbot.results import to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import digits
@@ -45,9 +43,8 @@ class League(Reported):
     controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
-    tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
+    tracks: Mapping[tuple[str, str], Log]  #: the true path and the reference with the first seed
     friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
-    twin: League | None = None  #: the best two on the twin, if they ran there too
 
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json: standings with their intervals, and every run's score."""
@@ -72,7 +69,6 @@ class League(Reported):
             "first": self.controllers[0],
             "overall": {name: overall(self, name) for name in self.controllers},
             "courses": courses,
-            **({"twin": self.twin.to_dict()} if self.twin else {}),
         }
 
 
@@ -101,39 +97,25 @@ def compare(
     courses: str = "motions",
     plant: PlantName = "model",
     seeds: Sequence[int] = (1, 2, 3),
-    confirm: int = 0,
     friction: AssumedFriction = "nominal",
     workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> League:
     """Compare controllers, by name or as `ballbot compare` names them, on the same courses with the same seeds.
 
-    With `confirm`, the best two run on the twin, too, with so many seeds. A robot whose file has no friction gets that
-    of the nominal scenario for its load (`assumed_friction`), or "none". InputError as `run_league`, and if a name is
-    unknown.
+    A robot whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`), or "none".
+    InputError as `run_league`, and if a name is unknown.
     """
-    if confirm and plant == "twin":
-        raise InputError(
-            "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
-        )
     known, assumed = with_assumed_friction(robot, friction)
     if not isinstance(controllers, Mapping):
         controllers = {one.name: one.controller(known) for one in parse_candidates(controllers)}
     by_name = {name: as_controller(source, known) for name, source in controllers.items()}
 
-    def league(on: PlantName, names: Sequence[str], seeds: Sequence[int], run: Run) -> League:
-        chosen = choose_courses(courses, known, on)
-        if assumed:
-            chosen = [course.with_wheel_friction(known.friction) for course in chosen]
-        return run_league(
-            known, {name: by_name[name] for name in names}, chosen, seeds=seeds, workers=workers, run=run
-        )
-
-    found, twin = league(plant, list(by_name), seeds, run), None
-    if confirm:
-        on_twin = replace(run, progress=in_stage(run.progress, "the best two on the twin"))
-        twin = league("twin", best_two(found), range(1, 1 + confirm), on_twin)
-    return replace(found, friction=assumed, twin=twin)
+    chosen = choose_courses(courses, known, plant)
+    if assumed:
+        chosen = [course.with_wheel_friction(known.friction) for course in chosen]
+    found = run_league(known, by_name, chosen, seeds=seeds, workers=workers, run=run)
+    return replace(found, friction=assumed)
 
 
 def run_league(
@@ -195,12 +177,13 @@ def run_league(
 
 
 def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
-    """Return a run's score, and its true path (t, x, y) if it is of the first seed."""
+    """Return a run's score, and its true path (t, x, y, ref_x, ref_y) if it is of the first seed."""
     if run.condition.seed != first:
         return run.score(log), None
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     truth = true_place(log)
-    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    names = ("t", "x", "y", "ref_x", "ref_y")
+    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in names}
     return run.score(log), Log(track, ended=log.ended)
 
 
@@ -229,17 +212,6 @@ class Overall:
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
     ratios: Mapping[str, Estimate]  #: to the first controller, by the names in RATIOS; empty for itself
-
-
-def best_two(league: League) -> tuple[str, ...]:
-    """Return the two controllers, or the only one, with the fewest falls and of these the least RMS error."""
-
-    def rank(name: str) -> tuple[int, float]:
-        of = overall(league, name)
-        ratio = of.ratios["rms_position_error"].mean if of.ratios else 1.0
-        return of.falls, ratio if np.isfinite(ratio) else np.inf
-
-    return tuple(sorted(league.controllers, key=rank)[:2])
 
 
 def standing(league: League, course: str, controller: str) -> Standing:

@@ -1,4 +1,4 @@
-"""Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing, a reference.
+"""Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing.
 
 The standard deviations in a robot's file lead to that of its fastest pole by Monte Carlo. The
 faster of two poles that lie together, as those of a symmetric robot's two leans do, is no smooth function of the
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import KINDS
-from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, stop_on_errors
@@ -29,7 +28,6 @@ from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.reference_check import ReferenceMargins, check_reference
 
 #: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
 POLE_DRAWS = 800
@@ -75,11 +73,6 @@ MATRICES = {
     "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
 }
 
-#: how long a named reference is examined [s]: the longest of them goes once around
-_DURATION = 40.0
-#: and one in a file beyond its last row
-_BEYOND = 3.0
-
 
 def check_swing(
     robot: Robot,
@@ -107,14 +100,6 @@ def check_swing(
     return swing
 
 
-def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
-    """Return how much of the robot's limits a reference takes, with a preset controller or a controller file."""
-    reference = as_reference(source)
-    duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
-    chosen = named_controller(controller, robot)
-    return check_reference(robot, chosen, reference, name=source, duration=duration)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedRobot:
     """A robot with everything that `ballbot check` reports about it."""
@@ -123,7 +108,6 @@ class CheckedRobot:
     findings: tuple[Finding, ...]  #: of the robot, errors first
     controller: str = "nominal"  #: whose margins are stated: "nominal", "precise" or a file
     swing: SwingInertia | None = None
-    following: ReferenceMargins | None = None
 
     @cached_property
     def matrices(self) -> dict[str, Floats]:
