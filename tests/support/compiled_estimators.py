@@ -68,13 +68,12 @@ class Compiled:
         self.memory = np.zeros(1, schema_of(MEMORIES[name]).dtype(precision))
         self._state = np.zeros(10, _REAL[precision])
         functions = library().functions if precision == "single" else hours_library(precision)
-        self._update = getattr(functions, f"ballbot_{name}_update")
+        self._update, self._reset = (getattr(functions, f"ballbot_{name}_{do}") for do in ("update", "reset"))
         self._update.restype = ctypes.c_int32
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m] when the next reading comes."""
-        call = getattr(library().functions, f"ballbot_{self.name}_reset")
-        call(address(self.memory), address(np.array(position, dtype=np.float32)))
+        self._reset(address(self.memory), address(np.array(position, dtype=self._state.dtype)))
 
     def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,)."""
