@@ -191,12 +191,16 @@ def _numbered(target: str, numbers: Iterable[TracedNumber | float], first: int =
     return {f"{target}[{i}]": number for i, number in enumerate(numbers, first)}
 
 
+def _vector(name: str) -> tuple[TracedNumber, ...]:
+    """Return what stands for an array of C with a number for each state."""
+    return tuple(_named(f"{name}[{state}]") for state in STATE_NAMES)
+
+
 _MODEL = Numbers._make(
     _array(f"record->{name}", *np.shape(like)) if isinstance(like, tuple) else _named(f"record->{name}")
     for name, like in MODEL_SHAPE._asdict().items()
 )
-_X = tuple(_named(f"x[{name}]") for name in STATE_NAMES)
-_GYRO, _VELOCITY, _F = _array("gyro", 3), _array("velocity", 2), _array("f", len(ENTRIES))
+_X, _GYRO, _VELOCITY, _F = _vector("x"), _array("gyro", 3), _array("velocity", 2), _array("f", len(ENTRIES))
 _GIVEN = "const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3]"
 
 
@@ -207,11 +211,8 @@ def _entry(i: int, j: int) -> TracedNumber:
 
 def _triangle(numbers: Iterable[TracedNumber | float]) -> Results:
     """Return the entries of P by a lower triangle's, row by row."""
-    pairs = ((i, j) for i in range(STATES) for j in range(i + 1))
-    return {
-        f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]": number
-        for (i, j), number in zip(pairs, numbers, strict=True)
-    }
+    names = (f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]" for i in range(STATES) for j in range(i + 1))
+    return dict(zip(names, numbers, strict=True))
 
 
 def _states(target: str, numbers: Iterable[TracedNumber | float]) -> Results:
@@ -234,7 +235,7 @@ def _linearized() -> Results:
 
 
 def _carried() -> Results:
-    column = tuple(_named(f"column[{name}]") for name in STATE_NAMES)
+    column = _vector("column")
     return {f"product[{STATE_NAMES[i]}]": carried(i, _F, column) for i in range(DRIVEN, STATES)}
 
 
@@ -245,20 +246,17 @@ def _faded() -> Results:
 
 
 def _propagated() -> Results:
+    # what nothing drives F leaves as it is
     FP = [
-        [
-            _named(f"FP[{STATE_NAMES[j]}][{STATE_NAMES[i]}]") if i >= DRIVEN else _entry(max(i, j), min(i, j))
-            for i in range(STATES)
-        ]
-        for j in range(STATES)
+        [*(_entry(max(i, j), min(i, j)) for i in range(DRIVEN)), *_vector(f"FP[{state}]")[DRIVEN:]]
+        for j, state in enumerate(STATE_NAMES)
     ]
     return _triangle(propagated(FP, _F, _named("record->gyro_variance"), _array("record->walk", STATES)))
 
 
 def _corrected() -> Results:
-    change, q = ([_named(f"{name}[{state}]") for state in STATE_NAMES] for name in ("change", "q"))
-    P, changed = corrected(_entry, change, q, _named("residual"), _named("inverse"))
-    return _triangle(P) | _states("change", changed)
+    P, change = corrected(_entry, _vector("change"), _vector("q"), _named("residual"), _named("inverse"))
+    return _triangle(P) | _states("change", change)
 
 
 def _shown() -> tuple[Results, list[TracedNumber | float]]:
@@ -279,15 +277,9 @@ def _expected() -> Results:
 
 
 def _projected(number: int, h: Sequence[TracedNumber | float]) -> Results:
-    change = [_named(f"change[{name}]") for name in STATE_NAMES]
     mine = h[ENTRY_OF[number] : ENTRY_OF[number + 1]]
-    q, spread, known = projected(
-        number, mine, lambda i, j: _named(f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]"), change
-    )
-    return {f"q[{name}]": number for name, number in zip(STATE_NAMES, q, strict=True)} | {
-        "*spread": spread,
-        "*known": known,
-    }
+    q, spread, known = projected(number, mine, _entry, _vector("change"))
+    return _states("q", q) | {"*spread": spread, "*known": known}
 
 
 def _cases(h: Sequence[TracedNumber | float]) -> Iterator[str]:
