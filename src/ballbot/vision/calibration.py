@@ -13,7 +13,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import fminbound
+from scipy.optimize import minimize_scalar
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
@@ -82,5 +82,5 @@ def calibrated_view(
             weight += float(area.sum())
         return squares / max(weight, 1e-12)
 
-    found = float(fminbound(misfit, *CLOSENESS, xtol=_ACCURACY))
-    return view_of_outline(points, size=video.size, closeness=found)
+    found = minimize_scalar(misfit, bounds=CLOSENESS, method="bounded", options={"xatol": _ACCURACY})
+    return view_of_outline(points, size=video.size, closeness=float(found.x))
