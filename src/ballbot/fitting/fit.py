@@ -1,9 +1,9 @@
 """The one fit: from an experiment to parameter values with their covariance, and what the data do not determine.
 
 A search finds the basin, by short descents from a few starts. From there Gauss-Newton descends in the parameters and
-the states of the blocks together. Each step tries one point within a trust region in
-Levenberg and Marquardt's form, and compares the least costs over the states before and after. When the descent has
-converged, the states are searched again in case they lie in a poorer minimum (`Experiment.renew`).
+the states of the blocks together. Each step tries one point within a trust region in Levenberg and Marquardt's form,
+and compares the least costs over the states before and after. When the descent has converged, the states are searched
+again in case they lie in a poorer minimum (`Experiment.renew`).
 
 Some parameters act only through others: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
 fit still ends at some s of the size of chance, with v_s and delta that suit it, and their standard errors there are
@@ -43,7 +43,7 @@ from ballbot.fitting.intervals import (
     between,
     truncated_reach,
 )
-from ballbot.fitting.run import DEFAULT_RUN, Run
+from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.uncertainty import (
     Discrepancy,
     WindowEquations,
@@ -213,8 +213,7 @@ class FitOptions:
     most_profiles: int = MOST_PROFILES
 
     def __post_init__(self) -> None:
-        leasts = {"most_steps": 1, "most_profiles": 0}
-        for name, least in leasts.items():
+        for name, least in (("most_steps", 1), ("most_profiles", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
 
@@ -243,7 +242,8 @@ def search(experiment: Experiment[IterateT], starts: Floats, *, most_steps: int,
         reported = replace(run, progress=report)
         return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
-    best, *ends = sorted(run.executor(descent, experiment, list(starts)), key=lambda end: end.cost)
+    threads = Threads(count=run.executor.count)  # processes work on the pieces of each descent
+    best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
 

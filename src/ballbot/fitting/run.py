@@ -30,7 +30,7 @@ class ExecutorError(InputError):
 class Executor:
     """Makes pieces of work in parallel, by workers on this computer that a pool starts."""
 
-    pool_of: ClassVar[Callable[[int], Pool]]
+    pool_of: ClassVar[Callable[[int], Pool]]  #: starts the pool
     count: int | None = None  #: of workers; None for one a core
 
     def each(

@@ -60,7 +60,7 @@ def model_sentence(study: Study) -> str:
     validation = study.validation
     if validation.no_evidence is not None:
         return validation.no_evidence
-    horizon = validation.horizon.errors
+    horizon = validation.horizon
     ratio = digits(float(np.median(horizon.ratio[-1])), 2)
     return (
         f"{horizon.horizons[-1]:.2g} s ahead on {validation.duration:.0f} s held out, the error without friction is "
