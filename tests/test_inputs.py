@@ -15,7 +15,6 @@ from ballbot import InputError
 from ballbot.arrays import MOST_CELLS, MOST_ROWS, rows_between
 from ballbot.cli.main import main
 from ballbot.identification.quantities import read_bounds
-from ballbot.identification.stages import read_sweep
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from tests.test_file_formats import READERS
@@ -23,7 +22,6 @@ from tests.test_file_formats import READERS
 TOML: dict[str, Callable[[Path], object]] = {
     **{kind: read for kind, read in READERS.items() if kind != "results"},
     "bounds": read_bounds,
-    "sweep": lambda path: read_sweep(path, wheel_count=3),
 }
 
 

@@ -15,9 +15,9 @@ def test_policies_of_each_kind_are_tried_on_a_true_robot(tmp_path, monkeypatch):
     monkeypatch.setattr(randomisation, "RUNS", {"loop": 2, "twin": 1})
     monkeypatch.setattr(randomisation, "DURATION", 3.0)
     seed = randomisation.HELD_OUT[0]
-    files = randomisation.identified(seed)
+    robot = randomisation.identified(seed)
     for kind in randomisation.KINDS:
-        run = randomisation.PolicyRun(task="drive", kind=kind, seed=seed, files=files, training=TINY)
+        run = randomisation.PolicyRun(task="drive", kind=kind, seed=seed, robot=robot, training=TINY)
         trials = randomisation.tried((run, randomisation.policy_of(run)))
         assert [len(runs) for runs in trials.values()] == [2, 1]
         assert all(0.0 < trial.reward <= 1.0 for runs in trials.values() for trial in runs)

@@ -107,7 +107,6 @@ CASES: tuple[Case, ...] = (
     _command("identify_asymmetric", f"identify alten {_WALK} {_FEW} --law asymmetric"),
     _command("identify_load", f"identify alten {_WALK} {_FEW} --law load"),
     _command("identify_best", f"identify alten {_WALK} {_FEW} --law best"),
-    _command("identify_sweep", f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json"),
     _command(
         "identify_foreign",
         f"identify foreign/robot.toml foreign/log.csv --mapping files/mapping.toml {_FEW}",

@@ -14,7 +14,6 @@ from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import choose_courses
 from ballbot.workflows.league import (
     League,
-    best_two,
     compare,
     overall,
     run_league,
@@ -201,11 +200,3 @@ def test_page_says_which_friction_was_assumed(folder):
     assert league.friction in page.sections[0].blocks[0].caption
     robot = Robot.load(str(folder / "robot.toml"))
     assert with_assumed_friction(robot, "nominal") == (robot, "")
-
-
-def test_the_best_two_fall_least_and_then_err_least(folder):
-    robot = alten(FRICTION)
-    controllers = controllers_of(robot, "none", "precise", f"limp={folder}/own.py:Limp")
-    courses = choose_courses(str(folder / "courses.toml"), robot, "model")
-    league = run_league(robot, controllers, courses, seeds=[1, 2])
-    assert best_two(league) == ("precise", "none")

@@ -14,7 +14,6 @@ from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.identify import identify as identify_friction
-from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
@@ -31,7 +30,6 @@ def identify(
     law: str = "stribeck",
     exclude_states: str = "",
     bounds: Path | None = None,
-    sweep: Path | None = None,
     window: options.Window = 0.25,
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
@@ -66,9 +64,6 @@ def identify(
         floor.
     bounds
         A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
-    sweep
-        results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
-        their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
     mapping
@@ -76,7 +71,6 @@ def identify(
         logs, or one for each, in the order of the logs and then of those of --holdout.
     """
     described = changed_robot(robot, change)
-    of_sweep = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
     named, held_out = named_files(logs), named_files(holdout) if holdout else {}
     paths = [*named.values(), *held_out.values()]
     if len(mapping or ()) not in (0, 1, len(paths)):
@@ -98,7 +92,6 @@ def identify(
             options=IdentificationOptions(
                 excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or (), described),
-                sweep=of_sweep,
             ),
             run=Run(seed=seed, progress=result.report),
         )

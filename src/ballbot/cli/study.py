@@ -33,7 +33,6 @@ def study(
     bounds: Path | None = None,
     seed: options.Seed = 0,
     accept: options.Accept = None,
-    quick: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
@@ -59,8 +58,6 @@ def study(
         floor. They are still validated.
     bounds
         A TOML file with lower and upper bounds of the friction parameters.
-    quick
-        Leave out the section "Where friction matters": the peak error over the stiffness of the gain.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, mapping, described)
@@ -80,7 +77,6 @@ def study(
                 back_emf=back_emf,
                 draws=draws,
                 confirm=confirm,
-                quick=quick,
             ),
             run=Run(seed=seed, progress=result.report),
         )

@@ -22,7 +22,7 @@ CONFIDENCE = 0.95
 #: half width of a 95 % interval of a normal variable, in standard deviations
 HALF_WIDTH = 1.96
 #: how an interval was obtained
-Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep", "between logs"]
+Method = Literal["clustered", "bootstrap", "profile", "at bound", "between logs"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,7 +41,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
-from ballbot.identification.stages import StageEstimate, file_findings, with_sweep
+from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
     alike_finding,
@@ -87,7 +87,6 @@ class IdentificationOptions(FitOptions):
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
     back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
     warm_start: Identification | None = None  #: Gauss-Newton starts there if it predicts better
-    sweep: StageEstimate | None = None  #: of the free wheels, combined with the logs
     step: float = INNER_STEP  #: longest integration step [s]
 
     def __post_init__(self) -> None:
@@ -237,8 +236,7 @@ def _identified(
         groups=prepared.groups,
         run=reported,
     )
-    if options.sweep is None:  # a sweep measured each wheel
-        prepared, estimate = _alike(prepared, estimate, options=options)
+    prepared, estimate = _alike(prepared, estimate, options=options)
     return _result(prepared, estimate, checked, law, window, options=options)
 
 
@@ -378,12 +376,10 @@ def _result(
     experiment, logs = prepared.experiment, list(checked.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     robot, layout = predictor.robot, coordinates.layout
-    # from windows, between logs, of the torque scale, between wheels, and with the sweep
+    # from windows, between logs, of the torque scale, and between wheels
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
     uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
-    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # it does not vary between logs
-        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
+    uncertainty = uncertainty_of_each(coordinates, uncertainty)
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
@@ -420,7 +416,6 @@ def _result(
                 other=estimate.other,
             ),
             *prediction_findings(held_out.with_over_without),
-            *of_sweep,
             *discrepancy_finding(estimate.discrepancy),
             *variation_findings(varied),
             *file_findings(robot, balancing),

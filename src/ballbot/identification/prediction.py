@@ -33,9 +33,8 @@ from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import Span, Windows, common_sample_time, cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
-from ballbot.log.pose import measured_wheel_speeds
+from ballbot.log.pose import ball_rates, measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import (
     COLUMN_SPEED_SCALE,
     COLUMNS,
@@ -237,8 +236,7 @@ def windows_for(predictor: Predictor, upper: Floats, logs: Sequence[Log], *, dur
 def ball_spin(log: Log, robot: Robot) -> Floats:
     """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
 
-    The encoders measure A (z - w), with the rates w of the body and z = R^T Omega of the ball in the body frame, so the
-    spin is the vertical component of R (A^-1 wheel speeds + w). InputError if the log has no wheel speeds.
+    InputError if the log has no wheel speeds.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not all(name in log for name in names):
@@ -246,11 +244,7 @@ def ball_spin(log: Log, robot: Robot) -> Floats:
             f"To estimate pivoting, the log needs the wheel speeds {names[0]} .. {names[-1]}, "
             "which it does not have; exclude the heading from the cost instead."
         )
-    states = np.column_stack([log[name] for name in STATE_NAMES])
-    angles, rates = states[:, 2:5], states[:, 7:10]
-    w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]
-    z = measured_wheel_speeds(log, robot) @ transforms(robot).T_obw.T + w
-    return (rotation(*angles.T)[:, 2] * z).sum(axis=1)
+    return ball_rates(log, robot, measured_wheel_speeds(log, robot))[:, 2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, wheel_angle_names, wheel_speed_names
-from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
+from ballbot.log.imu_angles import from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
 from ballbot.robot import Robot
 
@@ -70,14 +70,19 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     return log.with_columns({"x": x, "y": y, "x_dot": x_dot, "y_dot": y_dot})
 
 
-def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
-    """Return v (N, 2) [m/s] from the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
+def ball_rates(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
+    """Return Omega (N, 3) [rad/s] of the ball, world frame, from wheel speeds (N, n) [rad/s] and a log's attitude."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     angles, rates = (np.column_stack([log[n + end] for n in ATTITUDE_NAMES]) for end in ("", "_dot"))
     w = np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
     z = wheel_speeds @ transforms(robot).T_obw.T + w
-    Omega = np.einsum("nij,nj->ni", rotation(*angles.T), z)
+    return np.einsum("nij,nj->ni", rotation(*angles.T), z)
+
+
+def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
+    """Return v (N, 2) [m/s] of a ball that rolls so; see `ball_rates`."""
+    Omega = ball_rates(log, robot, wheel_speeds)
     return robot.ball.radius * np.column_stack([Omega[:, 1], -Omega[:, 0]])
 
 
@@ -178,7 +183,8 @@ def _with_heading(log: Log, robot: Robot) -> Log:
     yaw_rate = -np.sum(vertical * (wheels @ transforms(robot).T_obw.T + w), axis=1)
     roll, pitch = np.arctan2(vertical[:, 1], vertical[:, 2]), -np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))
     angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, integral_of(log.t, yaw_rate)]))
-    turned = angle_rates_of(angles, w + yaw_rate[:, None] * vertical)
+    turning = w + yaw_rate[:, None] * vertical
+    turned = np.linalg.solve(body_rates_matrix(*angles.T), turning[..., None])[..., 0]
     columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
     return log.with_columns(columns | {f"{n}_dot": r for n, r in zip(ATTITUDE_NAMES, turned.T, strict=True)})
 

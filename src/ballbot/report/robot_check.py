@@ -27,8 +27,9 @@ from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.figure import robot_figure
 from ballbot.robot.parameters import value_of
+from ballbot.robot.variations import Propagated
 from ballbot.summary import counted, pole_words
-from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread, linearization_results
+from ballbot.workflows.robot_check import MATRICES, CheckedRobot, linearization_results
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
@@ -48,7 +49,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
         verdict=[
             ("Doubtful", doubtful) if errors + warnings else ("Plausible", "Its numbers fit together."),
-            ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
+            ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(fastest, checked.spread)}"),
             ("Swing", " ".join(texts(swing.findings)) or f"{swing.notes()[0].text}" if swing else ""),
         ],
         sections=list(_sections(checked)),
@@ -71,7 +72,12 @@ def robot_check_report(checked: CheckedRobot) -> Result:
             "poles": checked.poles,
             "unstable_pole": fastest,
             "standard_deviations": robot.standard_deviations,
-            "unstable_pole_uncertainty": checked.spread,
+            "unstable_pole_uncertainty": checked.spread
+            and {
+                "standard_deviation": checked.spread.deviation,
+                "interval_95": _interval(fastest, checked.spread),
+                "variance_shares": dict(checked.spread.largest(len(checked.spread.parts))),
+            },
             "loop_margins": {"controller": checked.controller, **margins},
             "findings": by_severity(checked.findings),
             "swing": swing,
@@ -79,17 +85,21 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     )
 
 
-def _uncertainty(spread: PoleSpread | None) -> str:
+def _interval(pole: float, spread: Propagated) -> tuple[float, float]:
+    """Return the interval of 95 % about a pole."""
+    half = 1.96 * float(spread.deviation)
+    return pole - half, pole + half
+
+
+def _uncertainty(pole: float, spread: Propagated | None) -> str:
     """Return how the standard deviations in the file spread the pole."""
     if spread is None:
         return "Its uncertainty is unknown: no value in the file has a standard_deviation."
-    largest = list(spread.variance_shares.items())[:3]
-    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
-    low, high = spread.interval_95
+    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+    low, high = _interval(pole, spread)
     return (
         "From the standard deviations in the file, its standard deviation is "
-        f"{spread.standard_deviation:.2g} rad/s, and it lies between {low:.3g} "
-        f"and {high:.3g} in 95 % of {spread.draws} draws ({causes})."
+        f"{float(spread.deviation):.2g} rad/s ({causes}), and its 95 % interval {low:.3g} to {high:.3g}."
     )
 
 

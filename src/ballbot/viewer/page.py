@@ -30,9 +30,8 @@ Layout = Literal["side", "ghosts"]
 
 #: logs in one replay
 MOST_RUNS = 4
-RunColor = Literal["blue", "orange", "violet", "teal", "ink"]
-#: of the runs, where no figures stand beside them
-RUN_COLORS: tuple[RunColor, ...] = ("blue", "orange", "violet", "teal")
+#: of the runs, in the order in which the figures of reports have them (`ballbot.report.comparison`)
+RUN_COLORS = ("orange", "blue", "teal", "violet")
 #: of every picture, in the order in which they use one another
 _SCRIPTS = ("element", "linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
 #: length of the arrow of a large force [m], over the ball's radius
@@ -54,13 +53,11 @@ def replay_part(
     *,
     layout: Layout = "side",
     autoplay: bool = False,
-    colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
     At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
-    robot is that of all logs, or of each by the log's name. The page can change the layout; the runs have the colours
-    in which the figures beside the replay draw them.
+    robot is that of all logs, or of each by the log's name. The page can change the layout.
 
     InputError if there is no robot or there are too many logs, or one cannot be shown
     (`ballbot.viewer.motion.motion_of`).
@@ -84,7 +81,7 @@ def replay_part(
         "arrow": _arrow([(motions[name], robots[name]) for name in names]),
         "runs": [
             _run(name, motions[name], robots[name], color)
-            for name, color in zip(names, colors[: len(names)], strict=True)
+            for name, color in zip(names, RUN_COLORS, strict=False)
         ],
     }
     return ReplayPart(
@@ -165,7 +162,7 @@ def live_page(
             "center": robot.body.center_of_mass,
         }
         for (name, robot), row_names, home, color in zip(
-            robots.items(), names, homes, RUN_COLORS[: len(robots)], strict=True
+            robots.items(), names, homes, RUN_COLORS, strict=False
         )
     ]
     data: dict[str, object] = {
@@ -241,7 +238,7 @@ def _check_number(count: int, what: str) -> None:
         raise InputError(f"{count} {what} are given; a view shows at most {MOST_RUNS}.")
 
 
-def _run(name: str, motion: ReplayMotion, robot: Robot, color: RunColor) -> dict[str, object]:
+def _run(name: str, motion: ReplayMotion, robot: Robot, color: str) -> dict[str, object]:
     return {
         "name": printable_line(name),
         "color": color,

@@ -1,12 +1,10 @@
 """Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing.
 
-The standard deviations in a robot's file lead to that of its fastest pole by Monte Carlo. The
-faster of two poles that lie together, as those of a symmetric robot's two leans do, is no smooth function of the
-parameters; the delta method would halve the effect of a parameter that moves only one of them. The sources of the
-variance follow from linear propagation to the mean of the unstable poles, which is smooth.
+The standard deviations in a robot's file lead to that of the mean of its unstable poles, which is a smooth function of
+the parameters; the faster of two poles that lie together, as those of a symmetric robot's two leans do, is none.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,41 +25,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.variations import draw_robots, propagate, uncertain
-
-#: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
-POLE_DRAWS = 800
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoleSpread:
-    """The fastest unstable pole [rad/s] over robots as they may be."""
-
-    standard_deviation: float
-    interval_95: tuple[float, float]  #: 2.5 % of the draws are below, 2.5 % above
-    draws: int
-    variance_shares: Mapping[str, float]  #: by parameter, the largest first
-
-
-def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
-    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model."""
-
-    def growths(of: Robot) -> Floats:
-        return np.asarray(Model(of).linearize().poles().real, dtype=np.float64)
-
-    def mean_growth(of: Robot) -> Floats:
-        return np.array([growths(of)[growths(of) > 0.0].mean()])
-
-    fastest = [float(growths(drawn).max()) for drawn in draw_robots(robot, draws, seed=0)]
-    lower, upper = np.quantile(fastest, [0.025, 0.975])
-    mean = propagate(robot, mean_growth)
-    return PoleSpread(
-        standard_deviation=float(np.std(fastest, ddof=1)),
-        interval_95=(float(lower), float(upper)),
-        draws=draws,
-        variance_shares=dict(mean.largest(len(mean.parts))),
-    )
-
+from ballbot.robot.variations import Propagated, propagate, uncertain
 
 #: the thesis's names of the matrices, with what each does and the thesis's equation of it
 MATRICES = {
@@ -121,9 +85,9 @@ class CheckedRobot:
         return poles[np.argsort(-poles.real)]
 
     @cached_property
-    def spread(self) -> PoleSpread | None:
-        """The fastest pole as the values' standard deviations leave it; None if none has one."""
-        return pole_spread(self.robot) if uncertain(self.robot) else None
+    def spread(self) -> Propagated | None:
+        """The mean of the unstable poles with its standard deviation; None if no value has one."""
+        return propagate(self.robot, _mean_growth) if uncertain(self.robot) else None
 
     @cached_property
     def margins(self) -> Margins | str:
@@ -134,6 +98,11 @@ class CheckedRobot:
             if self.controller not in KINDS:
                 raise
             return str(error)
+
+
+def _mean_growth(robot: Robot) -> Floats:
+    growths = Model(robot).linearize().poles().real
+    return np.asarray(growths[growths > 0.0].mean(), dtype=np.float64)
 
 
 def linearization_results(model: Model) -> dict[str, object]:

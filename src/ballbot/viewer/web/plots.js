@@ -2,7 +2,6 @@
 
 /** How a line of each color is drawn, as in a report's figures (charts.js): distinct in grey, too. */
 const LOOKS = {
-  ink: { width: 2.2, dash: [] },
   blue: { width: 1.5, dash: [] },
   orange: { width: 1.6, dash: [6, 3] },
   violet: { width: 1.7, dash: [2, 3] },
