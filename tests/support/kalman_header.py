@@ -3,7 +3,7 @@
 Its functions are traced as for compiled code (`ballbot.mechanics.engine.tracing`), where each operation calls a method
 of LLVM's builder. Here it becomes an expression of C in single precision, with the operations in the same order. What
 is used once is written where it is used, what is used more than once gets a name. So the firmware has every state,
-sensor and noise of Python's filter; what they need of linear algebra is in `c/estimation/kalman.c`.
+sensor and noise of Python's filter, and the update of its covariance; `c/estimation/kalman.c` calls them in order.
 
 If the model changes, write the header anew:
 

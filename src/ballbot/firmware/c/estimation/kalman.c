@@ -121,7 +121,6 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
     memory->x[Y] = position[1];
     ballbot_begin_filter(record->lever, shown, gyro, memory->x);
     memory->pivoting = 0.0f;
-    memory->missed = 0;
 }
 
 /* Give the ball's mean turning relative to the body (3) [rad/s] since the encoders last had all counts. */
