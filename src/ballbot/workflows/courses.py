@@ -89,9 +89,9 @@ class RisingPushes(BaseModel):
 
     def pushes(self, direction: float) -> tuple[Push, ...]:
         """Return them in a direction on the floor, from x towards y [rad]."""
-        acts = {"duration": self.duration, "height": self.height}
+        lasts, height = self.duration, self.height
         return tuple(
-            Push.of_impulse(impulse, direction, time=(k + 1) * self.every, **acts)
+            Push.of_impulse(impulse, direction, time=(k + 1) * self.every, duration=lasts, height=height)
             for k, impulse in enumerate(self.impulses)
         )
 
