@@ -8,7 +8,7 @@ from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import Processes, Run
 from ballbot.report.comparison import league_report
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import DEFAULT_CONTROLLERS, AssumedFriction
+from ballbot.workflows.league import DEFAULT_CONTROLLERS
 from ballbot.workflows.league import compare as run_comparison
 
 
@@ -19,7 +19,6 @@ def compare(
     plant: PlantName = "model",
     courses: str = "motions",
     seeds: str = "1-3",
-    friction: AssumedFriction = "nominal",
     processes: options.Count | None = None,
     change: options.Changes = None,
     out: options.Out,
@@ -47,9 +46,6 @@ def compare(
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
-    friction
-        Of a robot whose file has none: nominal, the nominal scenario's with the wheels' torques in proportion to the
-        wheels' load and radius, which the controllers know; or none.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
     """
@@ -63,7 +59,6 @@ def compare(
             courses=courses,
             plant=plant,
             seeds=numbers,
-            friction=friction,
             workers=Processes(count=processes),
             run=Run(progress=result.report),
         )

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
@@ -72,22 +71,17 @@ class League(Reported):
         }
 
 
-#: friction of a robot whose file has none
-AssumedFriction = Literal["nominal", "none"]
-
-
-def with_assumed_friction(robot: RobotLike, assumed: AssumedFriction) -> tuple[Robot, str]:
+def with_assumed_friction(robot: RobotLike) -> tuple[Robot, str]:
     """Return a robot with its own friction or the one assumed, and a sentence on the latter."""
     robot = as_robot(robot)
     if has_friction(robot.friction):
         return robot, ""
-    lacking = f"The robot file of {robot.name} has no friction"
-    if assumed == "none":
-        return robot, f"{lacking}, and the robot runs without any."
     friction = assumed_friction(robot)
     factor = digits(friction.coulomb[0] / Scenario.nominal(robot).friction.coulomb[0], 2)
-    text = f"{lacking}: it runs with the nominal scenario's, the wheels' torques times {factor} for its wheels' load."
-    return robot.replace(friction=friction), f"{text} The controllers know it."
+    return robot.replace(friction=friction), (
+        f"The robot file of {robot.name} has no friction: it runs with the nominal scenario's, the wheels' torques "
+        f"times {factor} for its wheels' load. The controllers know it."
+    )
 
 
 def compare(
@@ -97,16 +91,15 @@ def compare(
     courses: str = "motions",
     plant: PlantName = "model",
     seeds: Sequence[int] = (1, 2, 3),
-    friction: AssumedFriction = "nominal",
     workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> League:
     """Compare controllers, by name or as `ballbot compare` names them, on the same courses with the same seeds.
 
-    A robot whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`), or "none".
-    InputError as `run_league`, and if a name is unknown.
+    A robot whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`). InputError
+    as `run_league`, and if a name is unknown.
     """
-    known, assumed = with_assumed_friction(robot, friction)
+    known, assumed = with_assumed_friction(robot)
     if not isinstance(controllers, Mapping):
         controllers = {one.name: one.controller(known) for one in parse_candidates(controllers)}
     by_name = {name: as_controller(source, known) for name, source in controllers.items()}

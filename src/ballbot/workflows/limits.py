@@ -356,8 +356,10 @@ def twin_limits(
     def tried(ray: TwinLimit, size: float) -> GridRun:
         start, pushes, duration = leaning_state(ray.direction, size), (), DURATION
         if ray.kind == "impulse":
-            height, acts = loop.robot.body.center_of_mass, {"time": _PUSH_TIME, "duration": PUSH_DURATION}
-            push = Push.of_impulse(size, ray.direction, **acts, height=height)
+            height = loop.robot.body.center_of_mass
+            push = Push.of_impulse(
+                size, ray.direction, time=_PUSH_TIME, duration=PUSH_DURATION, height=height
+            )
             start, pushes, duration = np.zeros(10), (push,), _PUSH_TIME + DURATION
         plant = TwinRobot(robot=loop.robot, scenario=replace(scenario, pushes=pushes), known=loop.robot)
         condition = Condition(plant=plant, reference=hold, duration=duration, seed=run.seed, start=start)
