@@ -82,6 +82,6 @@ def calibrated_view(
             weight += float(area.sum())
         return squares / max(weight, 1e-12)
 
-    found = minimize_scalar(misfit, bounds=CLOSENESS, method="bounded", tol=_ACCURACY)
+    found = minimize_scalar(misfit, bounds=CLOSENESS, method="bounded", options={"xatol": _ACCURACY})
     closeness = float(found.x)  # pyright: ignore[reportAttributeAccessIssue]
     return view_of_outline(points, size=video.size, closeness=closeness)
