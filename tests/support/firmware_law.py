@@ -29,7 +29,7 @@ from ballbot.control.parts import (
 from ballbot.estimation import heading, swing
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
-from ballbot.mechanics.friction import decay
+from ballbot.mechanics.friction import decay, with_stribeck
 from tests.support.python_to_c import NOTHING, REAL, TRUTH, WHOLE, External, Program, Type, record, values
 
 #: functions of C that are written by hand
@@ -40,6 +40,7 @@ EXTERNALS = {
     rolling_brake: External("{0} / ballbot_larger({1}, 1e-30f)"),
     math.atan2: External("ballbot_arctangent"),
     decay: External("ballbot_exponential(-ballbot_power({0}, {1}))"),
+    with_stribeck: External("({0} + {1} * {2})"),
     policy.act.py_func: External("ballbot_act", NOTHING, written=(1,)),
     policy.within_policy.py_func: External("ballbot_within_policy", TRUTH),
     policy.with_policy.py_func: External("ballbot_with_policy"),
