@@ -2,13 +2,15 @@
 
     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
+A policy scales these torques and adds its own before they are limited.
+
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
 psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts in order; the steps of a missing part
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
 updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
-firmware's C is written from this file and those of the parts (`tests.support.firmware_law`).
+firmware's C, decide.c and parts/, is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
 from dataclasses import dataclass, field

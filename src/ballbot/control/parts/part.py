@@ -27,7 +27,9 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    without in `needs`.
 7. The disturbance observer takes `acting` of the history, the filtered and limited command, as the motors' torque; the
    prediction takes it less both compensations.
-8. Have its C written: `docs/architecture.md` says how, and `tests/firmware/test_law.py` compares both.
+8. Have its C written: name it in `PARTS` of `tests/support/firmware_law.py` and run
+   `python -m tests.support.firmware_headers`; `tests/firmware/test_law.py` compares both. A function that C has by
+   hand is in `EXTERNALS` there.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.

@@ -1,7 +1,7 @@
 /* Generated from ballbot/control by
  * `python -m tests.support.firmware_headers`; do not edit.
  *
- * The steps of the parts, in the order of the law.
+ * The steps of the parts.
  */
 #ifndef BALLBOT_STEPS_H
 #define BALLBOT_STEPS_H
