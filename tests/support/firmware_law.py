@@ -79,7 +79,7 @@ def program() -> Program:
     ]
     made.add(law.decide, arguments)
     made.add(swing.swing_of, [REAL] * 3)
-    made.add(swing.begin_filter, [_LEVER, values(swing.Swing), _GYRO, _STATES])
+    made.add(swing.begin_filter, [_LEVER, values(swing.SwingTwist), _GYRO, _STATES])
     made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
     return made
 

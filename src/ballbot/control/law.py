@@ -29,7 +29,7 @@ from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
 from ballbot.control.parts.part import (
-    Followed,
+    FollowedMotion,
     LawSettings,
     Pose,
     RobotState,
@@ -141,7 +141,7 @@ def _followed(law, memory, pose, ahead, reference, wanted):
         restart_shaping(memory, wanted)
         return planned(law, memory, ahead.a, reference, asked)
     if law.shaping.on == 0:
-        return Followed(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
+        return FollowedMotion(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
     return shape(law, memory, pose, ahead, wanted)
 
 

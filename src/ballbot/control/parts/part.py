@@ -104,7 +104,7 @@ class SmoothReference(NamedTuple):
     fourth: float
 
 
-class Followed(NamedTuple):
+class FollowedMotion(NamedTuple):
     """The motion that is followed, relative to the measured pose."""
 
     x: SmoothReference
@@ -120,7 +120,7 @@ class Sample(NamedTuple):
 
     a: HeadingFrame  # of the state
     state: RobotState  # that is fed back
-    to: Followed
+    to: FollowedMotion
     e: RobotState  # error, heading frame
 
 
