@@ -24,6 +24,8 @@ from ballbot.simulation.imperfections import (
     slope_of,
     waves_of,
 )
+from ballbot.simulation.inputs import draws_of, empty_outcome, inputs_of, new_commands
+from ballbot.simulation.loop import STARTED, Sampling, new_memory, run_block
 from ballbot.simulation.model_plant import ModelPlant
 from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.simulation.sensors import SensorFaults
@@ -104,6 +106,32 @@ def test_a_heading_that_begins_again_after_a_turn_is_unwrapped_as_by_simulate():
     log = simulate(ROBOT, controller, turning, duration=0.6, initial_state=START)
     assert np.diff(batch.references[:, 4]) == pytest.approx(0.02)
     assert_same(batch.log(0), log, atol=1e-9)
+
+
+def test_a_robot_that_starts_while_another_advances_is_as_one_that_starts_beside_it():
+    model, controller, lanes = (
+        Model(ROBOT),
+        precise_controller(ROBOT).with_estimator("kalman"),
+        [NOISY, NOISY],
+    )
+    h, samples = controller.sample_time, 8
+    inputs = inputs_of(
+        [model], lanes, sample_time=h, laws=[controller], estimators=["kalman"], initial=START[None]
+    )
+
+    def block():
+        draws = draws_of([(NOISY, 1), (NOISY, 2)], 2, n=3, samples=samples, sample_time=h)
+        sampling = Sampling(np.zeros((samples, 10)), h, model.steps_in(h))
+        memory = new_memory(inputs.loops, 2, 3, filtering=True)
+        return inputs, draws, sampling, memory, new_commands(2, 0), empty_outcome(2, samples, samples, 3)
+
+    together, later = block(), block()
+    run_block(model.selected, *together, (0, 3))
+    run_block(model.selected, *later, (0, 4))
+    later[4].todo[1] = STARTED
+    run_block(model.selected, *later, (4, 8))  # a start takes a turn of its own
+    for name in ("truths", "states"):
+        np.testing.assert_array_equal(getattr(later[3], name)[1], getattr(together[3], name)[1], name)
 
 
 def test_the_log_of_a_fall_ends_before_it():

@@ -319,6 +319,8 @@ def _slot(row, robot):
 @inlined
 def _begin_filter(filters, robot, row, state, gyro, angles):
     """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
+    for i in range(len(filters) // LANES):
+        filters[_slot(i, robot)] = 0.0
     for i in range(MODEL_SIZE):
         filters[_slot(i, robot)] = row[i]
     for i in range(len(row) - MODEL_SIZE - 2):
@@ -546,9 +548,6 @@ def _clear(work, lane, memory):
     for row in range(ROWS):
         work[row * LANES + lane] = 0.0
     work[ROBOT * LANES + lane] = float(robot)
-    filters = memory.filters[robot // LANES]
-    for row in range(len(filters) // LANES):
-        filters[_slot(row, robot)] = 0.0
     for numbers in (memory.laws, memory.wanted, memory.given, memory.commanded, memory.last, memory.angles):
         _zero(numbers[robot])
     for numbers in (memory.before, memory.ahrs, memory.onboard):
@@ -610,10 +609,8 @@ def _measure(work, lane, inputs, draws, memory, sample):
     if record.estimator == 1:
         _onboard(record, memory, robot, sample, speeds, gyro, angles, state)
         return
-    row = inputs.filters[_row_of(inputs.filters, robot)]
-    if sample == 0:
-        _begin_filter(memory.filters[robot // LANES], robot, row, state, gyro, angles)
-    else:
+    if sample > 0:
+        row = inputs.filters[_row_of(inputs.filters, robot)]
         turned = memory.wheels[robot]
         for i in range(n):
             turned[i] = (encoders[i] - memory.before[robot, i]) / record.sample_time
@@ -627,7 +624,12 @@ def _see(inputs, memory, robot, sample):
     record, state = _loop_of(inputs, robot), memory.states[robot]
     if record.estimator == 2:
         row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
-        if sample > 0:
+        if (
+            sample == 0
+        ):  # not before: filters of others may just have moved on by a sample, and this one with them
+            angles = memory.attitude[robot]
+            _begin_filter(filters, robot, row, memory.truths[robot], memory.gyros[robot], angles)
+        else:
             pivoting = filters[_slot(PIVOTING, robot)]
             memory.pivoting[robot] += row[len(row) - 2] * (pivoting - memory.pivoting[robot])
         _filtered(filters, robot, memory.gyros[robot], state)
