@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ballbot import Model, simulate
 from ballbot.control.law import HeadingMemory
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import schema_of
 from ballbot.control.references import hold
 from ballbot.estimation.heading import JUMP, TURN, Heading
 from ballbot.estimation.interface import Reading
@@ -19,6 +18,7 @@ from ballbot.estimation.onboard import OnboardState
 from ballbot.firmware.build import compilers
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import export_controller
+from ballbot.records import schema_of
 from tests.support.compiled_firmware import Firmware, library
 from tests.support.control_examples import FRICTION, alten
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.arrays import Floats
-from ballbot.control.records import Precision, fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
@@ -29,6 +28,7 @@ from ballbot.firmware.estimators import (
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
+from ballbot.records import Precision, fill_record, schema_of
 from ballbot.robot.derived import encoder_step
 from tests.support.compiled_firmware import library
 

@@ -2,7 +2,7 @@
 
     Program([...]).files()         the text of each C file, from functions of Python and the types they are called with
 
-The functions are the restricted Python that Numba compiles: numbers, records (`ballbot.control.records`), named tuples
+The functions are the restricted Python that Numba compiles: numbers, records (`ballbot.records`), named tuples
 and loops. A function becomes one of C with its name, comments, branches and loops, a record's field a member of its
 struct, a named tuple a struct by value (by address with more than `_LARGEST_VALUE` numbers), a module's constant a
 macro. Types follow from the calls, as for Numba: a function that is called with two sets of them is refused, as is
@@ -32,9 +32,9 @@ import numpy as np
 
 from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
-from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.errors import InputError
 from ballbot.firmware.header import struct_name
+from ballbot.records import MAX_WHEELS, Number, Schema
 
 #: numbers in a named tuple that is passed by value
 _LARGEST_VALUE = 5

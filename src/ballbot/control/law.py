@@ -7,7 +7,7 @@ psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
-updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
+updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.records`). The
 firmware's C is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
@@ -41,11 +41,11 @@ from ballbot.control.parts.part import (
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
-from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
 from ballbot.estimation.heading import unwrapped
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
+from ballbot.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 
 #: what `control_law` returns if the reference is allowed
 ALLOWED = -1

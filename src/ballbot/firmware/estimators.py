@@ -10,7 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import Floats, Ints
-from ballbot.control.records import (
+from ballbot.estimation.interface import Reading
+from ballbot.estimation.kalman import filter_model, first_covariance
+from ballbot.estimation.kalman_model import DIRECT, FIRST, SHOWN_TOGETHER, STATES, FilterNoise
+from ballbot.mechanics.geometry import transforms
+from ballbot.records import (
     MAX_WHEELS,
     Number,
     Precision,
@@ -21,10 +25,6 @@ from ballbot.control.records import (
     schema_of,
     whole,
 )
-from ballbot.estimation.interface import Reading
-from ballbot.estimation.kalman import filter_model, first_covariance
-from ballbot.estimation.kalman_model import DIRECT, FIRST, SHOWN_TOGETHER, STATES, FilterNoise
-from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 

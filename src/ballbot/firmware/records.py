@@ -13,16 +13,6 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
 from ballbot.control.law import LAW, MEMORY, HeadingMemory
-from ballbot.control.records import (
-    MAX_WHEELS,
-    Number,
-    Schema,
-    converted,
-    fill_record,
-    number,
-    schema_of,
-    whole,
-)
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.bounds import check_bounds
@@ -36,6 +26,16 @@ from ballbot.firmware.estimators import (
     onboard_record,
 )
 from ballbot.firmware.self_test import SelfTestRecord, self_test_record
+from ballbot.records import (
+    MAX_WHEELS,
+    Number,
+    Schema,
+    converted,
+    fill_record,
+    number,
+    schema_of,
+    whole,
+)
 from ballbot.robot.derived import encoder_step
 
 #: numbers in which the digest is exported

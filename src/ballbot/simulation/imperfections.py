@@ -37,13 +37,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, whole
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import rotation_to, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
+from ballbot.records import MAX_WHEELS, fill_record, number, schema_of, whole
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.derived import encoder_step

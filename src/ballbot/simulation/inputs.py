@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.law import law_code
-from ballbot.control.records import fill_record
 from ballbot.estimation.interface import EstimatorName
 from ballbot.estimation.kalman import filter_row
 from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.model import Model
+from ballbot.records import fill_record
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import (
     LOOP,

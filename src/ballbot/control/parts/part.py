@@ -43,11 +43,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.records import MAX_WHEELS, number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.model import LinearModel
+from ballbot.records import MAX_WHEELS, number
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 
