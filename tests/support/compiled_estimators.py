@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from ballbot import Robot
 from ballbot.arrays import Floats
 from ballbot.estimation.interface import EstimatorName, Reading
+from ballbot.estimation.onboard import OnboardMemory, OnboardRecord, onboard_record
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
     KalmanMemory,
     KalmanRecord,
-    OnboardMemory,
-    OnboardRecord,
     kalman_record,
-    onboard_record,
     reading_record,
     single,
 )

@@ -22,7 +22,7 @@ import re
 import sys
 import tokenize
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -66,6 +66,11 @@ class Type:
     def by_address(self) -> bool:
         """Whether a function gets the address of such an argument."""
         return bool(self.shape) or isinstance(self.members, Schema) or _size(self.members) > _LARGEST_VALUE
+
+    def takes(self, given: Type) -> bool:
+        """Return whether an argument of a type is one of this type; an array's first length may be left open."""
+        is_open = self.shape[:1] == ("",) and given.shape
+        return self == (replace(given, shape=("", *given.shape[1:])) if is_open else given)
 
     def declared(self, name: str) -> str:
         """Return a declaration of a parameter or of an alias; an array's first length may be left out."""
@@ -645,7 +650,7 @@ class _Body:
         if not hasattr(target, "py_func"):
             raise self._refuse(node, "the function is not compiled")
         made = self.program.add(target, [one.type for one in given])
-        if [*made.parameters.values()] != [one.type for one in given]:
+        if not all(map(Type.takes, made.parameters.values(), (one.type for one in given))):
             raise self._refuse(node, "the function is called with other types elsewhere")
         for (parameter, _), one in zip(made.parameters.items(), given, strict=True):
             if parameter in made.written:

@@ -1,7 +1,8 @@
 """The records of the firmware's estimators: the numbers that they read, what they remember, and a sensor reading.
 
-The C sources are `c/estimation/onboard.c` and `kalman.c`. Their numbers come from the same robot, noise and model as
-those of `ballbot.estimation`; what they remember is zero at the start, which is a robot at (0, 0).
+The C source is `c/estimation/kalman.c`; the on-board state's records are those of `ballbot.estimation.onboard`. Their
+numbers come from the same robot, noise and model as those of `ballbot.estimation`; what they remember is zero at the
+start, which is a robot at (0, 0).
 """
 
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,7 @@ from ballbot.arrays import Floats, Ints
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import filter_model, first_covariance
 from ballbot.estimation.kalman_model import DIRECT, FIRST, SHOWN_TOGETHER, STATES, FilterNoise
+from ballbot.estimation.onboard import OnboardRecord
 from ballbot.mechanics.geometry import transforms
 from ballbot.records import (
     MAX_WHEELS,
@@ -53,27 +55,6 @@ READING = replace(_READING, fields={**_READING.fields, **_SHOWN})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class OnboardRecord:
-    """The numbers of the on-board state, the thesis's way."""
-
-    sample_time: float = field(metadata=number("s"))
-    radius: float = field(metadata=number("m"))  #: of the ball
-    ball_from_wheels: Floats = field(metadata=number("1", 3, MAX_WHEELS))  #: T_obw
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class OnboardMemory:
-    """What the on-board state remembers."""
-
-    started: int = field(metadata=whole())
-    position: Floats = field(metadata=number("m", 2))
-    position_rest: Floats = field(metadata=number("m", 2))  #: what rounding has taken from it
-    velocity: Floats = field(metadata=number("m/s", 2))
-    gyro: Floats = field(metadata=number("rad/s", 3))
-    attitude: Floats = field(metadata=number("rad", 3))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class KalmanRecord:
     """The numbers of the Kalman filter."""
 
@@ -106,13 +87,6 @@ class KalmanMemory:
     x: Floats = field(metadata=number("state", STATES))
     rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
     P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance
-
-
-def onboard_record(robot: Robot, *, sample_time: float) -> OnboardRecord:
-    """Return the numbers of the on-board state for a robot."""
-    return OnboardRecord(
-        sample_time=sample_time, radius=robot.ball.radius, ball_from_wheels=transforms(robot).T_obw
-    )
 
 
 def kalman_record(

@@ -42,9 +42,9 @@ from ballbot.control.parts.part import (
     Part,
     Pose,
     SmoothReference,
-    add_to,
     turned,
 )
+from ballbot.mechanics.engine.compensated_sum import add_to
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import parameter, parameter_class
