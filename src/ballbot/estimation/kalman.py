@@ -11,28 +11,23 @@ Without a fix, position and heading stay relative to the start, and their covari
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.estimation.heading import Heading
-from ballbot.estimation.interface import Fix, Reading, all_known, checked_reading, known
+from ballbot.estimation.heading import HEADING, HEADING_TYPE, unwrapped
+from ballbot.estimation.interface import Fix, Reading, checked_reading, known
+from ballbot.estimation.kalman_front import FILTER_MEMORY, FILTER_MEMORY_TYPE, see, show
 from ballbot.estimation.kalman_model import (
     BIAS,
     COVARIANCE,
     DIRECT,
     DRIFT,
     FIRST,
-    GYRO,
-    GYRO_BEFORE,
     LEAN_ERROR,
     LOWER_TRIANGLE,
-    MODEL_SIZE,
-    NUMBERS,
-    PIVOTING,
-    PIVOTS,
     PSI,
     ROWS,
     SENSORS,
@@ -47,18 +42,42 @@ from ballbot.estimation.kalman_model import (
     G,
     S,
     X,
-    sample,
+    sample_block,
+    sample_code,
     take_fix,
 )
-from ballbot.estimation.swing import Swing, begin_state, fill_state, swing
+from ballbot.estimation.known import is_known
+from ballbot.estimation.swing import fill_state
+from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-_NO_SWING = Swing(math.nan, math.nan, math.nan)
 #: where the work array has the covariance
 _TRIANGLE = slice(COVARIANCE, COVARIANCE + len(LOWER_TRIANGLE[0]))
+
+
+class _Filter(NamedTuple):
+    """A single filter in compiled code: a block of one lane."""
+
+    ball_from_wheels: Floats  #: (3, n) T_obw
+    row: Floats  #: of `filter_row`
+    work: Floats
+    memory: Floats  #: a record of `FILTER_MEMORY`
+    heading: Floats  #: a record of `HEADING`
+
+
+@compiled
+def _update(code, one, shown, state):
+    if is_known(shown.attitude[2]):
+        shown.attitude[2] = unwrapped(one.heading.view(HEADING_TYPE)[0], shown.attitude[2])
+    memory = one.memory.view(FILTER_MEMORY_TYPE)[0]
+    goes_on = memory.started > 0
+    show(one.ball_from_wheels, one.row, one.work, 0, memory, shown)
+    if goes_on:
+        sample_block(code, one.work, 1)
+    see(one.row, one.work, 0, memory, state)
 
 
 class KalmanFilter:
@@ -74,27 +93,24 @@ class KalmanFilter:
         self.robot = robot
         self.sample_time = sample_time
         self.noise = noise if noise is not None else FilterNoise.of(robot)
-        self._ball_from_wheels = np.ascontiguousarray(transforms(robot).T_obw)
         self._model = filter_model(robot, sample_time=sample_time, noise=self.noise)
+        self._memory, heading = FILTER_MEMORY.zeros(), HEADING.zeros()
+        self._one = _Filter(
+            ball_from_wheels=np.ascontiguousarray(transforms(robot).T_obw),
+            row=filter_row(robot, sample_time=sample_time, noise=self.noise),
+            work=np.zeros(ROWS * LANES),
+            memory=self._memory.view(np.float64),
+            heading=heading.view(np.float64),
+        )
         # a block of one: its column is the first of each row
-        self._work = np.zeros(ROWS * LANES)
-        self._column = self._work[::LANES]
-        self._column[:MODEL_SIZE] = self._model.row()
+        self._column = self._one.work[::LANES]
         self._x = self._column[STATE : STATE + STATES]
-        self.reset()
+        self._code = sample_code()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
-        self._x[:] = 0.0
-        self._x[X : X + 2] = position
-        self._shown = self._column[SHOWN : SHOWN + NUMBERS]
-        self._shown[:] = np.nan
-        self._column[_TRIANGLE] = first_covariance(self.noise)[LOWER_TRIANGLE]
-        self._angles: Floats | None = None
-        self._without_angles = 0  # samples since the encoders last had all angles
-        self._gyro = np.zeros(3)
-        self._pivoting = 0.0
-        self._heading = Heading()
+        self._one.memory[:], self._one.heading[:] = 0.0, 0.0
+        self._memory["position"] = position
 
     def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,), all NaN until a reading is whole.
@@ -102,51 +118,29 @@ class KalmanFilter:
         Encoder angles, gyro and attitude are used, and what other `SENSORS` show. InputError if the reading is of
         another number of wheels.
         """
-        angles, _, gyro, attitude = checked_reading(reading, self.robot.wheel_count)
-        turned, leans, turns = all_known(angles), all_known(attitude), all_known(gyro)
-        if self._angles is None and not (turned and leans and turns):
-            return np.full(10, np.nan)
-        gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
-        shown = _NO_SWING
-        if leans:
-            shown = swing(*attitude[:2].tolist(), self._heading.unwrapped(float(attitude[2])))
-        if self._angles is None:
-            begin_state(self._model.lever, shown, gyro, self._x)
-        else:
-            # the ball's mean turning relative to the body since the encoders last had all angles [rad/s]
-            passed = self.sample_time * (1 + self._without_angles)
-            ball_rate = (
-                self._ball_from_wheels @ (angles - self._angles) / passed if turned else np.full(3, np.nan)
-            )
-            self._column[GYRO_BEFORE : GYRO_BEFORE + 3] = self._gyro
-            self._column[GYRO : GYRO + 3] = gyro
-            self._show("wheels", ball_rate)
-            self._show("attitude", shown)
-            for sensor in DIRECT:
-                values = np.ravel(getattr(reading, sensor.name))
-                self._show(sensor.name, np.where(known(values), values, np.nan))
-            self._column[PIVOTS] = self.pivots
-            sample(self._work)
-            if turned:
-                share = min(1.0, self.sample_time / self.noise.pivoting_time)
-                self._pivoting += share * (float(self._column[PIVOTING]) - self._pivoting)
-        self._without_angles = 0 if turned else self._without_angles + 1
-        if turned:
-            self._angles = angles.copy()
-        self._gyro = gyro
-        if reading.fix is not None:
+        shown, state = checked_reading(reading, self.robot.wheel_count), np.empty(10)
+        for sensor in DIRECT:
+            self._show(sensor.name, np.ravel(getattr(reading, sensor.name)))
+        _update(self._code, self._one, shown, state)
+        if reading.fix is not None and self._memory["started"][0]:
             self._take_fix(reading.fix)
-        return self._state()
+            fill_state(self._model.lever, self._x, self._gyro, state)
+        return state
 
-    def _show(self, sensor: str, numbers: ArrayLike) -> None:
+    def _show(self, sensor: str, numbers: Floats) -> None:
         """Set the measured numbers of a sensor, NaN if missing."""
-        first = FIRST[sensor]
-        self._shown[first : first + np.size(numbers)] = numbers
+        first = SHOWN + FIRST[sensor]
+        self._column[first : first + len(numbers)] = np.where(known(numbers), numbers, np.nan)
 
     @property
     def pivots(self) -> bool:
         """Whether the wheels have lately seen the ball turn on the spot; they then do not correct the heading."""
-        return abs(self._pivoting) > self.noise.pivoting_limit
+        return bool(abs(self._memory["pivoting"][0]) > self.noise.pivoting_limit)
+
+    @property
+    def _gyro(self) -> Floats:
+        """The gyro's last values (3,) [rad/s]."""
+        return self._memory["gyro"][0]
 
     @property
     def _P(self) -> Floats:
@@ -155,21 +149,17 @@ class KalmanFilter:
         P[LOWER_TRIANGLE] = self._column[_TRIANGLE]
         return P + np.tril(P, -1).T
 
-    def _state(self) -> Floats:
-        state = np.empty(10)
-        fill_state(self._model.lever, self._x, self._gyro, state)
-        return state
-
     def _take_fix(self, fix: Fix) -> None:
         position, heading = (np.nan if value is None else value for value in (fix.position, fix.heading))
         seen = np.append(np.broadcast_to(position, 2), heading)
-        seen[~known(seen)] = np.nan
-        seen[2] = self._x[PSI] + math.remainder(seen[2] - self._x[PSI], 2 * math.pi)
+        seen[2] = (
+            self._x[PSI] + math.remainder(seen[2] - self._x[PSI], 2 * math.pi) if known(heading) else np.nan
+        )
         self._show("fix", seen)
         first = VARIANCES + FIRST["fix"]
         deviations = (fix.position_deviation, fix.position_deviation, fix.heading_deviation)
         self._column[first : first + 3] = np.square(deviations)
-        take_fix(self._work)
+        take_fix(self._one.work)
 
 
 def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:
@@ -194,9 +184,9 @@ def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> Fil
     )
 
 
-def filter_row(robot: Robot, *, sample_time: float) -> Floats:
-    """Return a robot's filter as the compiled loop reads it: model, lower triangle of P, and how pivoting is found."""
-    noise = FilterNoise.of(robot)
+def filter_row(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> Floats:
+    """Return a robot's filter as compiled code reads it: model, lower triangle of P, and how pivoting is found."""
+    noise = noise if noise is not None else FilterNoise.of(robot)
     model = filter_model(robot, sample_time=sample_time, noise=noise)
     share = min(1.0, sample_time / noise.pivoting_time)
     return np.concatenate(

@@ -554,16 +554,6 @@ def sample_block(code, work, width):
     outside(code, work, width)
 
 
-@compiled
-def _sample(code, work):
-    sample_block(code, work, 1)
-
-
-def sample(work: Floats) -> None:
-    """Take a single filter, the first lane of a block's work array, over a sample."""
-    _sample(sample_code(), work)
-
-
 @traced
 def _see_fix(work, width):
     _absorb(work, width, (_FIX,))

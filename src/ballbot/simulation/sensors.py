@@ -4,7 +4,8 @@ Encoders count; the AHRS is noisy and drifts; an accelerometer sits at a place o
 a laser scanner, beacons) sees where the robot is.
 
 Each is read once a sample, in order of time, and knows nothing of later samples. The errors in the robot file are
-always there; `SensorFaults` are those that a scenario adds.
+always there; `SensorFaults` are those that a scenario adds. Encoders and AHRS are compiled: the loop
+(`ballbot.simulation.loop`) reads those of robots side by side, `SensorSuite` those of one.
 
 Gravity shows the AHRS which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
 frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis has it
@@ -18,7 +19,8 @@ kind filters to half its own rate, and a MuJoCo contact's last step would be noi
 """
 
 import math
-from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,39 +28,13 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
-from ballbot.estimation.swing import turned_about_vertical
+from ballbot.estimation.swing import attitude_of, swing_of
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.geometry import rotation
+from ballbot.records import fill_record, number, schema_of, whole
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class
-
-
-class Encoders:
-    """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
-
-    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples: a
-    longer window gives smoother speeds, delayed by half of it.
-    """
-
-    def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
-        #: [rad] a count, at the wheel
-        self.resolution = encoder_step(robot, sensors)
-        self._window_time = window * sensors.sample_time
-        self._recent = np.zeros((window + 1, robot.wheel_count))
-        self._start = np.zeros(robot.wheel_count)
-
-    def reset(self, angles: ArrayLike) -> None:
-        """Set the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
-        self._start = real_array(angles, self._start.shape, "The array of motor angles").copy()
-        self._recent[:] = 0.0
-
-    def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
-        seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False)
-        counted = np.floor((seen - self._start) / self.resolution) * self.resolution
-        self._recent[:-1] = self._recent[1:]
-        self._recent[-1] = counted
-        return counted, (self._recent[-1] - self._recent[0]) / self._window_time
 
 
 @parameter_class
@@ -107,6 +83,163 @@ class FixSource:
     missing: float = parameter("fraction of fixes that are lost", default=0.0, least=0.0, most=1.0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorRecord:
+    """The numbers of one robot's encoders and AHRS."""
+
+    count: float = field(metadata=number("rad"))  #: of an encoder, at the wheel
+    window: int = field(metadata=whole())  #: samples over which counts are differenced into a speed
+    window_time: float = field(metadata=number("s"))
+    gyro_noise: float = field(metadata=number("rad/s"))
+    attitude_noise: float = field(metadata=number("rad"))
+    heading_drift: float = field(metadata=number("rad/s"))
+    latency: int = field(metadata=whole())  #: whole samples by which gyro and attitude are late
+    gyro_bias: float = field(metadata=number("rad/s"))
+    bias_step: float = field(metadata=number("rad/s"))  #: a sample's step of the biases
+    lean_error: float = field(metadata=number("rad"))
+    #: what stays of the lean's error in a sample, and the step that comes upon it
+    lean_memory: float = field(metadata=number("1"))
+    lean_step: float = field(metadata=number("rad"))
+    sample_time: float = field(metadata=number("s"))
+
+
+SENSORS = schema_of(SensorRecord)
+_SENSORS_TYPE = SENSORS.dtype()
+
+
+def sensor_record(
+    robot: Robot, sensors: Sensors, *, sample_time: float, window: int = 1, faults: SensorFaults | None = None
+) -> SensorRecord:
+    """Return the numbers of the encoders and the AHRS of a robot, which gives the gear ratio."""
+    faults = faults or SensorFaults()
+    memory = math.exp(-sample_time / faults.lean_error_time)
+    return SensorRecord(
+        count=encoder_step(robot, sensors),
+        window=window,
+        window_time=window * sample_time,
+        gyro_noise=sensors.gyro_noise,
+        attitude_noise=sensors.attitude_noise,
+        heading_drift=sensors.heading_drift,
+        latency=round(faults.latency / sample_time),
+        gyro_bias=faults.gyro_bias,
+        bias_step=faults.gyro_bias_walk * math.sqrt(sample_time),
+        lean_error=faults.lean_error,
+        lean_memory=memory,
+        lean_step=faults.lean_error * math.sqrt(1.0 - memory**2),
+        sample_time=sample_time,
+    )
+
+
+class SensorMemory(NamedTuple):
+    """What the sensors of one robot keep from sample to sample; zeros at the start."""
+
+    counted: NDArray[np.float64]  #: (1 + longest window, n) encoder angles at the last samples
+    errors: NDArray[np.float64]  #: (6,) of the AHRS: biases, errors of the lean, heading of its frame
+    late: NDArray[np.float64]  #: (1 + longest latency, 6) gyro and attitude at the last samples
+
+
+@inlined
+def read_encoders(record, memory, sample, angles, speeds):
+    """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
+    recent = memory.counted
+    now, before = sample % len(recent), (sample - record.window) % len(recent)
+    for i in range(len(angles)):
+        angles[i] = math.floor(angles[i] / record.count) * record.count
+        recent[now, i] = angles[i]
+        earlier = recent[before, i] if sample >= record.window else 0.0
+        speeds[i] = (angles[i] - earlier) / record.window_time
+
+
+@inlined
+def start_ahrs(record, memory, drawn):
+    """Draw the errors of the start from standard normal numbers (5,)."""
+    for i in range(3):
+        memory.errors[i] = record.gyro_bias * drawn[i]
+    for i in range(2):
+        memory.errors[3 + i] = record.lean_error * drawn[3 + i]
+
+
+@inlined
+def read_ahrs(record, memory, sample, t, drawn, fresh, gyro, angles):
+    """Turn the true gyro and angles (3,) at t [s] into what the AHRS shows.
+
+    The standard normal numbers `drawn` (6,) are its noise; `fresh` (5,) move its slow errors, which without numbers
+    stay.
+    """
+    errors = memory.errors
+    for i in range(3):
+        gyro[i] += record.gyro_noise * drawn[i] + errors[i]
+        angles[i] += record.attitude_noise * drawn[3 + i]
+    angles[0] += errors[3]
+    angles[1] += errors[4]
+    drift = record.heading_drift * t + errors[5]
+    if drift != 0.0:
+        swing = swing_of(angles[0], angles[1], angles[2])
+        turned = attitude_of(swing.g_x, swing.g_y, swing.heading + drift)
+        angles[0], angles[1], angles[2] = turned.theta, turned.phi, turned.psi
+    if len(fresh) > 0:
+        errors[5] += record.sample_time * errors[2]
+        for i in range(3):
+            errors[i] += record.bias_step * fresh[i]
+        for i in range(2):
+            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * fresh[3 + i]
+    if record.latency > 0:
+        now, old = memory.late[sample % len(memory.late)], max(sample - record.latency, 0) % len(memory.late)
+        for i in range(3):
+            now[i], now[3 + i] = gyro[i], angles[i]
+        for i in range(3):
+            gyro[i], angles[i] = memory.late[old, i], memory.late[old, 3 + i]
+
+
+@compiled
+def _read_encoders(record, memory, sample, angles, speeds):
+    read_encoders(record.view(_SENSORS_TYPE)[0], memory, sample, angles, speeds)
+
+
+@compiled
+def _start_ahrs(record, memory, drawn):
+    start_ahrs(record.view(_SENSORS_TYPE)[0], memory, drawn)
+
+
+@compiled
+def _read_ahrs(record, memory, sample, t, drawn, fresh, gyro, angles):
+    read_ahrs(record.view(_SENSORS_TYPE)[0], memory, sample, t, drawn, fresh, gyro, angles)
+
+
+class Encoders:
+    """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
+
+    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples: a
+    longer window gives smoother speeds, delayed by half of it.
+    """
+
+    def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
+        record = sensor_record(robot, sensors, sample_time=sensors.sample_time, window=window)
+        self._record, self._memory = _record_and_memory(record, robot)
+        self.reset(np.zeros(robot.wheel_count))
+
+    def reset(self, angles: ArrayLike) -> None:
+        """Set the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
+        shape = self._memory.counted.shape[1:]
+        self._start, self._sample = real_array(angles, shape, "The array of motor angles").copy(), 0
+
+    def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
+        seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False) - self._start
+        speeds = np.empty(len(seen))
+        _read_encoders(self._record, self._memory, self._sample, seen, speeds)
+        self._sample += 1
+        return seen, speeds
+
+
+def _record_and_memory(record: SensorRecord, robot: Robot) -> tuple[NDArray[np.float64], SensorMemory]:
+    """Return the numbers as compiled code takes them, and a memory of one robot."""
+    numbers = SENSORS.zeros()
+    fill_record(numbers, record)
+    counted, late = np.zeros((1 + record.window, robot.wheel_count)), np.zeros((1 + record.latency, 6))
+    return numbers.view(np.float64), SensorMemory(counted, np.zeros(6), late)
+
+
 def sensor_samples(duration: float, sample_time: float) -> int:
     """Return how many samples of the sensors [s] a controller holds its torques for.
 
@@ -138,25 +271,22 @@ class SensorSuite:
         accelerometer: Accelerometer | None = None,
         fix: FixSource | None = None,
     ) -> None:
-        self._sensors, self._faults = sensors, faults
+        self._sample_time, self._faulty = sensors.sample_time, faults is not None
         self._accelerometer, self._fix = accelerometer, fix
         self._gravity = np.array([0.0, 0.0, robot.gravity])
         self._encoders = Encoders(robot, sensors, window=window)
+        record = sensor_record(robot, sensors, sample_time=sensors.sample_time, faults=faults)
+        self._record, self._memory = _record_and_memory(record, robot)
         self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
 
     def reset(self, random: np.random.Generator, motor_angles: NDArray[np.float64]) -> None:
         """Start a run: all noise follows from `random`, and the motor angles (n,) [rad] count from here."""
         self._encoders.reset(motor_angles)
-        self._random = random
-        if self._faults is not None:
-            faults, self._slow = self._faults, random.spawn(1)[0]
-            self._bias = faults.gyro_bias * self._slow.standard_normal(3)  # each axis: N(0, gyro_bias)
-            # each angle: N(0, lean_error), and stays so
-            self._lean = faults.lean_error * self._slow.standard_normal(2)
-            self._heading = 0.0
-            self._waiting: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
-                maxlen=1 + round(faults.latency / self._sensors.sample_time)
-            )
+        self._random, self._sample = random, 0
+        self._memory.errors[:] = 0.0
+        self._slow = random.spawn(1)[0] if self._faulty else None
+        if self._slow is not None:
+            _start_ahrs(self._record, self._memory, self._slow.standard_normal(5))
         self._shaking = random.spawn(1)[0] if self._accelerometer is not None else None
         self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._outside = random.spawn(1)[0] if self._fix is not None else None
@@ -175,7 +305,11 @@ class SensorSuite:
         body frame [rad/s]; the motors' angles (n,) [rad] are seen at the wheels.
         """
         rate = body_velocity[3:]
-        gyro, attitude = self._read_ahrs(t, rate, truth[2:5])
+        gyro, attitude = rate.copy(), truth[2:5].copy()
+        drawn = self._random.standard_normal(6)
+        fresh = self._slow.standard_normal(5) if self._slow is not None else np.empty(0)
+        _read_ahrs(self._record, self._memory, self._sample, float(t), drawn, fresh, gyro, attitude)
+        self._sample += 1
         wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
         return Reading(
             wheel_angles=wheel_angles,
@@ -186,28 +320,6 @@ class SensorSuite:
             fix=self._read_fix(t, truth),
         )
 
-    def _read_ahrs(
-        self, t: float, rate: NDArray[np.float64], angles: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        sensors = self._sensors
-        gyro = rate + sensors.gyro_noise * self._random.standard_normal(3)
-        attitude = angles + sensors.attitude_noise * self._random.standard_normal(3)
-        drift = sensors.heading_drift * t
-        if self._faults is None:
-            return gyro, turned_about_vertical(attitude, drift)
-        leaning = attitude + np.append(self._lean, 0.0)
-        self._waiting.append((gyro + self._bias, turned_about_vertical(leaning, self._heading + drift)))
-        self._wander(self._faults, sensors.sample_time)
-        return self._waiting[0]
-
-    def _wander(self, faults: SensorFaults, h: float) -> None:
-        """Let the slow errors go on by a sample."""
-        self._heading += h * float(self._bias[2])
-        self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._slow.standard_normal(3)
-        memory = math.exp(-h / faults.lean_error_time)
-        fresh = faults.lean_error * math.sqrt(1.0 - memory**2)
-        self._lean = memory * self._lean + fresh * self._slow.standard_normal(2)
-
     def _read_acceleration(
         self, velocity: NDArray[np.float64], rate: NDArray[np.float64], angles: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
@@ -215,8 +327,7 @@ class SensorSuite:
             return None
         before = self._before if self._before is not None else (velocity, rate)
         acceleration, turning = (
-            (now - last) / self._sensors.sample_time
-            for now, last in zip((velocity, rate), before, strict=True)
+            (now - last) / self._sample_time for now, last in zip((velocity, rate), before, strict=True)
         )
         self._before = (velocity.copy(), rate.copy())
         position = np.array(self._accelerometer.position)

@@ -1,0 +1,124 @@
+"""The Kalman filter's front end, compiled: a reading becomes what the filter takes, and its state that of the robot.
+
+A sample of a filter, a lane of a block's work array (`ballbot.estimation.kalman_model`), is `show`, `sample_block` and
+`see`. Missing values (NaN) are predicted: the gyro stays as it was, encoders or attitude do not correct that sample.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from ballbot.arrays import Floats
+from ballbot.estimation.kalman_model import (
+    COVARIANCE,
+    FIRST,
+    GYRO,
+    GYRO_BEFORE,
+    MODEL_SIZE,
+    NUMBERS,
+    PIVOTING,
+    PIVOTS,
+    SHOWN,
+    STATE,
+    X,
+    lever_in,
+    state_in,
+)
+from ballbot.estimation.known import are_known, is_known
+from ballbot.estimation.onboard import ball_rate
+from ballbot.estimation.swing import begin_filter, robot_state, swing_of
+from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.lanes import LANES
+from ballbot.records import MAX_WHEELS, number, schema_of, whole
+
+_WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
+#: values of `started`: no whole reading yet, the first one, and later
+_NOT_STARTED, _BEGUN, _RUNNING = range(3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FilterMemory:
+    """What a filter keeps from sample to sample beside its column of the work array."""
+
+    started: int = field(metadata=whole())
+    position: Floats = field(metadata=number("m", 2))  #: at which it starts
+    missed: int = field(metadata=whole())  #: samples since the encoders last had all angles
+    angles: Floats = field(metadata=number("rad", MAX_WHEELS))  #: of the wheels then
+    speeds: Floats = field(metadata=number("rad/s", MAX_WHEELS))  #: their mean since the angles before
+    gyro: Floats = field(metadata=number("rad/s", 3))
+    pivoting: float = field(
+        metadata=number("rad/s")
+    )  #: lately, of the ball on the spot as the wheels have it
+
+
+FILTER_MEMORY = schema_of(FilterMemory)
+FILTER_MEMORY_TYPE = FILTER_MEMORY.dtype()
+
+
+@inlined
+def _place(row, lane):
+    """Return where a block's work array has a row of a lane."""
+    return row * LANES + lane
+
+
+@inlined
+def _begin(row, filters, lane, memory, swing):
+    """Start a filter at its first whole reading."""
+    for i in range(MODEL_SIZE):
+        filters[_place(i, lane)] = row[i]
+    for i in range(len(row) - MODEL_SIZE - 2):
+        filters[_place(COVARIANCE + i, lane)] = row[MODEL_SIZE + i]
+    x = filters[_place(STATE, lane) :: LANES]
+    for i in range(COVARIANCE - STATE):
+        x[i] = 0.0
+    begin_filter(lever_in(filters, lane), swing, memory.gyro, x)
+    x[X], x[X + 1] = memory.position[0], memory.position[1]
+    for i in range(NUMBERS):
+        filters[_place(SHOWN + i, lane)] = math.nan
+    memory.started = _BEGUN
+
+
+@inlined
+def show(ball_from_wheels, row, filters, lane, memory, reading):
+    """Give a filter what a reading shows, or start it at the first whole one; `row` is its row of `filter_row`."""
+    n = len(reading.wheel_angles)
+    turned, leans = are_known(reading.wheel_angles, n), are_known(reading.attitude, 3)
+    if memory.started == _NOT_STARTED and not (turned and leans and are_known(reading.gyro, 3)):
+        return
+    for i in range(3):
+        if is_known(reading.gyro[i]):
+            memory.gyro[i] = reading.gyro[i]
+    swing = swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2])
+    if memory.started == _NOT_STARTED:
+        _begin(row, filters, lane, memory, swing)
+    else:
+        if turned:
+            for i in range(n):
+                moved = reading.wheel_angles[i] - memory.angles[i]
+                memory.speeds[i] = moved / (row[0] * (1 + memory.missed))
+        rate = ball_rate(ball_from_wheels, n, memory.speeds)
+        shown = (rate.x, rate.y, rate.z), (swing.g_x, swing.g_y, swing.heading)
+        for i in range(3):
+            filters[_place(GYRO + i, lane)] = memory.gyro[i]
+            filters[_place(_WHEELS + i, lane)] = shown[0][i] if turned else math.nan
+            filters[_place(_AHRS + i, lane)] = shown[1][i] if leans else math.nan
+        # the wheels have lately seen the ball turn on the spot: they do not correct the heading
+        filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > row[len(row) - 1] else 0.0
+    memory.missed = 0 if turned else memory.missed + 1
+    if turned:
+        for i in range(n):
+            memory.angles[i] = reading.wheel_angles[i]
+
+
+@inlined
+def see(row, filters, lane, memory, state):
+    """Fill the robot's state (10,) after a sample of the filter, all NaN before a whole reading."""
+    if memory.started == _NOT_STARTED:
+        for i in range(10):
+            state[i] = math.nan
+        return
+    if memory.started == _RUNNING and memory.missed == 0:
+        memory.pivoting += row[len(row) - 2] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
+    memory.started = _RUNNING
+    for i in range(3):
+        filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]
+    robot_state(lever_in(filters, lane), state_in(filters, lane), memory.gyro, state)
