@@ -23,6 +23,7 @@ from ballbot.simulation.imperfections import Imperfections
 from ballbot.simulation.sensed_plant import SensedPlant
 from tests.support.compiled_estimators import MEMORIES, ROUNDOFF, Compiled, H, covariance_in, driven_run
 from tests.support.control_examples import FRICTION, alten
+from tests.support.estimation_examples import all_covariances
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")
 
@@ -111,7 +112,7 @@ def test_kalman_filter_is_python_s_but_for_rounding(run):
     of_c = Compiled("kalman", kept.robot)
     error = apart(kept, [of_c.update(reading) for reading in kept.given])
     assert (error < 3e-6).all()  # some tens of roundings of numbers of order one; 6e-7 measured
-    found, P = covariance_in(of_c.memory), kept._P
+    found, P = covariance_in(of_c.memory), all_covariances(kept)
     scale = np.sqrt(np.outer(np.diagonal(P), np.diagonal(P)))
     assert np.abs((found - P) / scale).max() < 1e-3  # 2e-4 measured
     assert np.linalg.eigvalsh(found / scale).min() > 0.0

@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 from ballbot import Robot
 from ballbot.arrays import Floats
 from ballbot.estimation.interface import EstimatorName, Reading
+from ballbot.estimation.kalman import kalman_record
+from ballbot.estimation.kalman_model import KalmanRecord
 from ballbot.estimation.onboard import OnboardMemory, OnboardRecord, onboard_record
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
     KalmanMemory,
-    KalmanRecord,
-    kalman_record,
     reading_record,
-    single,
 )
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
-from ballbot.records import Precision, fill_record, schema_of
+from ballbot.records import Precision, converted, fill_record, schema_of
 from ballbot.robot.derived import encoder_step
 from tests.support.compiled_firmware import library
 
@@ -40,11 +39,10 @@ _REAL = {"single": np.float32, "double": np.float64}
 
 def record_of(numbers: OnboardRecord | KalmanRecord, precision: Precision) -> NDArray[np.void]:
     """Return an estimator's numbers as a record (1,)."""
-    if precision == "single":
-        return single(numbers)
-    record = schema_of(type(numbers)).zeros()
+    schema = schema_of(type(numbers))
+    record = schema.zeros()
     fill_record(record, numbers)
-    return record
+    return converted(record, schema) if precision == "single" else record
 
 
 def address(array: NDArray) -> ctypes.c_void_p:

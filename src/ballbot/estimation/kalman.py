@@ -11,7 +11,6 @@ Without a fix, position and heading stay relative to the start, and their covari
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,24 +21,22 @@ from ballbot.estimation.interface import Fix, Reading, checked_reading, known
 from ballbot.estimation.kalman_front import FILTER_MEMORY, FILTER_MEMORY_TYPE, see, show
 from ballbot.estimation.kalman_model import (
     BIAS,
-    COVARIANCE,
     DIRECT,
     DRIFT,
     FIRST,
+    KALMAN,
     LEAN_ERROR,
-    LOWER_TRIANGLE,
     PSI,
     ROWS,
     SENSORS,
     SHOWN,
     SHOWN_PSI,
-    SHOWN_TOGETHER,
     STATE,
     STATES,
     VARIANCES,
-    FilterModel,
     FilterNoise,
     G,
+    KalmanRecord,
     S,
     X,
     sample_block,
@@ -52,32 +49,21 @@ from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
+from ballbot.records import fill_record
 from ballbot.robot import Robot
-
-#: where the work array has the covariance
-_TRIANGLE = slice(COVARIANCE, COVARIANCE + len(LOWER_TRIANGLE[0]))
-
-
-class _Filter(NamedTuple):
-    """A single filter in compiled code: a block of one lane."""
-
-    ball_from_wheels: Floats  #: (3, n) T_obw
-    row: Floats  #: of `filter_row`
-    work: Floats
-    memory: Floats  #: a record of `FILTER_MEMORY`
-    heading: Floats  #: a record of `HEADING`
+from ballbot.robot.derived import encoder_step
 
 
 @compiled
-def _update(code, one, shown, state):
+def _update(code, record, work, memory, ball_from_wheels, heading, shown, state):
     if is_known(shown.attitude[2]):
-        shown.attitude[2] = unwrapped(one.heading.view(HEADING_TYPE)[0], shown.attitude[2])
-    memory = one.memory.view(FILTER_MEMORY_TYPE)[0]
-    goes_on = memory.started > 0
-    show(one.ball_from_wheels, one.row, one.work, 0, memory, shown)
+        shown.attitude[2] = unwrapped(heading.view(HEADING_TYPE)[0], shown.attitude[2])
+    kept = memory.view(FILTER_MEMORY_TYPE)[0]
+    goes_on = kept.started > 0
+    show(record, work, 0, kept, ball_from_wheels, shown)
     if goes_on:
-        sample_block(code, one.work, 1)
-    see(one.row, one.work, 0, memory, state)
+        sample_block(code, work, 1)
+    see(record, work, 0, kept, state)
 
 
 class KalmanFilter:
@@ -93,23 +79,25 @@ class KalmanFilter:
         self.robot = robot
         self.sample_time = sample_time
         self.noise = noise if noise is not None else FilterNoise.of(robot)
-        self._model = filter_model(robot, sample_time=sample_time, noise=self.noise)
-        self._memory, heading = FILTER_MEMORY.zeros(), HEADING.zeros()
-        self._one = _Filter(
-            ball_from_wheels=np.ascontiguousarray(transforms(robot).T_obw),
-            row=filter_row(robot, sample_time=sample_time, noise=self.noise),
-            work=np.zeros(ROWS * LANES),
-            memory=self._memory.view(np.float64),
-            heading=heading.view(np.float64),
-        )
+        self._model = kalman_record(robot, sample_time=sample_time, noise=self.noise)
         # a block of one: its column is the first of each row
-        self._column = self._one.work[::LANES]
+        self._work = np.zeros(ROWS * LANES)
+        self._column = self._work[::LANES]
         self._x = self._column[STATE : STATE + STATES]
-        self._code = sample_code()
+        self._memory, self._heading = FILTER_MEMORY.zeros(), HEADING.zeros()
+        self._given = (
+            sample_code(),
+            filter_row(self._model),
+            self._work,
+            self._memory.view(np.float64),
+            np.ascontiguousarray(transforms(robot).T_obw),
+            self._heading.view(np.float64),
+        )
+        self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
-        self._one.memory[:], self._one.heading[:] = 0.0, 0.0
+        self._memory[:], self._heading[:] = FILTER_MEMORY.zeros(), HEADING.zeros()
         self._memory["position"] = position
 
     def update(self, reading: Reading) -> Floats:
@@ -121,33 +109,16 @@ class KalmanFilter:
         shown, state = checked_reading(reading, self.robot.wheel_count), np.empty(10)
         for sensor in DIRECT:
             self._show(sensor.name, np.ravel(getattr(reading, sensor.name)))
-        _update(self._code, self._one, shown, state)
+        _update(*self._given, shown, state)
         if reading.fix is not None and self._memory["started"][0]:
             self._take_fix(reading.fix)
-            fill_state(self._model.lever, self._x, self._gyro, state)
+            fill_state(self._model.lever, self._x, self._memory["gyro"][0], state)
         return state
 
     def _show(self, sensor: str, numbers: Floats) -> None:
         """Set the measured numbers of a sensor, NaN if missing."""
         first = SHOWN + FIRST[sensor]
         self._column[first : first + len(numbers)] = np.where(known(numbers), numbers, np.nan)
-
-    @property
-    def pivots(self) -> bool:
-        """Whether the wheels have lately seen the ball turn on the spot; they then do not correct the heading."""
-        return bool(abs(self._memory["pivoting"][0]) > self.noise.pivoting_limit)
-
-    @property
-    def _gyro(self) -> Floats:
-        """The gyro's last values (3,) [rad/s]."""
-        return self._memory["gyro"][0]
-
-    @property
-    def _P(self) -> Floats:
-        """Covariance (14, 14) of the states."""
-        P = np.zeros((STATES, STATES))
-        P[LOWER_TRIANGLE] = self._column[_TRIANGLE]
-        return P + np.tril(P, -1).T
 
     def _take_fix(self, fix: Fix) -> None:
         position, heading = (np.nan if value is None else value for value in (fix.position, fix.heading))
@@ -159,56 +130,48 @@ class KalmanFilter:
         first = VARIANCES + FIRST["fix"]
         deviations = (fix.position_deviation, fix.position_deviation, fix.heading_deviation)
         self._column[first : first + 3] = np.square(deviations)
-        take_fix(self._one.work)
+        take_fix(self._work)
 
 
-def filter_model(robot: Robot, *, sample_time: float, noise: FilterNoise) -> FilterModel:
-    """Return a robot and its noise as compiled code reads them."""
-    h = sample_time
-    momentum = contact_momentum(robot)
-    walk = np.zeros(STATES)
+def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> KalmanRecord:
+    """Return the numbers of a robot's filter; the noise is `FilterNoise.of(robot)` by default."""
+    noise, h = noise if noise is not None else FilterNoise.of(robot), sample_time
+    momentum, every_sample = contact_momentum(robot), SENSORS[:-1]
+    walk, start = np.zeros((2, STATES))
     walk[S : S + 2] = noise.push**2 * h
     walk[BIAS : BIAS + 3] = noise.gyro_bias_walk**2 * h
     walk[SHOWN_PSI] = noise.heading_walk**2 * h
     walk[DRIFT] = noise.heading_drift_walk**2 * h
     walk[LEAN_ERROR : LEAN_ERROR + 2] = -(noise.lean_error**2) * math.expm1(-2.0 * h / noise.lean_error_time)
-    return FilterModel(
+    # before the first reading: it sets the attitude, errors and all
+    start[X : X + 2] = noise.start_position**2
+    start[BIAS : BIAS + 3] = noise.gyro_bias**2
+    start[S : S + 2] = noise.start_speed**2
+    start[LEAN_ERROR : LEAN_ERROR + 2] = noise.lean_error**2
+    start[G : G + 2] = noise.attitude**2 + noise.lean_error**2
+    start[PSI] = noise.attitude**2 + noise.start_heading**2
+    start[SHOWN_PSI] = noise.attitude**2
+    start[DRIFT] = noise.heading_drift**2
+    return KalmanRecord(
         sample_time=h,
         radius=robot.ball.radius,
-        lever=np.ascontiguousarray(momentum.lever),
-        pull=np.ascontiguousarray(momentum.pull),
+        ball_turn=transforms(robot).T_obw * encoder_step(robot),
+        lever=momentum.lever,
+        pull=momentum.pull,
         forgotten=-math.expm1(-h / noise.lean_error_time),
         gyro_variance=noise.gyro**2,
         walk=walk,
-        variances=np.concatenate([sensor.variances(noise, h) for sensor in SENSORS]),
+        variances=np.concatenate([sensor.variances(noise, h) for sensor in every_sample]),
+        start_variances=start,
+        # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
+        start_covariances=np.array([-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2]),
+        pivoting_share=min(1.0, h / noise.pivoting_time),
+        pivoting_limit=noise.pivoting_limit,
     )
 
 
-def filter_row(robot: Robot, *, sample_time: float, noise: FilterNoise | None = None) -> Floats:
-    """Return a robot's filter as compiled code reads it: model, lower triangle of P, and how pivoting is found."""
-    noise = noise if noise is not None else FilterNoise.of(robot)
-    model = filter_model(robot, sample_time=sample_time, noise=noise)
-    share = min(1.0, sample_time / noise.pivoting_time)
-    return np.concatenate(
-        [model.row(), first_covariance(noise)[LOWER_TRIANGLE], [share, noise.pivoting_limit]]
-    )
-
-
-def first_covariance(noise: FilterNoise) -> Floats:
-    """Return P (14, 14) before the first reading: it sets the attitude, errors and all."""
-    P = np.zeros((STATES, STATES))
-    P[X, X] = P[X + 1, X + 1] = noise.start_position**2
-    for i in range(3):
-        P[BIAS + i, BIAS + i] = noise.gyro_bias**2
-    for i in range(2):
-        P[S + i, S + i] = noise.start_speed**2
-        P[LEAN_ERROR + i, LEAN_ERROR + i] = noise.lean_error**2
-        P[G + i, G + i] = noise.attitude**2 + noise.lean_error**2
-    P[PSI, PSI] = noise.attitude**2 + noise.start_heading**2
-    P[SHOWN_PSI, SHOWN_PSI] = noise.attitude**2
-    P[DRIFT, DRIFT] = noise.heading_drift**2
-    # g + a is known but for white noise: if one is too large the other is too small; so is psi_a, a part of it psi
-    together = (-(noise.lean_error**2), -(noise.lean_error**2), noise.attitude**2)
-    for (i, j), covariance in zip(SHOWN_TOGETHER, together, strict=True):
-        P[i, j] = P[j, i] = covariance
-    return P
+def filter_row(record: KalmanRecord) -> Floats:
+    """Return a filter's numbers as compiled code reads them: the float64 view of a record of `KALMAN`."""
+    made = KALMAN.zeros()
+    fill_record(made, record)
+    return made.view(np.float64)

@@ -10,15 +10,18 @@ from dataclasses import dataclass, field
 from ballbot.arrays import Floats
 from ballbot.estimation.kalman_model import (
     COVARIANCE,
+    DIAGONAL,
     FIRST,
     GYRO,
     GYRO_BEFORE,
-    MODEL_SIZE,
+    KALMAN_TYPE,
     NUMBERS,
     PIVOTING,
     PIVOTS,
     SHOWN,
     STATE,
+    TOGETHER,
+    VARIANCES,
     X,
     lever_in,
     state_in,
@@ -30,7 +33,7 @@ from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.records import MAX_WHEELS, number, schema_of, whole
 
-_WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
+_WHEELS, _AHRS, _FIX = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"], FIRST["fix"]
 #: values of `started`: no whole reading yet, the first one, and later
 _NOT_STARTED, _BEGUN, _RUNNING = range(3)
 
@@ -63,13 +66,14 @@ def _place(row, lane):
 @inlined
 def _begin(row, filters, lane, memory, swing):
     """Start a filter at its first whole reading."""
-    for i in range(MODEL_SIZE):
-        filters[_place(i, lane)] = row[i]
-    for i in range(len(row) - MODEL_SIZE - 2):
-        filters[_place(COVARIANCE + i, lane)] = row[MODEL_SIZE + i]
+    record = row.view(KALMAN_TYPE)[0]
+    for i in range(GYRO_BEFORE):
+        filters[_place(i, lane)] = row[i] if i < VARIANCES + _FIX else 0.0
+    for i in range(len(DIAGONAL)):
+        filters[_place(COVARIANCE + DIAGONAL[i], lane)] = record.start_variances[i]
+    for i in range(len(TOGETHER)):
+        filters[_place(COVARIANCE + TOGETHER[i], lane)] = record.start_covariances[i]
     x = filters[_place(STATE, lane) :: LANES]
-    for i in range(COVARIANCE - STATE):
-        x[i] = 0.0
     begin_filter(lever_in(filters, lane), swing, memory.gyro, x)
     x[X], x[X + 1] = memory.position[0], memory.position[1]
     for i in range(NUMBERS):
@@ -78,9 +82,9 @@ def _begin(row, filters, lane, memory, swing):
 
 
 @inlined
-def show(ball_from_wheels, row, filters, lane, memory, reading):
+def show(row, filters, lane, memory, ball_from_wheels, reading):
     """Give a filter what a reading shows, or start it at the first whole one; `row` is its row of `filter_row`."""
-    n = len(reading.wheel_angles)
+    record, n = row.view(KALMAN_TYPE)[0], len(reading.wheel_angles)
     turned, leans = are_known(reading.wheel_angles, n), are_known(reading.attitude, 3)
     if memory.started == _NOT_STARTED and not (turned and leans and are_known(reading.gyro, 3)):
         return
@@ -94,7 +98,7 @@ def show(ball_from_wheels, row, filters, lane, memory, reading):
         if turned:
             for i in range(n):
                 moved = reading.wheel_angles[i] - memory.angles[i]
-                memory.speeds[i] = moved / (row[0] * (1 + memory.missed))
+                memory.speeds[i] = moved / (record.sample_time * (1 + memory.missed))
         rate = ball_rate(ball_from_wheels, n, memory.speeds)
         shown = (rate.x, rate.y, rate.z), (swing.g_x, swing.g_y, swing.heading)
         for i in range(3):
@@ -102,7 +106,7 @@ def show(ball_from_wheels, row, filters, lane, memory, reading):
             filters[_place(_WHEELS + i, lane)] = shown[0][i] if turned else math.nan
             filters[_place(_AHRS + i, lane)] = shown[1][i] if leans else math.nan
         # the wheels have lately seen the ball turn on the spot: they do not correct the heading
-        filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > row[len(row) - 1] else 0.0
+        filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > record.pivoting_limit else 0.0
     memory.missed = 0 if turned else memory.missed + 1
     if turned:
         for i in range(n):
@@ -117,7 +121,8 @@ def see(row, filters, lane, memory, state):
             state[i] = math.nan
         return
     if memory.started == _RUNNING and memory.missed == 0:
-        memory.pivoting += row[len(row) - 2] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
+        share = row.view(KALMAN_TYPE)[0].pivoting_share
+        memory.pivoting += share * (filters[_place(PIVOTING, lane)] - memory.pivoting)
     memory.started = _RUNNING
     for i in range(3):
         filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]

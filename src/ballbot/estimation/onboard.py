@@ -72,23 +72,8 @@ class _Turns(NamedTuple):
     c3: float
 
 
-class _Velocity(NamedTuple):
-    """A velocity over the floor."""
-
-    x: float  # [m/s]
-    y: float  # [m/s]
-
-
-class _Rates(NamedTuple):
-    """Rates of theta, phi and psi."""
-
-    theta: float  # [rad/s]
-    phi: float  # [rad/s]
-    psi: float  # [rad/s]
-
-
 class Turning(NamedTuple):
-    """An angular velocity, body frame."""
+    """An angular velocity."""
 
     x: float  # [rad/s]
     y: float  # [rad/s]
@@ -105,10 +90,11 @@ def _turns_of(angles):
 
 
 @inlined
-def _rates_of(a, w):
-    """Return Phi_dot = B^-1 w of the body's angular velocity w [rad/s] in its own frame."""
-    theta = (a.c3 * w[0] - a.s3 * w[1]) / a.c2
-    return _Rates(theta, a.s3 * w[0] + a.c3 * w[1], w[2] - a.s2 * theta)
+def _fill_rates(a, w, state):
+    """Fill the state's rates, Phi_dot = B^-1 w of the body's angular velocity w [rad/s] in its own frame."""
+    state[7] = (a.c3 * w[0] - a.s3 * w[1]) / a.c2
+    state[8] = a.s3 * w[0] + a.c3 * w[1]
+    state[9] = w[2] - a.s2 * state[7]
 
 
 @inlined
@@ -125,28 +111,24 @@ def ball_rate(ball_from_wheels, wheel_count, speeds):
 
 
 @inlined
-def _rolling(record, a, wheel_count, speeds, gyro):
-    """Return v of a ball that rolls without slip."""
-    relative = ball_rate(record.ball_from_wheels, wheel_count, speeds)
-    z = Turning(relative.x + gyro[0], relative.y + gyro[1], relative.z + gyro[2])
+def _ball_turning(a, relative, gyro):
+    """Return Omega of a ball with such a turning relative to the body, world frame."""
+    z_x, z_y, z_z = relative.x + gyro[0], relative.y + gyro[1], relative.z + gyro[2]
     # R = Rx(theta) Ry(phi) Rz(psi); first Rz z, then Ry, then Rx
-    forward = a.c3 * z.x - a.s3 * z.y
-    left = a.s3 * z.x + a.c3 * z.y
-    up = a.c2 * z.z - a.s2 * forward
-    return _Velocity(
-        record.radius * (a.c1 * left - a.s1 * up), -record.radius * (a.c2 * forward + a.s2 * z.z)
-    )
+    forward = a.c3 * z_x - a.s3 * z_y
+    left = a.s3 * z_x + a.c3 * z_y
+    up = a.c2 * z_z - a.s2 * forward
+    return Turning(a.c2 * forward + a.s2 * z_z, a.c1 * left - a.s1 * up, a.s1 * left + a.c1 * up)
 
 
 @inlined
-def _remember(record, memory, reading):
+def _remember(record, memory, reading, state):
     """Remember gyro and attitude; what they lack is predicted."""
     if not are_known(reading.attitude, 3):
         before = _turns_of(memory.attitude)
-        ahead = _rates_of(before, memory.gyro)
-        memory.attitude[0] += record.sample_time * ahead.theta
-        memory.attitude[1] += record.sample_time * ahead.phi
-        memory.attitude[2] += record.sample_time * ahead.psi
+        _fill_rates(before, memory.gyro, state)
+        for k in range(3):
+            memory.attitude[k] += record.sample_time * state[7 + k]
     for k in range(3):
         if is_known(reading.attitude[k]):
             memory.attitude[k] = reading.attitude[k]
@@ -175,27 +157,23 @@ def onboard_update(record, memory, wheel_count, reading, state):
         for k in range(10):
             state[k] = not_a_number()
         return 0
-    _remember(record, memory, reading)
+    _remember(record, memory, reading, state)
     a = _turns_of(memory.attitude)
-    v = _Velocity(memory.velocity[0], memory.velocity[1])
+    state[5], state[6] = memory.velocity[0], memory.velocity[1]
     if rolls:
-        v = _rolling(record, a, wheel_count, reading.wheel_speeds, memory.gyro)
-    if memory.started == 1:
-        # trapezoid between this sample and the one before
-        add_to(
-            memory.position, memory.position_rest, 0, 0.5 * record.sample_time * (v.x + memory.velocity[0])
-        )
-        add_to(
-            memory.position, memory.position_rest, 1, 0.5 * record.sample_time * (v.y + memory.velocity[1])
-        )
-    memory.started = 1
-    memory.velocity[0], memory.velocity[1] = v.x, v.y
-    state[0], state[1] = memory.position[0], memory.position[1]
-    state[5], state[6] = v.x, v.y
+        relative = ball_rate(record.ball_from_wheels, wheel_count, reading.wheel_speeds)
+        omega = _ball_turning(a, relative, memory.gyro)
+        state[5], state[6] = record.radius * omega.y, -record.radius * omega.x
+    for k in range(2):
+        if memory.started == 1:
+            # trapezoid between this sample and the one before
+            passed = 0.5 * record.sample_time * (state[5 + k] + memory.velocity[k])
+            add_to(memory.position, memory.position_rest, k, passed)
+        memory.velocity[k], state[k] = state[5 + k], memory.position[k]
     for k in range(3):
         state[2 + k] = memory.attitude[k]
-    rates = _rates_of(a, memory.gyro)
-    state[7], state[8], state[9] = rates.theta, rates.phi, rates.psi
+    _fill_rates(a, memory.gyro, state)
+    memory.started = 1
     return 1 if complete else 0
 
 

@@ -16,13 +16,13 @@ from ballbot.control.law import LAW, MEMORY
 from ballbot.control.safety import SafetyLimits
 from ballbot.estimation.heading import HEADING
 from ballbot.estimation.interface import EstimatorName
+from ballbot.estimation.kalman import kalman_record
+from ballbot.estimation.kalman_model import KALMAN
 from ballbot.estimation.onboard import ONBOARD, ONBOARD_MEMORY, onboard_record
 from ballbot.firmware.bounds import check_bounds
 from ballbot.firmware.estimators import (
     READING,
     KalmanMemory,
-    KalmanRecord,
-    kalman_record,
 )
 from ballbot.firmware.self_test import SelfTestRecord, self_test_record
 from ballbot.records import (
@@ -157,7 +157,7 @@ PARAMETERS = Schema(
         "law": LAW,
         "safety": schema_of(SafetyRecord),
         "onboard": ONBOARD,
-        "kalman": schema_of(KalmanRecord),
+        "kalman": KALMAN,
     },
 )
 STATE = Schema(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.law import law_code
 from ballbot.estimation.interface import EstimatorName
-from ballbot.estimation.kalman import filter_row
+from ballbot.estimation.kalman import filter_row, kalman_record
 from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
@@ -75,7 +75,7 @@ def _filters(
         return np.empty((0, 0))
     lanes = range(max(len(by_lane), len(robots), len(estimators)))
     known = [by_lane[k % len(by_lane)].known or robots[k % len(robots)] for k in lanes]
-    return _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
+    return _rows(lambda robot: filter_row(kalman_record(robot, sample_time=sample_time)), known)
 
 
 def _loops(

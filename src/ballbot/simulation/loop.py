@@ -65,7 +65,7 @@ from ballbot.mechanics.equations import (
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
-from ballbot.simulation.sensors import SensorMemory, read_ahrs, read_encoders, start_ahrs
+from ballbot.simulation.sensors import SensorMemory, read_ahrs, read_encoders
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
@@ -434,8 +434,6 @@ def _start(selected, work, lane, inputs, draws, memory):
     for i in range(2):
         _onboard_memory(memory, robot).position[i] = state[i]
         _filter_memory(memory, robot).position[i] = state[i]
-    if draws.faults.shape[1] > 0:
-        start_ahrs(record.sensors, _sensor_memory(memory, robot), draws.faults[robot])
     fill(memory.truths[robot], state)
     _floored(state, record, -1.0)
     start_lane(selected, work, lane, state, 0.0)
@@ -473,16 +471,17 @@ def _measure(work, lane, inputs, draws, memory, sample):
     for i in range(3):
         angles[i] = state[2 + i]
     noise = draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
-    fresh = draws.faults[robot, 5 * (drawn + 1) : 5 * (drawn + 2)]
     kept, t = _sensor_memory(memory, robot), sample * record.sample_time
-    read_ahrs(record.sensors, kept, sample, t, noise, fresh, gyro, angles)
+    faults = draws.faults[robot, 5 * drawn :]
+    read_ahrs(record.sensors, kept, sample, t, noise, faults, gyro, angles)
     read_encoders(record.sensors, kept, sample, encoders, speeds)
     shown = Shown(encoders, speeds, gyro, angles)
     if record.estimator == 1:
         onboard_update(record.onboard, _onboard_memory(memory, robot), n, shown, state)
         return
     row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
-    show(record.onboard.ball_from_wheels, row, filters, robot % LANES, _filter_memory(memory, robot), shown)
+    kalman = _filter_memory(memory, robot)
+    show(row, filters, robot % LANES, kalman, record.onboard.ball_from_wheels, shown)
 
 
 @inlined

@@ -89,7 +89,6 @@ class SensorRecord:
 
     count: float = field(metadata=number("rad"))  #: of an encoder, at the wheel
     window: int = field(metadata=whole())  #: samples over which counts are differenced into a speed
-    window_time: float = field(metadata=number("s"))
     gyro_noise: float = field(metadata=number("rad/s"))
     attitude_noise: float = field(metadata=number("rad"))
     heading_drift: float = field(metadata=number("rad/s"))
@@ -116,7 +115,6 @@ def sensor_record(
     return SensorRecord(
         count=encoder_step(robot, sensors),
         window=window,
-        window_time=window * sample_time,
         gyro_noise=sensors.gyro_noise,
         attitude_noise=sensors.attitude_noise,
         heading_drift=sensors.heading_drift,
@@ -147,29 +145,25 @@ def read_encoders(record, memory, sample, angles, speeds):
         angles[i] = math.floor(angles[i] / record.count) * record.count
         recent[now, i] = angles[i]
         earlier = recent[before, i] if sample >= record.window else 0.0
-        speeds[i] = (angles[i] - earlier) / record.window_time
+        speeds[i] = (angles[i] - earlier) / (record.window * record.sample_time)
 
 
 @inlined
-def start_ahrs(record, memory, drawn):
-    """Draw the errors of the start from standard normal numbers (5,)."""
-    for i in range(3):
-        memory.errors[i] = record.gyro_bias * drawn[i]
-    for i in range(2):
-        memory.errors[3 + i] = record.lean_error * drawn[3 + i]
-
-
-@inlined
-def read_ahrs(record, memory, sample, t, drawn, fresh, gyro, angles):
+def read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
     """Turn the true gyro and angles (3,) at t [s] into what the AHRS shows.
 
-    The standard normal numbers `drawn` (6,) are its noise; `fresh` (5,) move its slow errors, which without numbers
-    stay.
+    Standard normal numbers: `noise` (6,) for the gyro and the angles, `faults` (10,) for the errors of the start and
+    their steps in this sample; the errors stay zero if these are empty.
     """
     errors = memory.errors
+    if sample == 0 and len(faults) > 0:
+        for i in range(3):
+            errors[i] = record.gyro_bias * faults[i]
+        for i in range(2):
+            errors[3 + i] = record.lean_error * faults[3 + i]
     for i in range(3):
-        gyro[i] += record.gyro_noise * drawn[i] + errors[i]
-        angles[i] += record.attitude_noise * drawn[3 + i]
+        gyro[i] += record.gyro_noise * noise[i] + errors[i]
+        angles[i] += record.attitude_noise * noise[3 + i]
     angles[0] += errors[3]
     angles[1] += errors[4]
     drift = record.heading_drift * t + errors[5]
@@ -177,12 +171,12 @@ def read_ahrs(record, memory, sample, t, drawn, fresh, gyro, angles):
         swing = swing_of(angles[0], angles[1], angles[2])
         turned = attitude_of(swing.g_x, swing.g_y, swing.heading + drift)
         angles[0], angles[1], angles[2] = turned.theta, turned.phi, turned.psi
-    if len(fresh) > 0:
+    if len(faults) > 0:
         errors[5] += record.sample_time * errors[2]
         for i in range(3):
-            errors[i] += record.bias_step * fresh[i]
+            errors[i] += record.bias_step * faults[5 + i]
         for i in range(2):
-            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * fresh[3 + i]
+            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * faults[8 + i]
     if record.latency > 0:
         now, old = memory.late[sample % len(memory.late)], max(sample - record.latency, 0) % len(memory.late)
         for i in range(3):
@@ -197,13 +191,8 @@ def _read_encoders(record, memory, sample, angles, speeds):
 
 
 @compiled
-def _start_ahrs(record, memory, drawn):
-    start_ahrs(record.view(_SENSORS_TYPE)[0], memory, drawn)
-
-
-@compiled
-def _read_ahrs(record, memory, sample, t, drawn, fresh, gyro, angles):
-    read_ahrs(record.view(_SENSORS_TYPE)[0], memory, sample, t, drawn, fresh, gyro, angles)
+def _read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
+    read_ahrs(record.view(_SENSORS_TYPE)[0], memory, sample, t, noise, faults, gyro, angles)
 
 
 class Encoders:
@@ -285,8 +274,9 @@ class SensorSuite:
         self._random, self._sample = random, 0
         self._memory.errors[:] = 0.0
         self._slow = random.spawn(1)[0] if self._faulty else None
+        self._faults = np.empty(10 if self._faulty else 0)
         if self._slow is not None:
-            _start_ahrs(self._record, self._memory, self._slow.standard_normal(5))
+            self._slow.standard_normal(out=self._faults[:5])
         self._shaking = random.spawn(1)[0] if self._accelerometer is not None else None
         self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._outside = random.spawn(1)[0] if self._fix is not None else None
@@ -306,9 +296,10 @@ class SensorSuite:
         """
         rate = body_velocity[3:]
         gyro, attitude = rate.copy(), truth[2:5].copy()
-        drawn = self._random.standard_normal(6)
-        fresh = self._slow.standard_normal(5) if self._slow is not None else np.empty(0)
-        _read_ahrs(self._record, self._memory, self._sample, float(t), drawn, fresh, gyro, attitude)
+        noise = self._random.standard_normal(6)
+        if self._slow is not None:
+            self._slow.standard_normal(out=self._faults[5:])
+        _read_ahrs(self._record, self._memory, self._sample, float(t), noise, self._faults, gyro, attitude)
         self._sample += 1
         wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
         return Reading(

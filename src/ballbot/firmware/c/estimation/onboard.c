@@ -27,19 +27,6 @@ struct turns {
     float c3;
 };
 
-/* Rates of theta, phi and psi. */
-struct rates {
-    float theta; /* [rad/s] */
-    float phi; /* [rad/s] */
-    float psi; /* [rad/s] */
-};
-
-/* A velocity over the floor. */
-struct velocity {
-    float x; /* [m/s] */
-    float y; /* [m/s] */
-};
-
 /* Forget the past; the robot stands at a position x, y [m], world frame. */
 void ballbot_onboard_reset(struct ballbot_onboard_memory *memory, const float position[2])
 {
@@ -69,25 +56,25 @@ static struct turns turns_of(const float angles[3])
     return (struct turns){ s1, c1, s2, c2, s3, c3 };
 }
 
-/* Return Phi_dot = B^-1 w of the body's angular velocity w [rad/s] in its own frame. */
-static struct rates rates_of(const struct turns *a, const float w[3])
+/* Fill the state's rates, Phi_dot = B^-1 w of the body's angular velocity w [rad/s] in its own frame. */
+static void fill_rates(const struct turns *a, const float w[3], float state[10])
 {
-    const float theta = (a->c3 * w[0] - a->s3 * w[1]) / a->c2;
-
-    return (struct rates){ theta, a->s3 * w[0] + a->c3 * w[1], w[2] - a->s2 * theta };
+    state[7] = (a->c3 * w[0] - a->s3 * w[1]) / a->c2;
+    state[8] = a->s3 * w[0] + a->c3 * w[1];
+    state[9] = w[2] - a->s2 * state[7];
 }
 
 /* Remember gyro and attitude; what they lack is predicted. */
 static void remember(const struct ballbot_onboard_record *record, struct ballbot_onboard_memory *memory,
-        const struct ballbot_reading_record *reading)
+        const struct ballbot_reading_record *reading, float state[10])
 {
     if (!ballbot_are_known(reading->attitude, 3)) {
         const struct turns before = turns_of(memory->attitude);
-        const struct rates ahead = rates_of(&before, memory->gyro);
 
-        memory->attitude[0] += record->sample_time * ahead.theta;
-        memory->attitude[1] += record->sample_time * ahead.phi;
-        memory->attitude[2] += record->sample_time * ahead.psi;
+        fill_rates(&before, memory->gyro, state);
+        for (int32_t k = 0; k < 3; ++k) {
+            memory->attitude[k] += record->sample_time * state[7 + k];
+        }
     }
     for (int32_t k = 0; k < 3; ++k) {
         if (ballbot_is_known(reading->attitude[k])) {
@@ -115,19 +102,20 @@ struct ballbot_turning ballbot_ball_rate(const float ball_from_wheels[3][4], int
     return (struct ballbot_turning){ x, y, z };
 }
 
-/* Return v of a ball that rolls without slip. */
-static struct velocity rolling(const struct ballbot_onboard_record *record, const struct turns *a,
-        int32_t wheel_count, const float speeds[BALLBOT_MAX_WHEELS], const float gyro[3])
+/* Return Omega of a ball with such a turning relative to the body, world frame. */
+static struct ballbot_turning ball_turning(const struct turns *a, struct ballbot_turning relative,
+        const float gyro[3])
 {
-    const struct ballbot_turning relative = ballbot_ball_rate(record->ball_from_wheels, wheel_count, speeds);
-    const struct ballbot_turning z = { relative.x + gyro[0], relative.y + gyro[1], relative.z + gyro[2] };
+    const float z_x = relative.x + gyro[0];
+    const float z_y = relative.y + gyro[1];
+    const float z_z = relative.z + gyro[2];
     /* R = Rx(theta) Ry(phi) Rz(psi); first Rz z, then Ry, then Rx */
-    const float forward = a->c3 * z.x - a->s3 * z.y;
-    const float left = a->s3 * z.x + a->c3 * z.y;
-    const float up = a->c2 * z.z - a->s2 * forward;
+    const float forward = a->c3 * z_x - a->s3 * z_y;
+    const float left = a->s3 * z_x + a->c3 * z_y;
+    const float up = a->c2 * z_z - a->s2 * forward;
 
-    return (struct velocity){ record->radius * (a->c1 * left - a->s1 * up),
-        -record->radius * (a->c2 * forward + a->s2 * z.z) };
+    return (struct ballbot_turning){ a->c2 * forward + a->s2 * z_z, a->c1 * left - a->s1 * up,
+        a->s1 * left + a->c1 * up };
 }
 
 /* Take one sample and fill the state: x, y [m], theta, phi, psi [rad] and their rates, world frame.
@@ -146,34 +134,33 @@ int32_t ballbot_onboard_update(const struct ballbot_onboard_record *record, stru
         }
         return 0;
     }
-    remember(record, memory, reading);
+    remember(record, memory, reading, state);
     const struct turns a = turns_of(memory->attitude);
-    struct velocity v = { memory->velocity[0], memory->velocity[1] };
 
+    state[5] = memory->velocity[0];
+    state[6] = memory->velocity[1];
     if (rolls) {
-        v = rolling(record, &a, wheel_count, reading->wheel_speeds, memory->gyro);
+        const struct ballbot_turning relative = ballbot_ball_rate(record->ball_from_wheels, wheel_count,
+            reading->wheel_speeds);
+        const struct ballbot_turning omega = ball_turning(&a, relative, memory->gyro);
+
+        state[5] = record->radius * omega.y;
+        state[6] = -record->radius * omega.x;
     }
-    if (memory->started == 1) {
-        /* trapezoid between this sample and the one before */
-        ballbot_add(&memory->position[0], &memory->position_rest[0],
-            0.5f * record->sample_time * (v.x + memory->velocity[0]));
-        ballbot_add(&memory->position[1], &memory->position_rest[1],
-            0.5f * record->sample_time * (v.y + memory->velocity[1]));
+    for (int32_t k = 0; k < 2; ++k) {
+        if (memory->started == 1) {
+            /* trapezoid between this sample and the one before */
+            const float passed = 0.5f * record->sample_time * (state[5 + k] + memory->velocity[k]);
+
+            ballbot_add(&memory->position[k], &memory->position_rest[k], passed);
+        }
+        memory->velocity[k] = state[5 + k];
+        state[k] = memory->position[k];
     }
-    memory->started = 1;
-    memory->velocity[0] = v.x;
-    memory->velocity[1] = v.y;
-    state[0] = memory->position[0];
-    state[1] = memory->position[1];
-    state[5] = v.x;
-    state[6] = v.y;
     for (int32_t k = 0; k < 3; ++k) {
         state[2 + k] = memory->attitude[k];
     }
-    const struct rates rates = rates_of(&a, memory->gyro);
-
-    state[7] = rates.theta;
-    state[8] = rates.phi;
-    state[9] = rates.psi;
+    fill_rates(&a, memory->gyro, state);
+    memory->started = 1;
     return complete ? 1 : 0;
 }

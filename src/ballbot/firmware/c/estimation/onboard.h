@@ -12,7 +12,7 @@
 #include "ballbot_types.h"
 #include "compensated_sum.h"
 
-/* An angular velocity, body frame. */
+/* An angular velocity. */
 struct ballbot_turning {
     float x; /* [rad/s] */
     float y; /* [rad/s] */
