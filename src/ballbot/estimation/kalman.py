@@ -24,7 +24,6 @@ from ballbot.estimation.kalman_model import (
     DIRECT,
     DRIFT,
     FIRST,
-    KALMAN,
     LEAN_ERROR,
     PSI,
     ROWS,
@@ -49,7 +48,7 @@ from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
-from ballbot.records import fill_record
+from ballbot.records import packed
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 
@@ -87,7 +86,7 @@ class KalmanFilter:
         self._memory, self._heading = FILTER_MEMORY.zeros(), HEADING.zeros()
         self._given = (
             sample_code(),
-            filter_row(self._model),
+            packed(self._model),
             self._work,
             self._memory.view(np.float64),
             np.ascontiguousarray(transforms(robot).T_obw),
@@ -168,10 +167,3 @@ def kalman_record(robot: Robot, *, sample_time: float, noise: FilterNoise | None
         pivoting_share=min(1.0, h / noise.pivoting_time),
         pivoting_limit=noise.pivoting_limit,
     )
-
-
-def filter_row(record: KalmanRecord) -> Floats:
-    """Return a filter's numbers as compiled code reads them: the float64 view of a record of `KALMAN`."""
-    made = KALMAN.zeros()
-    fill_record(made, record)
-    return made.view(np.float64)

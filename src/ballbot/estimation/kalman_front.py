@@ -48,9 +48,8 @@ class FilterMemory:
     angles: Floats = field(metadata=number("rad", MAX_WHEELS))  #: of the wheels then
     speeds: Floats = field(metadata=number("rad/s", MAX_WHEELS))  #: their mean since the angles before
     gyro: Floats = field(metadata=number("rad/s", 3))
-    pivoting: float = field(
-        metadata=number("rad/s")
-    )  #: lately, of the ball on the spot as the wheels have it
+    #: lately, of the ball on the spot as the wheels have it
+    pivoting: float = field(metadata=number("rad/s"))
 
 
 FILTER_MEMORY = schema_of(FilterMemory)
@@ -83,7 +82,7 @@ def _begin(row, filters, lane, memory, swing):
 
 @inlined
 def show(row, filters, lane, memory, ball_from_wheels, reading):
-    """Give a filter what a reading shows, or start it at the first whole one; `row` is its row of `filter_row`."""
+    """Give a filter what a reading shows, or start it at the first whole one; `row` is a record of `KALMAN`."""
     record, n = row.view(KALMAN_TYPE)[0], len(reading.wheel_angles)
     turned, leans = are_known(reading.wheel_angles, n), are_known(reading.attitude, 3)
     if memory.started == _NOT_STARTED and not (turned and leans and are_known(reading.gyro, 3)):

@@ -408,17 +408,13 @@ class KalmanRecord:
 
 KALMAN = schema_of(KalmanRecord)
 KALMAN_TYPE = KALMAN.dtype()
-
-
-def _row_of(name: str) -> int:
-    """Return where a field of the record begins, in numbers."""
-    return (KALMAN_TYPE.fields or {})[name][1] // 8
-
+#: where each field begins, in numbers
+_PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).items()}
 
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
-_LEVER, _FORGOTTEN = _row_of("lever"), _row_of("forgotten")
-_GYRO_VARIANCE, _WALK, VARIANCES = _row_of("gyro_variance"), _row_of("walk"), _row_of("variances")
+_LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
+_GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS
 STATE = MODEL_SIZE
 COVARIANCE = STATE + STATES

@@ -25,7 +25,7 @@ from ballbot.mechanics.engine.compensated_sum import add_to
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.geometry import transforms
-from ballbot.records import MAX_WHEELS, fill_record, number, schema_of, whole
+from ballbot.records import MAX_WHEELS, number, packed, schema_of, whole
 from ballbot.robot import Robot
 
 
@@ -202,9 +202,7 @@ class OnboardState:
             raise InputError(f"The sample time of an on-board state must be above 0 s, not {sample_time}.")
         self.robot = robot
         self.sample_time = sample_time
-        record = ONBOARD.zeros()
-        fill_record(record, onboard_record(robot, sample_time=sample_time))
-        self._record = record.view(np.float64)
+        self._record = packed(onboard_record(robot, sample_time=sample_time))
         self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:

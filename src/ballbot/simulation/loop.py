@@ -65,7 +65,7 @@ from ballbot.mechanics.equations import (
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
-from ballbot.simulation.sensors import SensorMemory, read_ahrs, read_encoders
+from ballbot.simulation.sensors import SensorMemory, read_sensors
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
@@ -85,7 +85,7 @@ class Inputs(NamedTuple):
     lift_offs: NDArray[np.float64]
     laws: NDArray[np.float64]  #: rows of `Controller.packed`, as long as the longest
     loops: NDArray[np.void]  #: records of `ballbot.simulation.imperfections.LOOP`
-    filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
+    filters: NDArray[np.float64]  #: records of `KALMAN`; no rows without a Kalman filter
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
     initial: NDArray[np.float64]
     pushes: NDArray[np.float64]  #: (robots, m, 6): first sample, first one after it, force [N], height [m]
@@ -463,19 +463,14 @@ def _measure(work, lane, inputs, draws, memory, sample):
             )
             speeds[i] = work[(MOTOR + i) * LANES + lane]
     rate = body_rates(attitude((state[2], state[3], state[4])), (state[7], state[8], state[9]))
-    for i in range(3):
-        gyro[i] = rate[i]
-    if record.estimator == 0:
-        return
     angles, drawn = memory.attitude[robot], sample % draws.samples
     for i in range(3):
-        angles[i] = state[2 + i]
-    noise = draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
-    kept, t = _sensor_memory(memory, robot), sample * record.sample_time
-    faults = draws.faults[robot, 5 * drawn :]
-    read_ahrs(record.sensors, kept, sample, t, noise, faults, gyro, angles)
-    read_encoders(record.sensors, kept, sample, encoders, speeds)
-    shown = Shown(encoders, speeds, gyro, angles)
+        gyro[i], angles[i] = rate[i], state[2 + i]
+    if record.estimator == 0:
+        return
+    noise, faults = draws.noise[robot, (n + 6) * drawn :], draws.faults[robot, 5 * drawn :]
+    shown, kept = Shown(encoders, speeds, gyro, angles), _sensor_memory(memory, robot)
+    read_sensors(record.sensors, kept, sample, sample * record.sample_time, noise, faults, shown)
     if record.estimator == 1:
         onboard_update(record.onboard, _onboard_memory(memory, robot), n, shown, state)
         return

@@ -23,15 +23,15 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
+from ballbot.estimation.known import Shown
 from ballbot.estimation.swing import attitude_of, swing_of
 from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.geometry import rotation
-from ballbot.records import fill_record, number, schema_of, whole
+from ballbot.records import number, packed, schema_of, whole
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class
@@ -137,7 +137,7 @@ class SensorMemory(NamedTuple):
 
 
 @inlined
-def read_encoders(record, memory, sample, angles, speeds):
+def _read_encoders(record, memory, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
     recent = memory.counted
     now, before = sample % len(recent), (sample - record.window) % len(recent)
@@ -149,7 +149,7 @@ def read_encoders(record, memory, sample, angles, speeds):
 
 
 @inlined
-def read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
+def _read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
     """Turn the true gyro and angles (3,) at t [s] into what the AHRS shows.
 
     Standard normal numbers: `noise` (6,) for the gyro and the angles, `faults` (10,) for the errors of the start and
@@ -185,48 +185,16 @@ def read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
             gyro[i], angles[i] = memory.late[old, i], memory.late[old, 3 + i]
 
 
-@compiled
-def _read_encoders(record, memory, sample, angles, speeds):
-    read_encoders(record.view(_SENSORS_TYPE)[0], memory, sample, angles, speeds)
+@inlined
+def read_sensors(record, memory, sample, t, noise, faults, shown):
+    """Turn the true values at t [s] into what the sensors show; for the numbers see `_read_ahrs`."""
+    _read_ahrs(record, memory, sample, t, noise, faults, shown.gyro, shown.attitude)
+    _read_encoders(record, memory, sample, shown.wheel_angles, shown.wheel_speeds)
 
 
 @compiled
-def _read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
-    read_ahrs(record.view(_SENSORS_TYPE)[0], memory, sample, t, noise, faults, gyro, angles)
-
-
-class Encoders:
-    """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
-
-    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples: a
-    longer window gives smoother speeds, delayed by half of it.
-    """
-
-    def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
-        record = sensor_record(robot, sensors, sample_time=sensors.sample_time, window=window)
-        self._record, self._memory = _record_and_memory(record, robot)
-        self.reset(np.zeros(robot.wheel_count))
-
-    def reset(self, angles: ArrayLike) -> None:
-        """Set the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
-        shape = self._memory.counted.shape[1:]
-        self._start, self._sample = real_array(angles, shape, "The array of motor angles").copy(), 0
-
-    def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
-        seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False) - self._start
-        speeds = np.empty(len(seen))
-        _read_encoders(self._record, self._memory, self._sample, seen, speeds)
-        self._sample += 1
-        return seen, speeds
-
-
-def _record_and_memory(record: SensorRecord, robot: Robot) -> tuple[NDArray[np.float64], SensorMemory]:
-    """Return the numbers as compiled code takes them, and a memory of one robot."""
-    numbers = SENSORS.zeros()
-    fill_record(numbers, record)
-    counted, late = np.zeros((1 + record.window, robot.wheel_count)), np.zeros((1 + record.latency, 6))
-    return numbers.view(np.float64), SensorMemory(counted, np.zeros(6), late)
+def _read(record, memory, sample, t, noise, faults, shown):
+    read_sensors(record.view(_SENSORS_TYPE)[0], memory, sample, t, noise, faults, shown)
 
 
 def sensor_samples(duration: float, sample_time: float) -> int:
@@ -246,8 +214,9 @@ def sensor_samples(duration: float, sample_time: float) -> int:
 class SensorSuite:
     """All sensors of one robot: encoders and AHRS, and an accelerometer and fixes where there are any.
 
-    The robot gives gear ratio and gravity; its own sensors are not looked at. `window` is the number of samples over
-    which encoder counts are differenced into a speed. The first fix comes at 1 / rate.
+    The robot gives gear ratio and gravity; its own sensors are not looked at. Encoders sit on the motors' shafts and
+    count from the angles of the reset on. `window` is the number of samples over which counts are differenced into a
+    speed: a longer one gives smoother speeds, delayed by half of it. The first fix comes at 1 / rate.
     """
 
     def __init__(
@@ -263,15 +232,18 @@ class SensorSuite:
         self._sample_time, self._faulty = sensors.sample_time, faults is not None
         self._accelerometer, self._fix = accelerometer, fix
         self._gravity = np.array([0.0, 0.0, robot.gravity])
-        self._encoders = Encoders(robot, sensors, window=window)
-        record = sensor_record(robot, sensors, sample_time=sensors.sample_time, faults=faults)
-        self._record, self._memory = _record_and_memory(record, robot)
+        record = sensor_record(robot, sensors, sample_time=self._sample_time, window=window, faults=faults)
+        self._record = packed(record)
+        self._memory = SensorMemory(
+            counted=np.zeros((1 + record.window, robot.wheel_count)),
+            errors=np.zeros(6),
+            late=np.zeros((1 + record.latency, 6)),
+        )
         self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
 
     def reset(self, random: np.random.Generator, motor_angles: NDArray[np.float64]) -> None:
         """Start a run: all noise follows from `random`, and the motor angles (n,) [rad] count from here."""
-        self._encoders.reset(motor_angles)
-        self._random, self._sample = random, 0
+        self._random, self._start, self._sample = random, motor_angles.copy(), 0
         self._memory.errors[:] = 0.0
         self._slow = random.spawn(1)[0] if self._faulty else None
         self._faults = np.empty(10 if self._faulty else 0)
@@ -294,20 +266,20 @@ class SensorSuite:
         The velocity (6,) is that of the body's point at the ball's centre, world frame [m/s], and its angular velocity,
         body frame [rad/s]; the motors' angles (n,) [rad] are seen at the wheels.
         """
-        rate = body_velocity[3:]
-        gyro, attitude = rate.copy(), truth[2:5].copy()
+        shown = Shown(
+            wheel_angles=motor_angles - self._start,
+            wheel_speeds=np.empty(len(motor_angles)),
+            gyro=body_velocity[3:].copy(),
+            attitude=truth[2:5].copy(),
+        )
         noise = self._random.standard_normal(6)
         if self._slow is not None:
             self._slow.standard_normal(out=self._faults[5:])
-        _read_ahrs(self._record, self._memory, self._sample, float(t), noise, self._faults, gyro, attitude)
+        _read(self._record, self._memory, self._sample, float(t), noise, self._faults, shown)
         self._sample += 1
-        wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
         return Reading(
-            wheel_angles=wheel_angles,
-            wheel_speeds=wheel_speeds,
-            gyro=gyro,
-            attitude=attitude,
-            acceleration=self._read_acceleration(body_velocity[:3], rate, truth[2:5]),
+            **shown._asdict(),
+            acceleration=self._read_acceleration(body_velocity[:3], body_velocity[3:], truth[2:5]),
             fix=self._read_fix(t, truth),
         )
 
