@@ -14,11 +14,14 @@ from ballbot.estimation.kalman_model import (
     FIRST,
     GYRO,
     GYRO_BEFORE,
-    KALMAN_TYPE,
     NUMBERS,
     PIVOTING,
+    PIVOTING_LIMIT,
+    PIVOTING_SHARE,
     PIVOTS,
     SHOWN,
+    START_COVARIANCES,
+    START_VARIANCES,
     STATE,
     TOGETHER,
     VARIANCES,
@@ -63,15 +66,23 @@ def _place(row, lane):
 
 
 @inlined
+def reset_filter(memory, position):
+    """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
+    memory.started = memory.missed = 0
+    memory.pivoting = 0.0
+    for k in range(2):
+        memory.position[k] = position[k]
+
+
+@inlined
 def _begin(row, filters, lane, memory, swing):
     """Start a filter at its first whole reading."""
-    record = row.view(KALMAN_TYPE)[0]
     for i in range(GYRO_BEFORE):
         filters[_place(i, lane)] = row[i] if i < VARIANCES + _FIX else 0.0
     for i in range(len(DIAGONAL)):
-        filters[_place(COVARIANCE + DIAGONAL[i], lane)] = record.start_variances[i]
+        filters[_place(COVARIANCE + DIAGONAL[i], lane)] = row[START_VARIANCES + i]
     for i in range(len(TOGETHER)):
-        filters[_place(COVARIANCE + TOGETHER[i], lane)] = record.start_covariances[i]
+        filters[_place(COVARIANCE + TOGETHER[i], lane)] = row[START_COVARIANCES + i]
     x = filters[_place(STATE, lane) :: LANES]
     begin_filter(lever_in(filters, lane), swing, memory.gyro, x)
     x[X], x[X + 1] = memory.position[0], memory.position[1]
@@ -83,8 +94,8 @@ def _begin(row, filters, lane, memory, swing):
 @inlined
 def show(row, filters, lane, memory, ball_from_wheels, reading):
     """Give a filter what a reading shows, or start it at the first whole one; `row` is a record of `KALMAN`."""
-    record, n = row.view(KALMAN_TYPE)[0], len(reading.wheel_angles)
-    turned, leans = are_known(reading.wheel_angles, n), are_known(reading.attitude, 3)
+    n, leans = len(reading.wheel_angles), are_known(reading.attitude, 3)
+    turned = are_known(reading.wheel_angles, n)
     if memory.started == _NOT_STARTED and not (turned and leans and are_known(reading.gyro, 3)):
         return
     for i in range(3):
@@ -97,7 +108,7 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
         if turned:
             for i in range(n):
                 moved = reading.wheel_angles[i] - memory.angles[i]
-                memory.speeds[i] = moved / (record.sample_time * (1 + memory.missed))
+                memory.speeds[i] = moved / (row[0] * (1 + memory.missed))
         rate = ball_rate(ball_from_wheels, n, memory.speeds)
         shown = (rate.x, rate.y, rate.z), (swing.g_x, swing.g_y, swing.heading)
         for i in range(3):
@@ -105,7 +116,7 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
             filters[_place(_WHEELS + i, lane)] = shown[0][i] if turned else math.nan
             filters[_place(_AHRS + i, lane)] = shown[1][i] if leans else math.nan
         # the wheels have lately seen the ball turn on the spot: they do not correct the heading
-        filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > record.pivoting_limit else 0.0
+        filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > row[PIVOTING_LIMIT] else 0.0
     memory.missed = 0 if turned else memory.missed + 1
     if turned:
         for i in range(n):
@@ -120,8 +131,7 @@ def see(row, filters, lane, memory, state):
             state[i] = math.nan
         return
     if memory.started == _RUNNING and memory.missed == 0:
-        share = row.view(KALMAN_TYPE)[0].pivoting_share
-        memory.pivoting += share * (filters[_place(PIVOTING, lane)] - memory.pivoting)
+        memory.pivoting += row[PIVOTING_SHARE] * (filters[_place(PIVOTING, lane)] - memory.pivoting)
     memory.started = _RUNNING
     for i in range(3):
         filters[_place(GYRO_BEFORE + i, lane)] = memory.gyro[i]

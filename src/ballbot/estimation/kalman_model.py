@@ -414,6 +414,8 @@ _PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).item
 # Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
 # covariance, a sample's inputs, and results on the way
 _LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
+PIVOTING_SHARE, PIVOTING_LIMIT = _PLACE["pivoting_share"], _PLACE["pivoting_limit"]
+START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
 _GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS
 STATE = MODEL_SIZE

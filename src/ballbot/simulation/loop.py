@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.law import LIMIT_AT, MEMORY_SIZE, decide_torques
-from ballbot.estimation.kalman_front import FILTER_MEMORY_TYPE, see, show
+from ballbot.estimation.kalman_front import FILTER_MEMORY_TYPE, reset_filter, see, show
 from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import sample_block
 from ballbot.estimation.known import Shown
-from ballbot.estimation.onboard import ONBOARD_MEMORY_TYPE, onboard_update
+from ballbot.estimation.onboard import ONBOARD_MEMORY_TYPE, onboard_reset, onboard_update
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined, spliced
 from ballbot.mechanics.engine.lanes import (
@@ -154,8 +154,8 @@ class LoopMemory(NamedTuple):
     encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
     sensors: SensorMemory  #: a row for each robot
     gyros: NDArray[np.float64]  #: (robots, 3) the gyro's present readings
-    onboard: NDArray[np.float64]  #: rows that are records of `ONBOARD_MEMORY`
-    kalman: NDArray[np.float64]  #: rows that are records of `FILTER_MEMORY`
+    onboard: NDArray[np.void]  #: records of `ONBOARD_MEMORY`
+    kalman: NDArray[np.void]  #: records of `FILTER_MEMORY`
     truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array of each block, a robot a column
@@ -208,16 +208,6 @@ def _truth(work, lane, record, out):
 def _sensor_memory(memory, robot):
     of = memory.sensors
     return SensorMemory(of.counted[robot], of.errors[robot], of.late[robot])
-
-
-@inlined
-def _onboard_memory(memory, robot):
-    return memory.onboard[robot].view(ONBOARD_MEMORY_TYPE)[0]
-
-
-@inlined
-def _filter_memory(memory, robot):
-    return memory.kalman[robot].view(FILTER_MEMORY_TYPE)[0]
 
 
 # --- drive ---
@@ -418,8 +408,7 @@ def _clear(work, lane, memory):
         filters[row * LANES + robot % LANES] = 0.0
     for numbers in (memory.laws, memory.wanted, memory.given, memory.commanded, memory.last, memory.angles):
         _zero(numbers[robot])
-    for numbers in (memory.onboard, memory.kalman, memory.sensors.errors):
-        _zero(numbers[robot])
+    _zero(memory.sensors.errors[robot])
     for late in range(len(memory.late)):
         _zero(memory.late[late, robot])
 
@@ -431,9 +420,8 @@ def _start(selected, work, lane, inputs, draws, memory):
     record, state = _loop_of(inputs, robot), memory.start[robot]
     put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
     fill(state, inputs.initial[_row_of(inputs.initial, robot)])
-    for i in range(2):
-        _onboard_memory(memory, robot).position[i] = state[i]
-        _filter_memory(memory, robot).position[i] = state[i]
+    onboard_reset(memory.onboard[robot], state)
+    reset_filter(memory.kalman[robot], state)
     fill(memory.truths[robot], state)
     _floored(state, record, -1.0)
     start_lane(selected, work, lane, state, 0.0)
@@ -472,11 +460,10 @@ def _measure(work, lane, inputs, draws, memory, sample):
     shown, kept = Shown(encoders, speeds, gyro, angles), _sensor_memory(memory, robot)
     read_sensors(record.sensors, kept, sample, sample * record.sample_time, noise, faults, shown)
     if record.estimator == 1:
-        onboard_update(record.onboard, _onboard_memory(memory, robot), n, shown, state)
+        onboard_update(record.onboard, memory.onboard[robot], n, shown, state)
         return
     row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
-    kalman = _filter_memory(memory, robot)
-    show(row, filters, robot % LANES, kalman, record.onboard.ball_from_wheels, shown)
+    show(row, filters, robot % LANES, memory.kalman[robot], record.onboard.ball_from_wheels, shown)
 
 
 @inlined
@@ -485,7 +472,7 @@ def _see(inputs, memory, robot, sample):
     record, state = _loop_of(inputs, robot), memory.states[robot]
     if record.estimator == 2:
         row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
-        see(row, filters, robot % LANES, _filter_memory(memory, robot), state)
+        see(row, filters, robot % LANES, memory.kalman[robot], state)
     if record.missing_from <= sample < record.missing_until:
         state[0] = np.nan
 
@@ -607,8 +594,6 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
         "late": (1 + delay, robots, n),
         "encoders": (robots, 2 * n),
         "gyros": (robots, 3),
-        "onboard": (robots, ONBOARD_MEMORY_TYPE.itemsize // 8),
-        "kalman": (robots, FILTER_MEMORY_TYPE.itemsize // 8),
         "truths": (robots, 10),
         "states": (robots, 10),
         "attitude": (robots, 3),
@@ -627,6 +612,10 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
         errors=np.zeros((robots, 6)),
         late=np.zeros((robots, 1 + latency, 6)),
     )
+    arrays |= {
+        "onboard": np.zeros(robots, ONBOARD_MEMORY_TYPE),
+        "kalman": np.zeros(robots, FILTER_MEMORY_TYPE),
+    }
     others = {"by_steps": by_steps, "sensors": sensors, "work": work, "filters": filters}
     return LoopMemory(**arrays | others)  # pyright: ignore[reportArgumentType]
 
