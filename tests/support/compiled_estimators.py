@@ -51,7 +51,7 @@ def address(array: NDArray) -> ctypes.c_void_p:
 
 
 class Compiled:
-    """An estimator in C, with the interface of one in Python; in double precision only the Kalman filter."""
+    """An estimator in C, with the interface of one in Python."""
 
     def __init__(
         self, name: EstimatorName, robot: Robot, *, sample_time: float = H, precision: Precision = "single"
@@ -94,10 +94,10 @@ def covariance_in(memory: NDArray[np.void]) -> Floats:
 
 @cache
 def hours_library(precision: Precision) -> ctypes.CDLL:
-    """Return the Kalman filter in C in one precision, with what drives it (`firmware_hours.c`)."""
+    """Return the estimators in C in one precision, with what drives it (`firmware_hours.c`)."""
     here = Path(__file__).parent
     sources = [
-        *(SOURCES / "estimation" / name for name in ("kalman.c", "swing.c")),
+        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "swing.c")),
         here / "firmware_hours.c",
     ]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]
