@@ -65,7 +65,7 @@ from ballbot.mechanics.equations import (
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
-from ballbot.simulation.sensors import SensorMemory, read_sensors
+from ballbot.simulation.sensors import SensorMemory, new_sensor_memory, read_sensors
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
@@ -585,8 +585,7 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
     """Return the memory of robots that all begin; n is the number of wheels."""
     blocks = -(-robots // LANES)
     delay, latency, window = (
-        int(numbers.max())
-        for numbers in (loops["delay"], loops["sensors"]["latency"], loops["sensors"]["window"])
+        int(one.max()) for one in (loops["delay"], loops["sensors"]["latency"], loops["sensors"]["window"])
     )
     by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
     shapes = dict.fromkeys(LoopMemory._fields, (robots, n)) | {
@@ -607,16 +606,14 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
     )
     for robot in range(robots):
         work[robot // LANES, ROBOT * LANES + robot % LANES] = robot
-    sensors = SensorMemory(
-        counted=np.zeros((robots, 1 + window, n)),
-        errors=np.zeros((robots, 6)),
-        late=np.zeros((robots, 1 + latency, 6)),
-    )
-    arrays |= {
+    others = {
+        "by_steps": by_steps,
+        "sensors": new_sensor_memory(robots, wheels=n, window=window, latency=latency),
         "onboard": np.zeros(robots, ONBOARD_MEMORY_TYPE),
         "kalman": np.zeros(robots, FILTER_MEMORY_TYPE),
+        "work": work,
+        "filters": filters,
     }
-    others = {"by_steps": by_steps, "sensors": sensors, "work": work, "filters": filters}
     return LoopMemory(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 

@@ -136,6 +136,15 @@ class SensorMemory(NamedTuple):
     late: NDArray[np.float64]  #: (1 + longest latency, 6) gyro and attitude at the last samples
 
 
+def new_sensor_memory(*robots: int, wheels: int, window: int, latency: int) -> SensorMemory:
+    """Return a memory of one robot, or of so many."""
+    return SensorMemory(
+        counted=np.zeros((*robots, 1 + window, wheels)),
+        errors=np.zeros((*robots, 6)),
+        late=np.zeros((*robots, 1 + latency, 6)),
+    )
+
+
 @inlined
 def _read_encoders(record, memory, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
@@ -234,10 +243,8 @@ class SensorSuite:
         self._gravity = np.array([0.0, 0.0, robot.gravity])
         record = sensor_record(robot, sensors, sample_time=self._sample_time, window=window, faults=faults)
         self._record = packed(record)
-        self._memory = SensorMemory(
-            counted=np.zeros((1 + record.window, robot.wheel_count)),
-            errors=np.zeros(6),
-            late=np.zeros((1 + record.latency, 6)),
+        self._memory = new_sensor_memory(
+            wheels=robot.wheel_count, window=record.window, latency=record.latency
         )
         self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
 

@@ -60,13 +60,9 @@ def run_bench(
     driveline, shafts = TwinDriveline(robot, scenario, engine), Shafts(robot, scenario, engine)
     shafts.reset(random)
     driveline.reset()
-    sensors, start = (
-        SensorSuite(robot, scenario.sensors, window=scenario.speed_window),
-        shafts.angles().copy(),
-    )
-    sensors.reset(
-        np.random.default_rng(seed), start
-    )  # the AHRS is not logged: its noise has a stream of its own
+    sensors = SensorSuite(robot, scenario.sensors, window=scenario.speed_window)
+    start = shafts.angles().copy()
+    sensors.reset(np.random.default_rng(seed), start)  # of the AHRS alone, which is not logged
     sample_time = scenario.sensors.sample_time
     steps, measured, true = round(sample_time / scenario.timestep), [], []
     for k, torque in enumerate(torques):
