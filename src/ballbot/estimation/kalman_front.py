@@ -66,6 +66,15 @@ def _place(row, lane):
 
 
 @inlined
+def _put(filters, row, lane, complete, numbers):
+    """Give a filter three numbers of a sensor, NaN if they are missing."""
+    first, second, third = numbers
+    filters[_place(row, lane)] = first if complete else math.nan
+    filters[_place(row + 1, lane)] = second if complete else math.nan
+    filters[_place(row + 2, lane)] = third if complete else math.nan
+
+
+@inlined
 def reset_filter(memory, position):
     """Forget the past; the robot stands still at a position x, y [m] when the next reading comes."""
     memory.started = memory.missed = 0
@@ -110,11 +119,10 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
                 moved = reading.wheel_angles[i] - memory.angles[i]
                 memory.speeds[i] = moved / (row[0] * (1 + memory.missed))
         rate = ball_rate(ball_from_wheels, n, memory.speeds)
-        shown = (rate.x, rate.y, rate.z), (swing.g_x, swing.g_y, swing.heading)
+        _put(filters, _WHEELS, lane, turned, rate)
+        _put(filters, _AHRS, lane, leans, swing)
         for i in range(3):
             filters[_place(GYRO + i, lane)] = memory.gyro[i]
-            filters[_place(_WHEELS + i, lane)] = shown[0][i] if turned else math.nan
-            filters[_place(_AHRS + i, lane)] = shown[1][i] if leans else math.nan
         # the wheels have lately seen the ball turn on the spot: they do not correct the heading
         filters[_place(PIVOTS, lane)] = 1.0 if abs(memory.pivoting) > row[PIVOTING_LIMIT] else 0.0
     memory.missed = 0 if turned else memory.missed + 1
