@@ -8,9 +8,7 @@ from numpy.typing import ArrayLike
 
 from ballbot.arrays import Bools, Floats, real_array
 from ballbot.errors import InputError, suggest
-
-#: a larger value is not a valid measurement: angles [rad], speeds [rad/s]
-_LARGEST = 1e6
+from ballbot.estimation.known import LARGEST_READING, Shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,17 +54,17 @@ class Reading:
 
 def known(values: ArrayLike) -> Bools:
     """Return which of a sensor's values (...) are valid: finite, and within a sensor's range."""
-    return np.abs(values) <= _LARGEST
+    return np.abs(values) <= LARGEST_READING
 
 
 def all_known(values: Floats) -> bool:
     """Return whether all of a sensor's values (...) are valid."""
     # a small sum of squares is four times as fast to check; that of a NaN is not small
-    return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
+    return bool(np.vdot(values, values) <= LARGEST_READING**2) or bool(known(values).all())
 
 
-def checked_reading(reading: Reading, wheel_count: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN if a value is missing.
+def checked_reading(reading: Reading, wheel_count: int) -> Shown:
+    """Return what compiled code takes of a reading, the attitude (3,) as a copy.
 
     InputError if a shape is wrong, or values are not numbers.
     """
@@ -75,7 +73,8 @@ def checked_reading(reading: Reading, wheel_count: int) -> tuple[Floats, Floats,
         return real_array(getattr(reading, name), (count,), f"{name} of a reading", finite=False)
 
     n = wheel_count
-    return checked("wheel_angles", n), checked("wheel_speeds", n), checked("gyro", 3), checked("attitude", 3)
+    turns = checked("wheel_angles", n), checked("wheel_speeds", n)
+    return Shown(*turns, checked("gyro", 3), checked("attitude", 3).copy())
 
 
 class Estimator(Protocol):
