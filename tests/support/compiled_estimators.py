@@ -19,10 +19,7 @@ from ballbot.estimation.kalman import kalman_record
 from ballbot.estimation.kalman_model import KalmanRecord
 from ballbot.estimation.onboard import OnboardMemory, OnboardRecord, onboard_record
 from ballbot.firmware.build import compile_sources
-from ballbot.firmware.estimators import (
-    KalmanMemory,
-    reading_record,
-)
+from ballbot.firmware.estimators import KalmanMemory, reading_record
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
 from ballbot.records import Precision, converted, fill_record, schema_of

@@ -31,7 +31,7 @@ class HeadingMemory:
 
 
 HEADING = schema_of(HeadingMemory)
-HEADING_TYPE = HEADING.dtype()
+_HEADING_TYPE = HEADING.dtype()
 
 
 @inlined
@@ -63,7 +63,7 @@ def unwrapped(memory, angle):
 
 @compiled
 def _unwrapped(memory, angle):
-    return unwrapped(memory.view(HEADING_TYPE)[0], angle)
+    return unwrapped(memory.view(_HEADING_TYPE)[0], angle)
 
 
 class Heading:

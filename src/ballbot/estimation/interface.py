@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from ballbot.arrays import Bools, Floats, real_array
 from ballbot.errors import InputError, suggest
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.known import LARGEST_READING, Shown
 
 
@@ -49,7 +50,7 @@ class Reading:
     def whole(self) -> bool:
         """Whether encoders, gyro and attitude have every value; else an estimator predicts what is missing."""
         needed = (self.wheel_angles, self.wheel_speeds, self.gyro, self.attitude)
-        return all(all_known(values) for values in needed)
+        return bool(known(np.concatenate(needed)).all())
 
 
 def known(values: ArrayLike) -> Bools:
@@ -57,14 +58,8 @@ def known(values: ArrayLike) -> Bools:
     return np.abs(values) <= LARGEST_READING
 
 
-def all_known(values: Floats) -> bool:
-    """Return whether all of a sensor's values (...) are valid."""
-    # a small sum of squares is four times as fast to check; that of a NaN is not small
-    return bool(np.vdot(values, values) <= LARGEST_READING**2) or bool(known(values).all())
-
-
-def checked_reading(reading: Reading, wheel_count: int) -> Shown:
-    """Return what compiled code takes of a reading, the attitude (3,) as a copy.
+def checked_reading(reading: Reading, wheel_count: int, heading: Heading) -> Shown:
+    """Return what compiled code takes of a reading, with psi as the heading goes on.
 
     InputError if a shape is wrong, or values are not numbers.
     """
@@ -72,9 +67,10 @@ def checked_reading(reading: Reading, wheel_count: int) -> Shown:
     def checked(name: str, count: int) -> Floats:
         return real_array(getattr(reading, name), (count,), f"{name} of a reading", finite=False)
 
-    n = wheel_count
-    turns = checked("wheel_angles", n), checked("wheel_speeds", n)
-    return Shown(*turns, checked("gyro", 3), checked("attitude", 3).copy())
+    n, attitude = wheel_count, checked("attitude", 3).copy()
+    if abs(attitude[2]) <= LARGEST_READING:
+        attitude[2] = heading.unwrapped(attitude[2])
+    return Shown(checked("wheel_angles", n), checked("wheel_speeds", n), checked("gyro", 3), attitude)
 
 
 class Estimator(Protocol):

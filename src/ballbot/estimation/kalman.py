@@ -16,7 +16,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.estimation.heading import HEADING, HEADING_TYPE, unwrapped
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Fix, Reading, checked_reading, known
 from ballbot.estimation.kalman_front import FILTER_MEMORY, FILTER_MEMORY_TYPE, see, show
 from ballbot.estimation.kalman_model import (
@@ -42,7 +42,6 @@ from ballbot.estimation.kalman_model import (
     sample_code,
     take_fix,
 )
-from ballbot.estimation.known import is_known
 from ballbot.estimation.swing import fill_state
 from ballbot.mechanics.engine.compiled import compiled
 from ballbot.mechanics.engine.lanes import LANES
@@ -54,9 +53,7 @@ from ballbot.robot.derived import encoder_step
 
 
 @compiled
-def _update(code, record, work, memory, ball_from_wheels, heading, shown, state):
-    if is_known(shown.attitude[2]):
-        shown.attitude[2] = unwrapped(heading.view(HEADING_TYPE)[0], shown.attitude[2])
+def _update(code, record, work, memory, ball_from_wheels, shown, state):
     kept = memory.view(FILTER_MEMORY_TYPE)[0]
     show(record, work, 0, kept, ball_from_wheels, shown)
     sample_block(code, work, 1)
@@ -81,20 +78,19 @@ class KalmanFilter:
         self._work = np.zeros(ROWS * LANES)
         self._column = self._work[::LANES]
         self._x = self._column[STATE : STATE + STATES]
-        self._memory, self._heading = FILTER_MEMORY.zeros(), HEADING.zeros()
+        self._memory = FILTER_MEMORY.zeros()
         self._given = (
             sample_code(),
             packed(self._model),
             self._work,
             self._memory.view(np.float64),
             np.ascontiguousarray(transforms(robot).T_obw),
-            self._heading.view(np.float64),
         )
         self.reset()
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m], in the AHRS's heading, when the next reading comes."""
-        self._memory[:], self._heading[:] = FILTER_MEMORY.zeros(), HEADING.zeros()
+        self._memory[:], self._heading = FILTER_MEMORY.zeros(), Heading()
         self._memory["position"] = position
 
     def update(self, reading: Reading) -> Floats:
@@ -103,7 +99,7 @@ class KalmanFilter:
         Encoder angles, gyro and attitude are used, and what other `SENSORS` show. InputError if the reading is of
         another number of wheels.
         """
-        shown, state = checked_reading(reading, self.robot.wheel_count), np.empty(10)
+        shown, state = checked_reading(reading, self.robot.wheel_count, self._heading), np.empty(10)
         for sensor in DIRECT:
             self._show(sensor.name, np.ravel(getattr(reading, sensor.name)))
         _update(*self._given, shown, state)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ballbot.arrays import Floats
 from ballbot.errors import InputError
-from ballbot.estimation.heading import HEADING, HEADING_TYPE, unwrapped
+from ballbot.estimation.heading import Heading
 from ballbot.estimation.interface import Reading, checked_reading
 from ballbot.estimation.known import are_known, is_known, not_a_number
 from ballbot.mechanics.engine.compensated_sum import add_to
@@ -178,9 +178,7 @@ def onboard_update(record, memory, wheel_count, reading, state):
 
 
 @compiled
-def _update(record, memory, heading, shown, state):
-    if is_known(shown.attitude[2]):
-        shown.attitude[2] = unwrapped(heading.view(HEADING_TYPE)[0], shown.attitude[2])
+def _update(record, memory, shown, state):
     numbers, kept = record.view(ONBOARD_TYPE)[0], memory.view(ONBOARD_MEMORY_TYPE)[0]
     onboard_update(numbers, kept, len(shown.wheel_speeds), shown, state)
 
@@ -209,13 +207,13 @@ class OnboardState:
         """Reset to the position (x, y) [m]."""
         memory = ONBOARD_MEMORY.zeros()
         memory["position"] = position
-        self._memory, self._heading = memory.view(np.float64), HEADING.zeros().view(np.float64)
+        self._memory, self._heading = memory.view(np.float64), Heading()
 
     def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,), all NaN until a reading is complete.
 
         Wheel speeds, gyro and attitude are used, and no fix. InputError if the reading has the wrong number of wheels.
         """
-        shown, state = checked_reading(reading, self.robot.wheel_count), np.empty(10)
-        _update(self._record, self._memory, self._heading, shown, state)
+        shown, state = checked_reading(reading, self.robot.wheel_count, self._heading), np.empty(10)
+        _update(self._record, self._memory, shown, state)
         return state

@@ -12,15 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import Floats, Ints
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman_model import DIRECT, STATES
-from ballbot.records import (
-    MAX_WHEELS,
-    Number,
-    Precision,
-    Schema,
-    number,
-    schema_of,
-    whole,
-)
+from ballbot.records import MAX_WHEELS, Number, Precision, Schema, number, schema_of, whole
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 

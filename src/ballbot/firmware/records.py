@@ -20,10 +20,7 @@ from ballbot.estimation.kalman import kalman_record
 from ballbot.estimation.kalman_model import KALMAN
 from ballbot.estimation.onboard import ONBOARD, ONBOARD_MEMORY, onboard_record
 from ballbot.firmware.bounds import check_bounds
-from ballbot.firmware.estimators import (
-    READING,
-    KalmanMemory,
-)
+from ballbot.firmware.estimators import READING, KalmanMemory
 from ballbot.firmware.self_test import SelfTestRecord, self_test_record
 from ballbot.records import (
     MAX_WHEELS,
