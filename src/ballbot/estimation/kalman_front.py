@@ -112,8 +112,9 @@ def show(row, filters, lane, memory, ball_from_wheels, reading):
         if is_known(reading.gyro[i]):
             memory.gyro[i] = reading.gyro[i]
         filters[_place(GYRO + i, lane)] = memory.gyro[i]
+    passed = row[0] * (1 + memory.missed)
     for i in range(n if turned else 0):
-        memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / (row[0] * (1 + memory.missed))
+        memory.speeds[i] = (reading.wheel_angles[i] - memory.angles[i]) / passed
         memory.angles[i] = reading.wheel_angles[i]
     _put(filters, _WHEELS, lane, turned, ball_rate(ball_from_wheels, n, memory.speeds))
     _put(filters, _AHRS, lane, leans, swing_of(reading.attitude[0], reading.attitude[1], reading.attitude[2]))

@@ -150,11 +150,12 @@ def _read_encoders(record, memory, sample, angles, speeds):
     """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
     recent = memory.counted
     now, before = sample % len(recent), (sample - record.window) % len(recent)
+    passed = record.window * record.sample_time
     for i in range(len(angles)):
         angles[i] = math.floor(angles[i] / record.count) * record.count
         recent[now, i] = angles[i]
         earlier = recent[before, i] if sample >= record.window else 0.0
-        speeds[i] = (angles[i] - earlier) / (record.window * record.sample_time)
+        speeds[i] = (angles[i] - earlier) / passed
 
 
 @inlined
