@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
-from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.lqr import frictionless_model, matrix_rows
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
@@ -31,7 +30,7 @@ from ballbot.report.blocks import (
     section,
 )
 from ballbot.report.palette import BLUE, MUTED, SHADE
-from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
+from ballbot.report.series import IN_TURN, Look
 from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
@@ -144,10 +143,6 @@ def gain_sheet(
     return Sheet(("state", *wheels), rows, caption)
 
 
-#: steps of the reference [m, rad]
-STEPS = {"x": 0.1, "psi": math.radians(10.0)}
-
-
 def poles_figure(poles: NDArray[np.complex128]) -> Figure:
     """Return the poles of a closed loop; the unstable half is shaded.
 
@@ -174,7 +169,6 @@ def linear_section(linear: LinearModel, *, caption: str) -> Section:
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
     """Return the section on a loop; `of` names its controller if the page is not about it."""
-    loop = margins.loop
     bode = (
         "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
         "wheels together, as the eigenvalues for the two leans and the heading."
@@ -183,33 +177,6 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
         f"Stability margins{f' with {of}' if of else ''}",
         Sheet(HEADINGS, margins.rows(), MEANING),
         drawn_picture("bode", bode, bode_figure, margins),
-        *(step_series(loop, name) for name in STEPS),
-    )
-
-
-def step_series(loop: RobotLoop, name: str) -> TimeSeries:
-    """Return the response to a step of the reference in x or psi as time series of a page."""
-    size = STEPS[name]
-    step = step_response(loop, name=name, size=size)
-    late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
-    lean, heading = np.degrees(step.states[:, 3]), np.degrees(step.states[:, 4])
-    if name == "psi":
-        what, shown = f"{math.degrees(size):g}° of the heading", {"heading [deg]": heading}
-    else:
-        what, shown = f"{1e3 * size:g} mm in x", {"x [mm]": 1e3 * step.states[:, 0], "lean φ [deg]": lean}
-    levels = {"heading [deg]": (math.degrees(size),), "x [mm]": (1e3 * size,)}
-    panels = [
-        Panel(label, (Line("response", values, "measured"),), levels=levels.get(label, ()))
-        for label, values in shown.items()
-    ]
-    return TimeSeries(
-        step.t,
-        [*panels, Panel("torques [N m]", wheel_lines(list(step.torques.T)))],
-        (
-            f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
-            f"feed-forward, limits and friction.{late}"
-        ),
-        level="reference",
     )
 
 
