@@ -21,8 +21,6 @@ from ballbot.report import plots  # noqa: F401 (registers them)
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.summary import HEIGHT, WIDTH, Plotted, Reported, Summary
-from ballbot.twin.scenario import Scenario
-from ballbot.twin.scenario_file import EXAMPLES
 from ballbot.workflows.controller_design import design_controller
 from ballbot.workflows.limits import POINTS, LimitBounds, Plane, RobotLimits
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, leaning
@@ -78,10 +76,6 @@ def batch() -> ClosedLoopBatch:
 RESULTS = {
     "linear model": lambda: Model("alten").linearize(),
     "batch": batch,
-    "scenario": lambda: Scenario.nominal(alten()),
-    "scenario with everything": lambda: replace(
-        Scenario.nominal(alten()), **EXAMPLES | {"pushes": (EXAMPLES["pushes"],)}
-    ),
     "robot": lambda: alten(FRICTION),
     "robot of four wheels": lambda: four_wheeled(friction=True),
     "log": lambda: with_wheels(smooth_log(rows=40), alten()),
