@@ -60,7 +60,6 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
     margin = f"{capital(design.margin.sentence)}."
     if design.margin.overcompensates:
         margin = f"WARNING: {design.margin.sentence}; this injects energy and can destabilise the robot."
-    uncertain = "How uncertain the gain is: no value in the robot file has a standard_deviation."
     return Result(
         title=f"{robot.name}: a controller",
         lead=(
@@ -74,7 +73,11 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             ("Compensation", "" if kind == "none" else nothing or margin),
         ],
         sections=[
-            section("Gain", *_gain_blocks(design)),
+            section(
+                "Gain",
+                gain_sheet(design.gain.gain),
+                Paragraph(f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s."),
+            ),
             loop_section(design.loop_margins),
             details("Friction compensation", *_compensation_blocks(design)),
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
@@ -82,7 +85,6 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
         undecided=[
             "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
             "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it.",
-            "" if design.uncertainty.parts else uncertain,
         ],
         findings=findings,
         data={
@@ -93,20 +95,9 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             "poles": design.gain.poles,
             "linearization": linearization_results(frictionless_model(robot)),
             "loop_margins": design.loop_margins,
-            "gain_standard_deviation": design.uncertainty.deviation if design.uncertainty.parts else None,
-            "gain_variance_shares": dict(design.uncertainty.largest(len(design.uncertainty.parts))),
             "compensation_margin": design.margin,
         },
     )
-
-
-def _gain_blocks(design: ControllerDesign) -> Iterator[Block]:
-    yield gain_sheet(design.gain.gain)
-    yield Paragraph(f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s.")
-    if largest := design.uncertainty.largest():
-        causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
-        caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield gain_sheet(design.uncertainty.deviation, caption)
 
 
 def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:

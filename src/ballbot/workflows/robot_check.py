@@ -100,9 +100,9 @@ class CheckedRobot:
             return str(error)
 
 
-def _mean_growth(robot: Robot) -> Floats:
+def _mean_growth(robot: Robot) -> float:
     growths = Model(robot).linearize().poles().real
-    return np.asarray(growths[growths > 0.0].mean(), dtype=np.float64)
+    return float(growths[growths > 0.0].mean())
 
 
 def linearization_results(model: Model) -> dict[str, object]:
