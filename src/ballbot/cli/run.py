@@ -81,9 +81,9 @@ class LinkOptions:
     seed: options.SeedNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
-    stream: Annotated[list[str] | None, Parameter(negative="")] = None
-    """Show the robot live: foxglove, plotjuggler, ws://HOST:PORT of a server for Foxglove, or udp://HOST:PORT, to which
-    rows go as JSON. May be given more than once. An emulated robot then runs no faster than the clock."""
+    stream: str | None = None
+    """Show the robot live in Foxglove, or in PlotJuggler by its Foxglove Bridge: foxglove, or ws://HOST:PORT of the
+    server. An emulated robot then runs no faster than the clock."""
 
     @property
     def name(self) -> str:
@@ -112,7 +112,7 @@ class LinkOptions:
         if self.emulated == (port is not None):
             both = f", not both: {port} would be a port" if port else ""
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
-        stream = [stream_address(text) for text in self.stream or ()]
+        stream = stream_address(self.stream) if self.stream else None
         if port is not None:
             return connect(SerialTransport(port), self.described, address=port, say=notice, stream=stream)
         described = Robot.load(self.name)
@@ -122,7 +122,7 @@ class LinkOptions:
             plant=self.plant,
             seed=self.seed,
             hold=hold,
-            real_time=real_time or bool(stream),
+            real_time=real_time or stream is not None,
             imu_checked=imu_checked,
             weights=weights,
         )
