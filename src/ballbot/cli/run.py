@@ -206,7 +206,7 @@ def balance(
             robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         own = robot.parameters["law"]["tuning"][0]
-        tuner = Tuner(lines, own, gains=exported and exported.gains, say=notice) if lines else None
+        tuner = Tuner(lines, own, say=notice) if lines else None
         commander = FollowReference(driven, sample_time=robot.sample_time, tuner=tuner)
         changes = tuner.changes if tuner else ()
         _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp, changes=changes)

@@ -26,7 +26,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.robot import Friction, Robot
-from ballbot.summary import Plotted, Summary, pole_words
+from ballbot.summary import Summarized, Summary, pole_words
 
 #: negative eigenvalues of a weight down to this fraction of the largest count as rounding
 _ROUNDING = 1e-12
@@ -56,8 +56,8 @@ class Linearizable(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LqrDesign(Plotted):
-    """An optimal gain, with the closed loop's poles, which `plot()` shows, and its cost."""
+class LqrDesign(Summarized):
+    """An optimal gain, with the closed loop's poles and its cost."""
 
     gain: NDArray[np.float64]  #: K (n, m) of u = -K x
     #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T

@@ -27,7 +27,6 @@ from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
-from ballbot.summary import Reported
 
 #: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
@@ -146,9 +145,9 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DrivelineFit(Reported):
-    """One driveline's friction; `plot()` shows it over speed."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivelineFit:
+    """One driveline's friction."""
 
     wheel: int  #: from 1
     values: Floats  #: (4,) b, c, s, v_s

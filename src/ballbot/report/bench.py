@@ -308,19 +308,6 @@ def driveline_report(
     )
 
 
-def wheel_report(fit: DrivelineFit) -> Result:
-    """Return the page of one driveline's friction."""
-    wheel = f"wheel {fit.wheel}"
-    return Result(
-        title=f"Friction of the driveline of {wheel}",
-        lead="",
-        verdict=[("Friction", _sentence(fit))],
-        sections=[section("Friction found", Sheet(("parameter", "unit", wheel), parameter_rows([fit])))],
-        undecided=texts(fit.findings),
-        data=to_results(fit),
-    )
-
-
 def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
     return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
 

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
@@ -29,9 +28,9 @@ from ballbot.report.blocks import (
     matrix_text,
     section,
 )
-from ballbot.report.palette import BLUE, MUTED, SHADE
+from ballbot.report.palette import MUTED
 from ballbot.report.series import IN_TURN, Look
-from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
+from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
@@ -132,22 +131,6 @@ def gain_sheet(
     rows = [(name.strip(), *cells) for name, cells in matrix_rows(gain.T, names)]
     wheels = (f"wheel {k}" for k in range(1, len(gain) + 1))
     return Sheet(("state", *wheels), rows, caption)
-
-
-def poles_figure(poles: NDArray[np.complex128]) -> Figure:
-    """Return the poles of a closed loop; the unstable half is shaded.
-
-    To the left is fast; on the real line nothing oscillates.
-    """
-    figure, axes = one_panel("real part [rad/s]", "imaginary part [rad/s]", width=4.6, height=2.6)
-    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
-    axes.axvspan(0.0, 1e3, color=SHADE)
-    axes.axvline(0.0, color=MUTED, linewidth=0.8)
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
-    left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
-    axes.set(xlim=(left, right), ylim=(-height, height))
-    return figure
 
 
 def linear_section(linear: LinearModel, *, caption: str) -> Section:
