@@ -126,7 +126,7 @@ CASES: tuple[Case, ...] = (
     _input("swing", inputs.swing),
     _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002"),
     _input("video", inputs.video),
-    _command("spin", "spin video/ball.avi"),
+    _command("spin", "spin video/ball.avi --log video/log.csv --robot alten"),
     # validation
     _command("validate", f"validate {_ROBOT} {_WALK}"),
     _command(

@@ -300,8 +300,8 @@ def upside_down(
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 
-    Clamp the robot upside down, lay the ball on its wheels and film it. `ballbot spin VIDEO --log log.csv` adds the
-    ball's angular velocity to the log. An emulated robot has a camera of its own.
+    Clamp the robot upside down, lay the ball on its wheels and film it. `ballbot spin VIDEO --log log.csv --robot
+    ROBOT` adds the ball's angular velocity to the log. An emulated robot has a camera of its own.
 
     Example: ballbot run upside-down /dev/ttyACM0 --out upside_down
 
