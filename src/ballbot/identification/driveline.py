@@ -102,11 +102,11 @@ class Sweep:
         )
 
 
-def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
-    """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
+def sweeps_of(robot: Robot, log: Log) -> list[Sweep]:
+    """Return each wheel's sweep; the supply's limit is the greatest speed in the log.
 
-    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, its wheels were not
-    free of the ball, or the limit is not above zero.
+    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, or its wheels were not
+    free of the ball, or never turned.
 
     >>> t = 0.005 * np.arange(1000)
     >>> columns = {f"u{i}": np.sin(t) for i in (1, 2, 3)} | {f"wheel{i}_dot": 5.0 * np.sin(t) for i in (1, 2, 3)}
@@ -125,12 +125,9 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
         raise InputError(
             f"u{i + 1} is {torques[0, i]:g} N m throughout; the torque of a sweep must vary slowly up and down."
         )
-    highest = float(np.abs(speeds).max()) if limit is None else limit
+    highest = float(np.abs(speeds).max())
     if not highest > 0.0:
-        raise InputError(
-            f"The speed limit is {highest:g} rad/s. Give one above zero (--speed-limit), or a sweep well beyond "
-            "break-away: in this log the wheels never turn faster."
-        )
+        raise InputError("The wheels of this log never turn; it needs a sweep well beyond break-away.")
     return [
         Sweep(
             wheel=i + 1,
