@@ -23,7 +23,7 @@ from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import between, digits, value_and_error
+from ballbot.rounding import digits, interval, value_and_error
 from ballbot.summary import counted
 
 #: windows shown of the log, from its middle
@@ -327,7 +327,7 @@ def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
 
     def written(value: float, ends: Floats) -> str:
         if np.isfinite(ends[1]):
-            return between(value, *ends)
+            return f"{digits(value)} ({interval(*ends.tolist())})"
         return "unknown" if value else "0, at its bound"
 
     return [
