@@ -124,6 +124,10 @@ def plan(
     limits : MoveLimits, optional
         `default_limits(robot)` if not given.
 
+    Returns
+    -------
+    Plan
+
     Raises
     ------
     InputError
@@ -132,7 +136,7 @@ def plan(
 
     Examples
     --------
-    >>> ballbot.plan("alten", to=(2.0, 0.0, 0.0)).bound  # doctest: +SKIP
+    >>> plan("alten", to=(2.0, 0.0, 0.0)).bound
     'wheel torque'
     """
     robot = as_robot(robot)
