@@ -247,8 +247,8 @@ def push_of(drawn: DrawnRobot, impulse: float, angle: float) -> tuple[Push, ...]
     """Return a push [N s] on the centre of mass towards an angle [rad]."""
     h = drawn.robot.sensors.sample_time
     duration = max(1, round(PUSH_DURATION / h)) * h
-    force = (impulse / duration * math.cos(angle), impulse / duration * math.sin(angle), 0.0)
-    return (Push(time=BEGINS, duration=duration, force=force, height=drawn.robot.body.center_of_mass),)
+    height = drawn.robot.body.center_of_mass
+    return (Push.of_impulse(impulse, angle, time=BEGINS, duration=duration, height=height),)
 
 
 def _samples_of(drawn: DrawnRobot, duration: float) -> int:

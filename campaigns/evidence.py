@@ -48,7 +48,6 @@ CAMPAIGNS = {
     "driveline_coverage": "campaigns.stage_coverage:drivelines",
     "upside_down": "campaigns.stage_coverage:upside_down",
     "killed_sweep": "campaigns.killed_sweep",
-    "killed_policies": "campaigns.killed_policies",
     "identified_friction": "campaigns.identified_twin:identified_friction",
     "spin": "campaigns.spin",
     "mapping_corpus": "campaigns.mapping_corpus",

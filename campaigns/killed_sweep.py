@@ -11,9 +11,7 @@ from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
-from numpy.typing import NDArray
 
-from campaigns.killed_policies import address_of, two_workers
 from campaigns.section import Section
 
 KILLS, RUNS = 20, 200
@@ -26,17 +24,16 @@ class Sweep:
     """`ballbot record --seeds` in a folder, as a process of its own."""
 
     folder: Path
-    options: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Make the folder."""
         self.folder.mkdir()
 
     def start(self) -> subprocess.Popen[bytes]:
-        """Start it; all sweeps have the same command line but for --cluster."""
+        """Start it; all sweeps have the same command line."""
         words = ["-m", "ballbot.cli.main", "record", "nominal", "--duration", "0.2", "--seeds", f"1-{RUNS}"]
         return subprocess.Popen(
-            [sys.executable, *words, "--out", "runs", *self.options],
+            [sys.executable, *words, "--out", "runs"],
             cwd=self.folder,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -71,23 +68,14 @@ def campaign() -> Section:
         # on average as long as the start and a twentieth of the work take
         longest = START + 2.0 * lasted / KILLS
         moments = random.uniform(0.0, longest, KILLS)
-        rows = [_row("processes", Sweep(folder=Path(name) / "processes"), moments, undisturbed)]
-        with two_workers() as cluster:
-            on_dask = Sweep(folder=Path(name) / "dask", options=("--cluster", address_of(cluster)))
-            rows.append(_row("Dask LocalCluster, 2 workers", on_dask, moments, undisturbed))
+        killed = Sweep(folder=Path(name) / "killed")
+        left = [killed.kill_after(float(seconds)) for seconds in moments]
+        same = killed.finish() == undisturbed
     return Section(
         title="Sweeps killed and started again",
         before=f"`ballbot record --seeds 1-{RUNS}` of 0.2 s on the nominal twin, killed with SIGKILL {KILLS} times, "
         f"each time after a delay drawn uniformly from 0 to {longest:.0f} s, and started again with the same "
         f"words; its runs' files ({len(undisturbed)}) against those of a sweep left alone, which takes {lasted:.0f} s.",
-        columns=["made by", "finished runs after each kill", "same bytes in the end"],
-        rows=rows,
+        columns=["finished runs after each kill", "same bytes in the end"],
+        rows=[[", ".join(map(str, left)), "yes" if same else "no"]],
     )
-
-
-def _row(
-    made_by: str, sweep: Sweep, moments: NDArray[np.float64], undisturbed: dict[str, bytes]
-) -> list[str]:
-    left = [sweep.kill_after(float(seconds)) for seconds in moments]
-    same = sweep.finish() == undisturbed
-    return [made_by, ", ".join(map(str, left)), "yes" if same else "no"]

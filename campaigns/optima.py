@@ -1,16 +1,15 @@
-"""Where the fit of friction ends: its cost beside the genetic search's, and from random starts.
+"""Where the fit of friction ends: its cost beside those from random starts.
 
 .venv/bin/python -m campaigns.evidence optima     writes the section, with BALLBOT_DATA=DIR
 
 The logs are three of the twin, those of another twin in DIR/bbr and the public ones of DIR/rob311 (see
-campaigns/course_robot.py); all twelve parameters of friction are estimated from each log by itself. Both searches are
-followed by the same descent on all windows.
+campaigns/course_robot.py); all twelve parameters of friction are estimated from each log by itself.
 """
 
 import os
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
 from time import process_time
@@ -67,19 +66,18 @@ class End:
 
 
 def fitted(task: Task, start: int | None) -> End:
-    """Fit from where the search of the task's options ends, both places if so many, or from that random point."""
+    """Fit from where the search ends, both places if so many, or from that random point."""
     prepared = prepared_for(task)
     free = prepared.experiment.coordinates.free
-    begun = process_time()
+    begun, steps = process_time(), task.options.most_steps
     point = prepared.experiment.coordinates.scaled(prepared.experiment.coordinates.nominal)
     if start is None:
         part = prepared.experiment.part(prepared.drawn)
-        result = search(part, fixed_starts(part.coordinates), options=task.options, run=_RUN)
+        result = search(part, fixed_starts(part.coordinates), most_steps=steps, run=_RUN)
         points = [result.best] if result.other is None else [result.best, result.other]
     else:  # scaled parameters: U(0, 1)
         point[free] = np.random.default_rng([start, 48]).uniform(size=int(free.sum()))
         points = [point]
-    steps = task.options.most_steps
     fits = [descend(prepared.experiment, guess, free=free, most_steps=steps, run=_RUN) for guess in points]
     seconds, best = process_time() - begun, min(fits, key=lambda fit: fit.cost)
     return End(cost=best.cost, point=best.point, errors=best.errors, seconds=seconds)
@@ -109,22 +107,18 @@ class Ends:
     """Where the descents on one log ended."""
 
     searched: End  #: from the fixed starts
-    genetic: End
     drawn: Sequence[End]  #: from random starts
 
 
 def ends_of(task: Task, *, starts: int, processes: int) -> Ends:
-    """Fit from both searches, and from random points."""
-    genetic = replace(task, options=replace(task.options, search="genetic"))
+    """Fit from the search, and from random points."""
     with worker_pool(processes) as pool:
-        searches = pool.map(fitted, (task, genetic), (None, None))
-        drawn = pool.map(fitted, repeat(task), range(starts))
-        searched, evolved = searches
-        return Ends(searched=searched, genetic=evolved, drawn=list(drawn))
+        searched, *drawn = pool.map(fitted, repeat(task), (None, *range(starts)))
+        return Ends(searched=searched, drawn=drawn)
 
 
 COLUMNS = (
-    *("log", "cost", "genetic", "cost - genetic", "s", "s, genetic", "lowest of the random starts - cost"),
+    *("log", "cost", "s", "lowest of the random starts - cost"),
     *("random starts within 1e-6 of the lowest", "1e-5", "1e-4", "1e-3"),
     "largest distance of those within 1e-4, in standard errors",
 )
@@ -133,17 +127,14 @@ COLUMNS = (
 def row(name: str, ends: Ends) -> list[str]:
     """Return a row of the table."""
     costs = np.array([fit.cost for fit in ends.drawn])
-    ours, best = ends.searched, min((ends.searched, ends.genetic, *ends.drawn), key=lambda end: end.cost)
+    ours, best = ends.searched, min((ends.searched, *ends.drawn), key=lambda end: end.cost)
     near = [end.point - best.point for end in ends.drawn if end.cost < best.cost + 1e-4]
     with np.errstate(invalid="ignore"):
         apart = np.nanmax(np.abs([np.zeros(len(best.point)), *near]) / best.errors)
     return [
         name,
         f"{ours.cost:.6f}",
-        f"{ends.genetic.cost:.6f}",
-        f"{ours.cost - ends.genetic.cost:.1e}",
         f"{ours.seconds:.1f}",
-        f"{ends.genetic.seconds:.1f}",
         f"{costs.min() - ours.cost:.1e}",
         *(str(int((costs - best.cost < within).sum())) for within in (1e-6, 1e-5, 1e-4, 1e-3)),
         f"{apart:.2f}",
@@ -156,10 +147,9 @@ def campaign() -> Section:
     return Section(
         title="The optimum of the fit",
         before="All twelve parameters of friction from one log each. The cost is the mean over the ten states of the "
-        "logarithm of the error over that without friction. The genetic algorithm of the thesis (`--search genetic`) "
-        f"is followed by the same descent as the search from fixed starts; s is processor time. {STARTS} random starts "
-        "are points anywhere between the bounds, each descended from by itself, without a search; of these "
-        "the columns on the right count those that end near the lowest cost of all.",
+        f"logarithm of the error over that without friction; s is processor time. {STARTS} random starts are points "
+        "anywhere between the bounds, each descended from by itself, without a search; of these the columns on the "
+        "right count those that end near the lowest cost of all.",
         columns=COLUMNS,
         rows=[row(name, ends_of(task, starts=STARTS, processes=processes)) for name, task in tasks().items()],
         after="Where the parameters agree, costs differ by windows that have several minima over their start. From "

@@ -121,13 +121,6 @@ class Drawn:
     settings: list[dict[int, Setting | None]]  #: by the chunk that begins with the change
 
 
-def push_in(robot: Robot, *, time: float, impulse: float, direction: float) -> Push:
-    """Return a push at the centre of mass by an impulse [N s]."""
-    force = impulse / PUSH_DURATION
-    along = (force * float(np.cos(direction)), force * float(np.sin(direction)), 0.0)
-    return Push(time=time, duration=PUSH_DURATION, force=along, height=robot.body.center_of_mass)
-
-
 def drawn_runs(controller: Controller, runs: int, *, seed: int) -> Drawn:
     """Draw robots and runs; the largest pushes of each are found with the setting that was exported."""
     random, known = np.random.default_rng(seed), controller.robot
@@ -196,11 +189,14 @@ def fallen(controller: Controller, drawn: Drawn, *, tuned: bool) -> NDArray[np.b
 def _block(controller: Controller, drawn: Drawn, first: int, *, tuned: bool) -> NDArray[np.bool_]:
     models = drawn.models[first : first + LANES]
     width, n, h = len(models), controller.robot.wheel_count, controller.sample_time
+    height = controller.robot.body.center_of_mass
     lanes = [
         replace(
             drawn.lanes[k],
             pushes=tuple(
-                push_in(controller.robot, time=time, impulse=impulse, direction=float(drawn.directions[k]))
+                Push.of_impulse(
+                    impulse, float(drawn.directions[k]), time=time, duration=PUSH_DURATION, height=height
+                )
                 for time, impulse in zip(drawn.times[k].tolist(), drawn.impulses[k].tolist(), strict=True)
             ),
         )

@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-EXTRAS = "twin,formats,view,interop,cluster,vision,link,stream"
+EXTRAS = "twin,formats,view,interop,vision,link,stream"
 #: what the tests themselves import, and the options in pyproject.toml need
 TOOLS = ("pytest>=8", "pytest-xdist>=3.5", "pytest-timeout>=2.3", "hypothesis>=6.100")
 #: tests of each package that Ballbot depends on, without long compilation

@@ -19,7 +19,7 @@ _SHORTER = {
     ("run", "sweep"): ["--duration", "62.83"],
     ("run", "upside-down"): ["--duration", "30"],
     ("identify-upside-down", "alten"): ["--window", "0.5"],
-    ("study", "alten"): ["--quick", "--no-confirm", "--draws", "6"],
+    ("study", "alten"): ["--no-confirm", "--draws", "6"],
 }
 
 

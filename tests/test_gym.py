@@ -126,7 +126,7 @@ def test_a_lane_with_a_wrong_action_is_truncated_and_the_others_go_on():
         ({"observe": "everything"}, "it is one of"),
         ({"task": "walk"}, "There is no task 'walk'"),
         ({"base": lambda *given: given[1][:3]}, "must be a ballbot.Controller"),
-        ({"randomize": "nowhere"}, "There is no .*robot.toml"),
+        ({"randomize": "nowhere"}, "it can only be 'boxes'"),
     ],
 )
 def test_wrong_options_are_refused_in_a_sentence(options, sentence):

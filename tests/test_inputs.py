@@ -15,16 +15,13 @@ from ballbot import InputError
 from ballbot.arrays import MOST_CELLS, MOST_ROWS, rows_between
 from ballbot.cli.main import main
 from ballbot.identification.quantities import read_bounds
-from ballbot.identification.stages import read_sweep
 from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
-from tests.support.log_examples import smooth_log
 from tests.test_file_formats import READERS
 
 TOML: dict[str, Callable[[Path], object]] = {
     **{kind: read for kind, read in READERS.items() if kind != "results"},
     "bounds": read_bounds,
-    "sweep": lambda path: read_sweep(path, wheel_count=3),
 }
 
 
@@ -115,15 +112,6 @@ def test_log_of_too_many_columns_is_refused(tmp_path, capsys):
     assert "columns; at most 1,000" in refused(capsys, "check-log", path, "--robot", "alten")
     path.write_text("t,u1\n" + f"0{',1' * (columns - 1)}\n")
     assert "line 2: the row has 1001 cells" in refused(capsys, "check-log", path)
-
-
-@pytest.mark.parametrize("address", ["10.0.0.5", "foo://x:1", "localhost:99999"])
-def test_cluster_address_without_a_port_is_refused(tmp_path, capsys, address):
-    log = tmp_path / "log.csv"
-    smooth_log(rows=400).write(log)
-    said = refused(capsys, "identify", "alten", log, "--cluster", address, "--out", tmp_path / "out")
-    assert "the address of a Dask scheduler with its port" in said
-    assert not (tmp_path / "out").exists()
 
 
 @given(st.floats(0.0, 1e12), st.floats(1e-12, 1e3), st.integers(1, 1000))

@@ -28,7 +28,7 @@ rolling = [0.007, 0.007]
 def test_whole_trip(tmp_path):
     script = [sys.executable, ROOT / "examples" / "06_whole_trip.py", "--out", tmp_path / "trip"]
     (tmp_path / "bounds.toml").write_text(BOUNDS)
-    study = f"--quick --no-confirm --bounds {tmp_path}/bounds.toml"  # with few robots to try controllers on
+    study = f"--no-confirm --bounds {tmp_path}/bounds.toml"  # with few robots to try controllers on
     options = ["--duration", "16", "--draws", "6", "--study-options", study]
     done = subprocess.run([*script, *options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-3000:]

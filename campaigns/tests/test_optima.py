@@ -10,8 +10,8 @@ pytest.importorskip("mujoco")
 
 
 @pytest.mark.sample
-def test_fit_ends_no_higher_than_from_the_genetic_search():
+def test_fit_ends_no_higher_than_from_random_starts():
     log = twin_log("square", duration=24.0, seed=1)
-    ends = ends_of(Task(robot="alten", log=log, options=IdentificationOptions()), starts=0, processes=1)
+    ends = ends_of(Task(robot="alten", log=log, options=IdentificationOptions()), starts=4, processes=1)
     # windows that settle from random starts leave 1e-4 of chance in either cost
-    assert ends.searched.cost < ends.genetic.cost + 2e-4
+    assert ends.searched.cost < min(end.cost for end in ends.drawn) + 2e-4

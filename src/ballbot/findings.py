@@ -94,7 +94,6 @@ CODES: Mapping[str, str] = MappingProxyType(
         "spin": "results of a video of the ball",
         "stuck": "a sensor repeats its value for a long time",
         "swapped": "two columns are swapped",
-        "sweep": "what of a sweep was combined with the logs",
         "swing": "what a swing shows of the body's inertia",
         "swing-fit": "the recording is not a free swing of a pendulum",
         "swing-inertia": "a swing gives an implausible inertia",

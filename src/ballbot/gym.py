@@ -2,7 +2,7 @@
 
 `import ballbot.gym` registers ballbot/Balance-v0, Track-v0, Drive-v0 and Push-v0:
 
-    envs = gymnasium.make_vec("ballbot/Drive-v0", num_envs=1000, robot="found/robot.toml", randomize="found/")
+    envs = gymnasium.make_vec("ballbot/Drive-v0", num_envs=1000, robot="found/robot.toml", randomize="boxes")
 
 Observation and action are those of `ballbot.learning.contract`, task and reward those of `ballbot.learning.tasks`.
 `info` holds the true state and the reference, for a privileged critic.
@@ -21,7 +21,7 @@ from ballbot.control.source import ControllerLike, as_controller, designed
 from ballbot.errors import InputError, check_known, missing_package
 from ballbot.learning.contract import Contract
 from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
-from ballbot.learning.robots import drawn_robots, learned_robot
+from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, Task, task_named
 from ballbot.learning.twin_lanes import Twins, twin_scenario
 from ballbot.robot import RobotLike, as_robot
@@ -57,14 +57,14 @@ class EnvironmentOptions:
 
     #: what is done; `ballbot.learning.tasks.Task` has reward and termination as parameters
     task: Task | str = "Balance"
-    #: a preset or robot file, with friction that was identified; by default "alten", or that of `randomize`
-    robot: RobotLike | None = None
+    #: a preset or robot file, with friction that was identified
+    robot: RobotLike = "alten"
     #: sensors, drive and floor, and the true friction of a robot without any
     scenario: Scenario | str | Path = "nominal"
     #: "model" for the compiled loop, "twin" for the physics engine
     plant: Literal["model", "twin"] = "model"
-    #: None, "boxes" or the folder of a study or an identification; see `ballbot.learning.robots`
-    randomize: str | Path | None = None
+    #: None or "boxes"; see `ballbot.learning.robots`
+    randomize: str | None = None
     #: a controller whose torques the actions are added to; by default the actions are the torques
     base: ControllerLike | None = None
     #: "sensors" for what the robot's estimator shows, "state" for the true state
@@ -78,7 +78,7 @@ class EnvironmentOptions:
             given = str(getattr(self, name))
             check_known(given, choices, f"{name} is {given!r}", otherwise="it is one of")
         task = task_named(self.task)
-        robot = learned_robot(None if self.robot is None else as_robot(self.robot), self.randomize)
+        robot = as_robot(self.robot)
         scenario = load_scenario(self.scenario, robot)
         robots = drawn_robots(robot, scenario, self.randomize)
         known = robots[0].imperfections.known or robot

@@ -19,7 +19,7 @@ from ballbot.printable import printable_line
 class Progress:
     """How far a stage of the work has come."""
 
-    stage: str  #: what is being done, such as "evolution"
+    stage: str  #: what is being done, such as "gauss_newton"
     done: float = 0.0  #: steps of the stage that are done
     total: float = 0.0  #: steps that the stage takes at most; 0 if that is not known
     cost: float = math.nan  #: the best cost so far, where the work minimises one

@@ -15,7 +15,7 @@ REFUSALS = [
     ("zzz", "Available commands: study, demo, new, check"),
     ("studdy alten", "'study'"),
     ("check alten too much", "ballbot check --help"),
-    ("check alten --referense circle", "--reference"),
+    ("check alten --swinng log.csv", "--swing"),
     ("check altn", "'alten'"),
     ("simulate alten", "--out"),
     ("simulate", "ROBOT"),

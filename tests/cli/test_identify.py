@@ -81,7 +81,6 @@ def test_friction_that_does_not_help_to_predict_is_not_written(tmp_path, capsys)
         (["{unread}"], "The log's column theta has no value in any row"),
         (["{dead}", "--window", "0.05"], "--accept dead-motor"),
         (["{row}"], "The log has one row"),
-        (["{log}", "--sweep", "{log}"], "is not valid JSON"),
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(tmp_path, log_file, capsys, words, sentence):

@@ -18,7 +18,9 @@ SHORT = ["--updates", "1", "--runs", "1", "--duration", "1"]
 
 def test_controller_robot_and_contract_are_written(tmp_path, capsys):
     out = tmp_path / "learned"
-    assert main(["learn", "balance", "alten", *SHORT, "--out", str(out)]) == 0
+    words = ["learn", "balance", "alten", "--randomize", "boxes", "--set", "body.mass=8.5", *SHORT]
+    assert main([*words, "--out", str(out)]) == 0
+    assert Robot.load(out / "robot.toml").body.mass == 8.5
     assert capsys.readouterr().out.splitlines()[-1].startswith("Next: ")
     assert read_controller(out / "controller.toml", out / "robot.toml").parts.policy
     assert Contract.read(out / "contract.json").period == 0.01
@@ -61,16 +63,3 @@ def test_bad_input_is_refused_in_one_sentence_before_the_training(tmp_path, caps
     assert "learning" not in error
     assert "None" not in error
     assert not (tmp_path / "learned").exists()
-
-
-def test_set_changes_the_robot_of_an_identification(tmp_path):
-    found, out = tmp_path / "found", tmp_path / "learned"
-    robot = Robot.load("alten").replace({"friction.coulomb": 0.1})
-    found.mkdir()
-    deviations = {"friction.coulomb": (0.01, 0.01, 0.01)}
-    robot.annotated(standard_deviations=deviations).write(found / "robot.toml")
-    (found / "results.json").write_text("{}")
-    words = ["--randomize", str(found), "--set", "body.mass=8.5", *SHORT]
-    assert main(["learn", "balance", *words, "--out", str(out)]) == 0
-    written = Robot.load(out / "robot.toml")
-    assert (written.body.mass, written.friction.coulomb) == (8.5, (0.1, 0.1, 0.1))

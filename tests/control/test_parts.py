@@ -12,6 +12,7 @@ from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
 from ballbot.control.parts.feed_forward import FeedForward
 from ballbot.control.parts.integral import IntegralAction
+from ballbot.control.parts.lean_limit import LeanLimit
 from ballbot.control.parts.reference_shaping import ReferenceShaping
 from ballbot.control.presets import design_gain, design_integral_gain, precise_controller
 from ballbot.control.references import circle, drive, hold, square
@@ -85,6 +86,16 @@ def test_shaping_starts_where_the_robot_is():
     for _ in range(2):
         controller.reset()
         np.testing.assert_allclose(controller.update(0.0, state, reference), 0.0, atol=1e-12)
+
+
+def test_a_motion_has_a_quarter_of_its_acceleration_while_the_robot_catches_itself():
+    parts = Parts(shaping=ReferenceShaping(), lean_limit=LeanLimit())
+    controller = Controller(alten(), design_gain(alten()).gain, parts=parts)
+    pushed, speeds = np.array([*5 * [0.0], 3.0, *4 * [0.0]]), []  # 3 m/s command more than the largest lean
+    for _ in range(4):
+        controller.update(0.0, pushed, hold(x=1.0)(0.0))
+        speeds.append(controller.memory["shaping"]["velocity"][0, 0])
+    np.testing.assert_allclose(np.diff(speeds) / SAMPLE, 0.25 * ReferenceShaping().acceleration_limit)
 
 
 @pytest.mark.parametrize(

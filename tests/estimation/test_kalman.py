@@ -36,7 +36,8 @@ from ballbot.estimation.kalman_model import (
     tilt,
     transition,
 )
-from ballbot.mechanics.geometry import attitude_of_swing, body_rates_matrix, heading_of, lean_of, rotation
+from ballbot.estimation.swing import swing, turned_about_vertical
+from ballbot.mechanics.geometry import body_rates_matrix, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
@@ -59,13 +60,13 @@ def ran(run: Run, noise: FilterNoise = NOISE) -> tuple[KalmanFilter, NDArray[np.
 @settings(deadline=None)  # the first example compiles
 @given(st.floats(-1.2, 1.2), st.floats(-1.2, 1.2), st.floats(-9, 9), st.floats(-3, 3))
 def test_heading_and_lean_are_the_attitude_and_know_nothing_of_each_other(theta, phi, psi, turn) -> None:
-    lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)
-    assert_allclose(attitude_of_swing(lean, heading), [theta, phi, psi], atol=1e-9)
+    *lean, heading = swing(theta, phi, psi)
     s, c = np.sin(heading), np.cos(heading)
     about_vertical = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
     assert_allclose(about_vertical @ np.array(tilt(tuple(lean))), rotation(theta, phi, psi), atol=1e-12)
-    turned = attitude_of_swing(lean, heading + turn)
-    assert_allclose(lean_of(*turned), lean, atol=1e-9)
+    turned = turned_about_vertical(np.array([theta, phi, psi]), turn)
+    assert_allclose(swing(*turned), [*lean, heading + turn], atol=1e-9)
+    assert_allclose(turned_about_vertical(turned, -turn), [theta, phi, psi], atol=1e-9)
 
 
 def test_momentum_with_massless_wheels_equals_the_planar_two_body_formula() -> None:
@@ -92,7 +93,7 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
         turn = np.array([[c3, -s3], [s3, c3]])
         rate = body_rates_matrix(*state[2:5]) @ state[7:]
         momenta.append(state[5:7] + turn @ law.lever @ rate)
-        leans_.append(turn @ law.pull @ lean_of(*state[2:5]))
+        leans_.append(turn @ law.pull @ swing(*state[2:5])[:2])
         state = model.advance(state, random.uniform(-1.5, 1.5, 3), H)
     by_gravity = -H * (np.sum(leans_, axis=0) - 0.5 * (leans_[0] + leans_[-1]))
     # 0.3 s; the speed itself has changed by more; neglected: squares of lean and rates, up to 0.1^2

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from ballbot.fitting.comparison import HorizonErrors, ratio_interval, verdicts
+from ballbot.fitting.comparison import ratio_interval, verdicts
 
 
 def _errors(
@@ -45,13 +45,11 @@ def test_better_requires_the_whole_interval_above_one():
 def test_overlapping_forecasts_do_not_make_an_interval_narrower():
     random = np.random.default_rng(8)
     # every forecast counted five times, as starts that overlap are
-    errors_of_all = np.sqrt(np.repeat(random.lognormal(size=(2, 60, 12, 10)), 5, axis=1))
+    squares = np.repeat(random.lognormal(size=(2, 60, 120)), 5, axis=1)
 
     def width(which: slice) -> float:
-        errors = HorizonErrors(
-            horizons=np.linspace(0.005, 0.5, 12), differences=errors_of_all[:, which], overlap=5
-        )
-        lower, upper = np.log(errors.ratio_interval)
+        first, second = squares[:, which]
+        lower, upper = np.log(ratio_interval(second, first, overlap=5, power=0.5))
         return float(np.mean(upper - lower))
 
     # 300 rows that are 60 have about the width of 60 (which few blocks widen), not one over the root of five of it

@@ -52,8 +52,7 @@ CASES: tuple[Case, ...] = (
     # the robot's own file
     _command("new", "new bot --from alten --out new/bot.toml", sampled=True),
     _command("check", "check files/robot_geometry.toml", sampled=True),
-    _command("check_reference", f"check {_ROBOT} --reference circle --controller {_PRECISE}", alone=True),
-    _command("check_reference_file", f"check {_ROBOT} --reference files/reference.csv", sampled=True),
+    _command("check_controller", f"check {_ROBOT} --controller {_PRECISE}", alone=True),
     # the twin
     _command("record_square", f"record nominal --robot {_ROBOT} --duration 16 --seed 1", sampled=True),
     _command("record_eight", "record nominal --reference figure_eight --duration 40 --seed 2"),
@@ -108,7 +107,6 @@ CASES: tuple[Case, ...] = (
     _command("identify_asymmetric", f"identify alten {_WALK} {_FEW} --law asymmetric"),
     _command("identify_load", f"identify alten {_WALK} {_FEW} --law load"),
     _command("identify_best", f"identify alten {_WALK} {_FEW} --law best"),
-    _command("identify_sweep", f"identify alten {_WALK} {_FEW} --sweep identify_driveline/results.json"),
     _command(
         "identify_foreign",
         f"identify foreign/robot.toml foreign/log.csv --mapping files/mapping.toml {_FEW}",

@@ -11,7 +11,7 @@ from typing import TypeAlias
 from .freeze import DIGEST, Json
 
 #: keys below which the number of entries may differ on another machine
-VARIABLE = frozenset({"evolution", "gauss_newton", "criterion_after_each_generation", "findings", "from"})
+VARIABLE = frozenset({"gauss_newton", "findings", "from"})
 
 Parts: TypeAlias = tuple[str, ...]
 

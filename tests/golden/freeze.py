@@ -34,7 +34,7 @@ DIGEST = "<numbers>"
 LONGEST = 9  #: numbers
 LONGEST_WORD = 500  #: characters
 
-_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "cmaes", "opencv-python-headless", "ziglang")
+_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "mujoco", "opencv-python-headless", "ziglang")
 
 
 def freeze_folder(folder: Path, *, code: int) -> Json:

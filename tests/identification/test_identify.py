@@ -97,15 +97,13 @@ def test_active_bounds_are_kept_and_reported():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("search", "stage", "steps"), [("genetic", "evolution", 5), ("multistart", "search", 8)]
-)
-def test_progress_rises_and_the_cost_falls(search, stage, steps):
+def test_progress_rises_and_the_cost_falls():
     reported, log = list[Progress](), noisy(balancing_log(), seed=4).between(6.0, 10.0)
-    sizes = {"generations": 5, "population": 8, "search_windows": 12, "most_steps": 2, "most_profiles": 1}
-    options = replace(BRIEF, search=search, **sizes)
+    options, steps = replace(BRIEF, search_windows=12, most_steps=2, most_profiles=1), 8
     identify(alten(), log, window=0.1, options=options, run=Run(progress=reported.append))
-    assert [(one.stage, one.done) for one in reported[:steps]] == [(stage, step + 1) for step in range(steps)]
+    assert [(one.stage, one.done) for one in reported[:steps]] == [
+        ("search", step + 1) for step in range(steps)
+    ]
     assert reported[steps].stage == "gauss_newton"
     assert all(one.done <= one.total for one in reported)
     assert all(later.cost <= earlier.cost for earlier, later in pairwise(reported[:steps]))

@@ -82,14 +82,24 @@ def test_learned_controller_is_read_from_its_file_as_it_was(tmp_path):
     assert [point.samples for point in learned.curve] == [640, 1280]
 
 
-def test_stopped_by_the_user_it_keeps_what_it_has():
+def test_stopped_by_the_user_it_keeps_what_it_has_and_acts_where_it_recovers(monkeypatch):
+    def recovers(tried, _, sizes):
+        policy = tried.parts.policy
+        kept = sizes < 10.0 if policy is None else policy.largest_lean < 0.06 and sizes < 8.0
+        return np.broadcast_to(kept, sizes.shape)
+
     def stop(progress):
         if progress.done == 1:
             raise KeyboardInterrupt
 
+    monkeypatch.setattr("ballbot.learning.learn._recovers", recovers)
     learned = learn(ROBOTS, task_named("drive"), training=SMALL, run=Run(seed=0, progress=stop))
     assert learned.stopped
     assert len(learned.curve) == 1
+    policy = learned.controller.parts.policy
+    assert policy is not None
+    # the largest share that is tried below a half
+    assert (policy.largest_lean, policy.largest_speed) == pytest.approx((0.35 * 0.12, 0.35 * 2.0))
 
 
 def test_film_has_the_robot_after_the_seconds_of_learning(monkeypatch):

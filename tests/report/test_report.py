@@ -62,7 +62,6 @@ def _found() -> Identification:
         held_out=errors,
         window=0.25,
         excluded_states=(),
-        evolution_cost=(),
         gauss_newton_cost=(),
         findings=(),
     )

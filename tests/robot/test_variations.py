@@ -1,6 +1,7 @@
 """Standard deviations of a robot's parameters: in its file, and carried through to poles and gains."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,14 +13,14 @@ from ballbot.robot.components import PARAMETERS, Correlation
 from ballbot.robot.file import robot_text
 from ballbot.robot.parameters import value_of
 from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.robot_check import pole_spread
+from ballbot.workflows.robot_check import CheckedRobot
 
 ALTEN = Robot.load("alten")
 SOME = {"body.center_of_mass": 0.004, "body.mass": 0.1, "wheels.radius": 0.0005}
 SOME |= {"wheels.azimuths": (0.004, 0.0, 0.008)}
 
 
-def known_to(deviations: dict[str, float | tuple[float, ...]], robot: Robot = ALTEN) -> Robot:
+def known_to(deviations: Mapping[str, float | tuple[float, ...]], robot: Robot = ALTEN) -> Robot:
     return robot.annotated(standard_deviations=deviations)
 
 
@@ -107,18 +108,17 @@ class TestPropagation:
         assert sum(share for _, share in moment.largest(2)) == pytest.approx(1.0)
         assert [one.name for one in uncertain(robot)] == ["body.mass", "body.center_of_mass"]
 
-    def test_the_faster_of_two_poles_that_lie_together(self):
-        """The larger of two independent N(0, s) has the mean s / sqrt(pi) and the variance s^2 (1 - 1/pi)."""
-        both = pole_spread(known_to({"body.inertia.xx": 0.05, "body.inertia.yy": 0.05}), draws=600)
-        pole = Model(ALTEN).linearize().poles().real.max()
+    def test_the_mean_of_two_poles_that_lie_together(self):
+        """Each of two independent errors of one size moves it by half of what it moves its own pole."""
+        known = known_to({"body.inertia.xx": 0.05, "body.inertia.yy": 0.05})
+        spread = CheckedRobot(robot=known, findings=()).spread
         body = replace(ALTEN.body, inertia=(4.42, 4.42, *ALTEN.body.inertia[2:]))
-        s = abs(Model(ALTEN.replace(body=body)).linearize().poles().real.max() - pole)
-        # the deviation of 600 draws is known to 2.9 %, and the pole is linear in the inertia to 1 %
-        assert both.standard_deviation == pytest.approx(s * math.sqrt(1.0 - 1.0 / math.pi), rel=0.12)
-        lower, upper = both.interval_95
-        assert lower < pole + s / math.sqrt(math.pi) < upper
+        pole, moved = (Model(of).linearize().poles().real.max() for of in (ALTEN, ALTEN.replace(body=body)))
+        assert spread
+        # the pole is linear in the inertia to 1 %
+        assert float(spread.deviation) == pytest.approx(abs(moved - pole) / math.sqrt(2.0), rel=0.02)
         halves = {"body.inertia.xx": 0.5, "body.inertia.yy": 0.5}
-        assert both.variance_shares == pytest.approx(halves, abs=0.01)
+        assert dict(spread.largest()) == pytest.approx(halves, abs=0.01)
 
     def test_draws_are_normal_and_reproducible(self):
         robot = known_to(SOME)
@@ -130,17 +130,29 @@ class TestPropagation:
             assert spread == pytest.approx(np.atleast_1d(deviation), rel=0.13, abs=1e-12)
         assert all(one.ball == ALTEN.ball for one in drawn)
 
-    def test_further_errors_are_added_and_those_of_one_number_are_the_same(self):
-        friction = replace(ALTEN.friction, coulomb=(0.2, 0.2, 0.2))
-        one = Correlation(of=("friction.coulomb[0]", "friction.coulomb[1]"), lower=((1.0,), (1.0, 1.0)))
-        stated = {"friction.coulomb": (0.01, 0.01, 0.01)}
-        known = ALTEN.replace(friction=friction).annotated(standard_deviations=stated, correlation=one)
-        further = {f"friction.coulomb[{wheel}]": 0.02 for wheel in range(3)}
-        drawn = np.array([each.friction.coulomb for each in draw_robots(known, 400, seed=1, further=further)])
-        # of 400, a standard deviation has a standard error of 3.5 %
-        assert drawn.std(axis=0) == pytest.approx(math.hypot(0.01, 0.02), rel=0.12)
-        assert np.array_equal(drawn[:, 0], drawn[:, 1])
-        assert abs(np.corrcoef(drawn[:, 1:].T)[0, 1]) < 0.2
+    def test_friction_is_drawn_with_its_correlations_intervals_and_signs(self):
+        of = [f"friction.coulomb[{wheel}]" for wheel in range(3)]
+        friction = replace(
+            ALTEN.friction, coulomb=(0.2,) * 3, stribeck=(0.05,) * 3, coulomb_asymmetry=(-0.03, 0.0, 0.0)
+        )
+        known = ALTEN.replace(friction=friction).annotated(
+            standard_deviations={
+                "friction.coulomb": (0.01, 0.02, 0.02),
+                "friction.stribeck": (0.0, 0.0, np.inf),
+                "friction.coulomb_asymmetry": (0.01, 0.0, 0.0),
+            },
+            correlation=Correlation(of=tuple(of), lower=((1.0,), (0.8, 1.0), (0.8, 1.0, 1.0))),
+            intervals={"friction.stribeck[2]": (0.02, 0.1)},
+        )
+        drawn = [robot.friction for robot in draw_robots(known, 400, seed=1)]
+        c, s = (np.array([getattr(each, name) for each in drawn]) for name in ("coulomb", "stribeck"))
+        # of 400, a standard deviation has a standard error of 3.5 %, a correlation of r one of (1 - r^2) / 20
+        assert c.std(axis=0) == pytest.approx([0.01, 0.02, 0.02], rel=0.12)
+        assert np.corrcoef(c[:, 0], c[:, 1])[0, 1] == pytest.approx(0.8, abs=0.07)
+        np.testing.assert_allclose(c[:, 1], c[:, 2], rtol=1e-7)
+        assert (s[:, :2] == 0.05).all()
+        assert (s[:, 2].min(), s[:, 2].max()) == pytest.approx((0.02, 0.1), abs=0.01)
+        assert np.mean([each.coulomb_asymmetry[0] for each in drawn]) == pytest.approx(-0.03, abs=0.002)
 
     def test_draws_that_are_no_robot_are_drawn_again_or_refused(self):
         slight = known_to({"ball.inertia": 0.001})  # a third lies beyond a thin shell's, with its margin

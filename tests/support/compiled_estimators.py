@@ -8,18 +8,16 @@ import ctypes
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.arrays import Floats
-from ballbot.control.records import fill_record, schema_of
+from ballbot.control.records import Precision, fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
 from ballbot.firmware.build import compile_sources
 from ballbot.firmware.estimators import (
-    READING,
     KalmanMemory,
     KalmanRecord,
     OnboardMemory,
@@ -39,7 +37,6 @@ H = 0.005  #: [s]
 DOUBLE = Path(__file__).with_name("firmware_double.h")
 MEMORIES = {"onboard": OnboardMemory, "kalman": KalmanMemory}
 
-Precision = Literal["single", "double"]
 _REAL = {"single": np.float32, "double": np.float64}
 
 
@@ -65,27 +62,25 @@ class Compiled:
     ) -> None:
         make = {"onboard": onboard_record, "kalman": kalman_record}[name]
         self.robot, self.name = robot, name
+        self.precision: Precision = precision
         numbers = make(robot, sample_time=sample_time)
         self.record = record_of(numbers, precision)
         self.memory = np.zeros(1, schema_of(MEMORIES[name]).dtype(precision))
         self._state = np.zeros(10, _REAL[precision])
         functions = library().functions if precision == "single" else hours_library(precision)
-        self._update = getattr(functions, f"ballbot_{name}_update")
+        self._update, self._reset = (getattr(functions, f"ballbot_{name}_{do}") for do in ("update", "reset"))
         self._update.restype = ctypes.c_int32
 
     def reset(self, *, position: tuple[float, float] = (0.0, 0.0)) -> None:
         """Reset: the robot stands still at (x, y) [m] when the next reading comes."""
-        call = getattr(library().functions, f"ballbot_{self.name}_reset")
-        call(address(self.memory), address(np.array(position, dtype=np.float32)))
+        self._reset(address(self.memory), address(np.array(position, dtype=self._state.dtype)))
 
     def update(self, reading: Reading) -> Floats:
         """Take one sample and return the state (10,)."""
-        return self.take(reading_record(reading, robot=self.robot))[0]
+        return self.take(reading_record(reading, robot=self.robot, precision=self.precision))[0]
 
     def take(self, record: NDArray[np.void]) -> tuple[Floats, bool]:
         """Take a reading's record; return the state and whether the reading was whole."""
-        if self._state.dtype == np.float64:
-            record = record.astype(READING.dtype("double"))
         given = (address(self.record), address(self.memory), self.robot.wheel_count, address(record))
         whole = self._update(*given, address(self._state))
         return self._state.astype(np.float64), bool(whole)
@@ -105,7 +100,10 @@ def covariance_in(memory: NDArray[np.void]) -> Floats:
 def hours_library(precision: Precision) -> ctypes.CDLL:
     """Return the Kalman filter in C in one precision, with what drives it (`firmware_hours.c`)."""
     here = Path(__file__).parent
-    sources = [SOURCES / "estimation" / "kalman.c", here / "firmware_hours.c"]
+    sources = [
+        *(SOURCES / "estimation" / name for name in ("kalman.c", "swing.c")),
+        here / "firmware_hours.c",
+    ]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]
     if precision == "double":
         flags += ["-include", str(DOUBLE), "-Wno-float-conversion"]

@@ -1,14 +1,15 @@
-"""The control law's C: which functions of Python it is written from, and into which files.
+"""The C of the control law and of attitudes: which functions of Python it is written from, and into which files.
 
     c/parts/part.h       what the parts share: `ballbot.control.parts.part`
     c/parts/steps.h      the steps of all parts
     c/parts/NAME.c       a part, from the file of that name
-    c/parts/tuning.c, c/estimation/heading.c, c/decide.c     from `tuning`, `heading` and `law`
+    c/parts/tuning.c, c/decide.c, c/estimation/heading.c, swing.c     from `tuning`, `law`, `heading` and `swing`
 
 By hand are the policy, whose network has its size from its weights, and `law.c`, which looks at state and reference.
 `tests.support.python_to_c` translates; `tests.support.firmware_headers` writes the files.
 """
 
+import math
 from functools import cache
 from types import ModuleType
 
@@ -25,11 +26,11 @@ from ballbot.control.parts import (
     prediction,
     reference_shaping,
 )
-from ballbot.estimation import heading
+from ballbot.estimation import heading, swing
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
 from ballbot.mechanics.friction import decay
-from tests.support.python_to_c import NOTHING, TRUTH, WHOLE, External, Program, Type, record
+from tests.support.python_to_c import NOTHING, REAL, TRUTH, WHOLE, External, Program, Type, record, values
 
 #: functions of C that are written by hand
 EXTERNALS = {
@@ -37,6 +38,7 @@ EXTERNALS = {
     sine_cosine: External("ballbot_sine_cosine", outputs=True),
     part.add_to.py_func: External("ballbot_add(&{0}[{2}], &{1}[{2}], {3})", NOTHING, written=(0, 1)),
     rolling_brake: External("{0} / ballbot_larger({1}, 1e-30f)"),
+    math.atan2: External("ballbot_arctangent"),
     decay: External("ballbot_exponential(-ballbot_power({0}, {1}))"),
     policy.act.py_func: External("ballbot_act", NOTHING, written=(1,)),
     policy.within_policy.py_func: External("ballbot_within_policy", TRUTH),
@@ -48,16 +50,21 @@ NAMES = {
     "SPEEDS": "BALLBOT_TABLE_SPEEDS",
     "_NUMBERS": "BALLBOT_TUNING_NUMBERS",
     "_COMPENSATION": "BALLBOT_TUNING_COMPENSATION",
+    "BIAS": "B_X",
+    "G": "G_X",
+    "S": "S_X",
+    **{name: name for name in ("PSI", "SHOWN_PSI", "X")},
 }
 #: in the order of the steps
 PARTS = (tuning, disturbance_observer, prediction, reference_shaping, feed_forward, lean_limit, integral, compensation,
          notch)  # fmt: skip
-_NUMBERS = Type("float", ("10",))
+_NUMBERS, _GYRO = Type("float", ("10",)), Type("float", ("3",))
+_LEVER, _STATES = Type("float", ("2", "3")), Type("float", ("STATES",))
 
 
 @cache
 def program() -> Program:
-    """Return the law and all that it calls."""
+    """Return the law, the filter's attitudes, and all that they call."""
     made = Program(externals=EXTERNALS, names=NAMES)
     arguments = [
         record(law.LAW),
@@ -69,6 +76,9 @@ def program() -> Program:
         WHOLE,
     ]
     made.add(law.decide, arguments)
+    made.add(swing.swing_of, [REAL] * 3)
+    made.add(swing.begin_filter, [_LEVER, values(swing.Swing), _GYRO, _STATES])
+    made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
     return made
 
 
@@ -108,6 +118,13 @@ def law_files() -> dict[str, str]:
         ),
         "estimation/heading.h": _file(
             (heading,), "Unwrapped headings.", f"{shared}{made.declarations(heading)}", "BALLBOT_HEADING_H"
+        ),
+        "estimation/swing.c": _file(
+            (swing,), swing.__doc__ or "", f'#include "estimation/swing.h"\n\n{made.sources(swing)}'
+        ),
+        "estimation/swing.h": _file(
+            (swing,), "Attitudes as lean and heading, and the robot's state.",
+            f'#include "estimation/kalman_model.h"\n\n{made.declarations(swing)}', "BALLBOT_SWING_H",
         ),
         "decide.c": _file(
             (law,), law.__doc__ or "",

@@ -3,7 +3,7 @@
 Its functions are traced as for compiled code (`ballbot.mechanics.engine.tracing`), where each operation calls a method
 of LLVM's builder. Here it becomes an expression of C in single precision, with the operations in the same order. What
 is used once is written where it is used, what is used more than once gets a name. So the firmware has every state,
-sensor and noise of Python's filter; what they need of linear algebra is in `c/estimation/kalman.c`.
+sensor and noise of Python's filter, and the update of its covariance; `c/estimation/kalman.c` calls them in order.
 
 If the model changes, write the header anew:
 
@@ -24,29 +24,32 @@ from llvmlite import ir
 
 from ballbot.estimation.kalman_model import (
     DIRECT,
-    DRIFT,
+    DRIVEN,
     ENTRIES,
     ENTRY_OF,
     FIRST,
-    FORGOTTEN_ABOVE,
     MODEL_SHAPE,
     NUMBERS,
     PIVOTING_SEEN,
-    REMEMBERED,
+    PSI,
     SENSORS,
     SHOWN_TOGETHER,
     STATE_NAMES,
     STATES,
     Numbers,
     carried,
-    motion,
+    corrected,
+    faded,
+    moved,
     projected,
+    propagated,
     transition,
 )
-from ballbot.mechanics.engine.tracing import REAL, TracedNumber, written_by
+from ballbot.mechanics.engine.tracing import REAL, TracedNumber, called, written_by
 
 KALMAN_HEADER = "estimation/kalman_model.h"
-_INTRINSICS = {"llvm.sqrt": "ballbot_square_root"}
+_INTRINSICS = {"llvm.sqrt": "ballbot_square_root({})"}
+_SINE_COSINE = "ballbot_sine_cosine({}, &turn[0], &turn[1])"
 _COLUMNS = 118
 
 _Operand: TypeAlias = "_Expression | ir.Constant"
@@ -94,7 +97,7 @@ class _Writer:
                 operand.uses += 1
         return made
 
-    fadd, fsub, fdiv, _product = _binary("+"), _binary("-"), _binary("/"), _binary("*")
+    fadd, fsub, fdiv, or_, _product = (_binary(sign) for sign in ("+", "-", "/", "||", "*"))
 
     def fmul(self, left: _Operand, right: _Operand, flags: Sequence[str] = ()) -> _Operand:
         for factor, rest in ((left, right), (right, left)):
@@ -112,10 +115,10 @@ class _Writer:
         return self.operation("({} ? {} : {})", condition, left, right)
 
     def declare_intrinsic(self, name: str, _: Sequence[ir.Type]) -> str:
-        return _INTRINSICS[name]
+        return _INTRINSICS.get(name, name)
 
     def call(self, function: str, arguments: Sequence[_Operand]) -> _Expression:
-        return self.operation(f"{function}({', '.join('{}' for _ in arguments)})", *arguments)
+        return self.operation(function, *arguments)
 
     def statements(self, results: Results) -> Iterator[str]:
         """Yield the statements that give the results."""
@@ -127,11 +130,15 @@ class _Writer:
         }
         names = (f"t{number}" for number in count())
         for operation in self._made.values():
-            if operation.operands and operation.uses > 1:
+            if operation.form == _SINE_COSINE:
+                text, operation.name = operation.text, "turn"
+                yield from ("float turn[2];", f"{text};")
+            elif operation.operands and operation.uses > 1:
                 text, operation.name = operation.text, next(names)
                 yield f"const float {operation.name} = {_bare(text)};"
         for target, value in values.items():
-            yield f"{target} = {_bare(value.text)};"
+            if _bare(value.text) != target:
+                yield f"{target} = {_bare(value.text)};"
 
 
 def _literal(number: float) -> str:
@@ -184,38 +191,72 @@ def _numbered(target: str, numbers: Iterable[TracedNumber | float], first: int =
     return {f"{target}[{i}]": number for i, number in enumerate(numbers, first)}
 
 
+def _vector(name: str) -> tuple[TracedNumber, ...]:
+    """Return what stands for an array of C with a number for each state."""
+    return tuple(_named(f"{name}[{state}]") for state in STATE_NAMES)
+
+
 _MODEL = Numbers._make(
     _array(f"record->{name}", *np.shape(like)) if isinstance(like, tuple) else _named(f"record->{name}")
     for name, like in MODEL_SHAPE._asdict().items()
 )
-_X = tuple(_named(f"x[{name}]") for name in STATE_NAMES)
-_GYRO, _VELOCITY, _F = _array("gyro", 3), _array("velocity", 2), _array("f", len(ENTRIES))
+_X, _GYRO, _VELOCITY, _F = _vector("x"), _array("gyro", 3), _array("velocity", 2), _array("f", len(ENTRIES))
 _GIVEN = "const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3]"
-_DRIVEN = min(row for rows, _ in ENTRIES for row in rows)
+
+
+def _entry(i: int, j: int) -> TracedNumber:
+    """Return what stands for an entry of P, i >= j; C has what lies above the diagonal."""
+    return _named(f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]")
+
+
+def _triangle(numbers: Iterable[TracedNumber | float]) -> Results:
+    """Return the entries of P by a lower triangle's, row by row."""
+    names = (f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]" for i in range(STATES) for j in range(i + 1))
+    return dict(zip(names, numbers, strict=True))
+
+
+def _states(target: str, numbers: Iterable[TracedNumber | float]) -> Results:
+    return {f"{target}[{name}]": number for name, number in zip(STATE_NAMES, numbers, strict=True)}
+
+
+def _turn_of(angle: TracedNumber) -> tuple[TracedNumber, ...]:
+    """Return what stands for an angle's sine and cosine, which a function of C fills."""
+    filled = called(_SINE_COSINE, angle).value
+    return tuple(TracedNumber(_Expression(f"{{}}[{place}]", (filled,))) for place in (0, 1))
 
 
 def _moved() -> Results:
-    change, velocity = motion(_MODEL, _X, _GYRO)
-    return _numbered("change", change) | _numbered("velocity", velocity)
+    change, velocity = moved(_MODEL, _X, _GYRO, _turn_of)
+    return _states("change", change) | _numbered("velocity", velocity)
 
 
 def _linearized() -> Results:
-    return _numbered("f", transition(_MODEL, _X, _GYRO, _array("turn", 2)))
+    return _numbered("f", transition(_MODEL, _X, _GYRO, _turn_of(_X[PSI])))
 
 
 def _carried() -> Results:
-    column = tuple(_named(f"column[{name}]") for name in STATE_NAMES)
-    return {f"result[{STATE_NAMES[i]} * apart]": carried(i, _F, column) for i in range(_DRIVEN, STATES)}
+    column = _vector("column")
+    return {f"product[{STATE_NAMES[i]}]": carried(i, _F, column) for i in range(DRIVEN, STATES)}
 
 
-def _shaken() -> Results:
-    by_bias = {
-        f"FP[{STATE_NAMES[row]}][{STATE_NAMES[column]}]": number
-        for number, (rows, column) in zip(_F, ENTRIES, strict=True)
-        for row in rows
-        if column < DRIFT
-    }
-    return {target: _named(target) + _named("gyro_variance") * number for target, number in by_bias.items()}
+def _faded() -> Results:
+    above = _triangle(faded(_entry, _named("forgotten")))
+    below = {f"P[{STATE_NAMES[i]}][{STATE_NAMES[j]}]": _entry(i, j) for i in range(STATES) for j in range(i)}
+    return above | below
+
+
+def _propagated() -> Results:
+    # what nothing drives F leaves as it is
+    FP = [
+        [*(_entry(max(i, j), min(i, j)) for i in range(DRIVEN)), *_vector(f"FP[{state}]")[DRIVEN:]]
+        for j, state in enumerate(STATE_NAMES)
+    ]
+    return _triangle(propagated(FP, _F, _named("record->gyro_variance"), _array("record->walk", STATES)))
+
+
+def _corrected() -> Results:
+    P, change = corrected(_entry, _vector("change"), _vector("q"), _named("residual"), _named("inverse"))
+    return _triangle(P) | _states("change", change)
 
 
 def _shown() -> tuple[Results, list[TracedNumber | float]]:
@@ -236,15 +277,9 @@ def _expected() -> Results:
 
 
 def _projected(number: int, h: Sequence[TracedNumber | float]) -> Results:
-    change = [_named(f"change[{name}]") for name in STATE_NAMES]
     mine = h[ENTRY_OF[number] : ENTRY_OF[number + 1]]
-    q, spread, known = projected(
-        number, mine, lambda i, j: _named(f"P[{STATE_NAMES[j]}][{STATE_NAMES[i]}]"), change
-    )
-    return {f"q[{name}]": number for name, number in zip(STATE_NAMES, q, strict=True)} | {
-        "*spread": spread,
-        "*known": known,
-    }
+    q, spread, known = projected(number, mine, _entry, _vector("change"))
+    return _states("q", q) | {"*spread": spread, "*known": known}
 
 
 def _cases(h: Sequence[TracedNumber | float]) -> Iterator[str]:
@@ -259,24 +294,30 @@ def _cases(h: Sequence[TracedNumber | float]) -> Iterator[str]:
 
 def _functions(h: Sequence[TracedNumber | float]) -> Iterator[str]:
     yield _function(
-        "Give what a sample adds to the states before the place, and the mean of v (2) [m/s] over it.",
-        f"moved({_GIVEN}, float change[X], float velocity[2])",
+        "Give what a sample adds to the state, and the mean of v (2) [m/s] over it.",
+        f"moved({_GIVEN}, float change[STATES], float velocity[2])",
         _lines(_moved),
     )
     yield _function(
-        "Give the entries of F; `turn` are sine and cosine of the heading.",
-        f"linearized({_GIVEN}, const float turn[2], float f[F_ENTRIES])",
+        "Give the entries of F.",
+        f"linearized({_GIVEN}, float f[F_ENTRIES])",
         _lines(_linearized),
     )
     yield _function(
-        "Give the elements from DRIVEN on of F times a column; the result's lie `apart`.",
-        "carried(const float f[F_ENTRIES], const float column[STATES], float *result, int32_t apart)",
+        "Take from P what is forgotten of states' errors, and fill in what lies below its diagonal.",
+        "faded(float forgotten, float P[STATES][STATES])",
+        _lines(_faded),
+    )
+    yield _function(
+        "Give the elements from DRIVEN on of F times a column.",
+        "carried(const float f[F_ENTRIES], const float column[STATES], float product[STATES])",
         _lines(_carried),
     )
     yield _function(
-        "Add to F P, in the columns of the bias, what a sample's noise of the gyro adds as if it were bias.",
-        "shaken(const float f[F_ENTRIES], float gyro_variance, float FP[STATES][STATES])",
-        _lines(_shaken),
+        "Overwrite P by F P F^T + Q, of the columns of F P; what lies below its diagonal is wrong after it.",
+        "propagated(const struct ballbot_kalman_record *record, const float f[F_ENTRIES], "
+        "float FP[STATES][STATES], float P[STATES][STATES])",
+        _lines(_propagated),
     )
     yield _function(
         "Give the residuals of all that the sensors show, and the entries of H that vary; wrong where it is missing.",
@@ -291,6 +332,12 @@ def _functions(h: Sequence[TracedNumber | float]) -> Iterator[str]:
         "projected(int32_t number, float P[STATES][STATES], const float h[H_ENTRIES], const float change[STATES], "
         "float q[STATES], float *spread, float *known)",
         _cases(h),
+    )
+    yield _function(
+        "Overwrite P by P - q q^T / s, and the changes of the state; `inverse` is 1 / s.",
+        "corrected(const float q[STATES], float residual, float inverse, float P[STATES][STATES], "
+        "float change[STATES])",
+        _lines(_corrected),
     )
 
 
@@ -317,7 +364,7 @@ def kalman_header() -> str:
 /* The states; those before DRIVEN drive the others, and nothing drives them. */
 enum {{
     {", ".join(STATE_NAMES)}, STATES,
-    DRIVEN = {STATE_NAMES[_DRIVEN]}
+    DRIVEN = {STATE_NAMES[DRIVEN]}
 }};
 
 /* Place of each sensor's first number. */
@@ -328,10 +375,6 @@ enum {{ F_ENTRIES = {len(ENTRIES)}, H_ENTRIES = {next(indices)} }};
 
 /* Omega_z, which does not count while the ball pivots. */
 enum {{ PIVOTING_SEEN = {PIVOTING_SEEN} }};
-
-/* Variance of psi [rad^2], x or y [m^2] above which a sample multiplies the errors of all three by REMEMBERED */
-#define FORGOTTEN_ABOVE {_literal(FORGOTTEN_ABOVE)}
-#define REMEMBERED {_literal(REMEMBERED)}
 
 /* Pairs of states that are known from the start only together. */
 static const int32_t TOGETHER[{len(SHOWN_TOGETHER)}][2] = {{{together}}};

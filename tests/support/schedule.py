@@ -37,7 +37,6 @@ ORDER: tuple[str | tuple[str, ...], ...] = (
     ),
     "tests/mechanics/test_friction_law.py",
     "tests/fitting/test_between_logs.py",
-    "tests/fitting/test_cluster.py",
     "tests/identification/test_driveline.py",
     "tests/firmware/",
     "tests/workflows/",

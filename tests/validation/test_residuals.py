@@ -15,14 +15,12 @@ from ballbot.validation import ModelPair
 from ballbot.validation.models import Case, stretches
 from ballbot.validation.residuals import Prediction, predict, wheel_torque_residuals
 from ballbot.validation.statistics import (
-    LAGS,
     autocovariance,
     blocks_of,
     correlations,
     holm,
     lagged,
     spectrum,
-    whiteness,
 )
 from tests.support.validation_examples import noisy_log, true_robot, wheel_log
 
@@ -84,42 +82,6 @@ def test_a_true_correlation_is_marked_and_no_other():
     found = correlations(columns, LABELS, (400, 600))
     assert set(map(tuple, np.argwhere(found.significant).tolist())) == {(2, 7), (7, 2)}
     assert found.between("c2", "c7") == (pytest.approx(0.3, abs=0.1), True)
-
-
-# --- whiteness ---
-
-
-@pytest.mark.parametrize("uneven", [False, True])
-def test_white_noise_is_called_coloured_at_the_test_level(uneven):
-    random = np.random.default_rng(5)
-    swell = np.exp(np.sin(np.arange(1000) / 50.0))[:, None] if uneven else 1.0
-    p_values = []
-    for _ in range(60):
-        found = whiteness(swell * random.normal(size=(1000, 10)), (400, 600))
-        assert found is not None
-        p_values.append(found.p_value)
-    share = np.mean(np.array(p_values) < 0.05)
-    # binomial of 600 tests: 5 % give or take 0.9 %; and one percent more, as the chi^2 is of long series
-    assert 0.025 < share < _at_most(600, 0.06)
-
-
-def test_kinds_of_autocorrelation_are_distinguished():
-    random = np.random.default_rng(6)
-    white = random.normal(size=(20_001, 4))
-    columns = np.column_stack(
-        [
-            white[1:, 0],
-            _filtered([1.0], [1.0, -0.06], white[1:, 1]),  # a long log sees it, and it does not matter
-            white[1:, 2] - 0.98 * white[:-1, 2],  # the noise of a state in two residuals
-            _filtered([1.0], [1.0, -0.7], white[1:, 3]),
-        ]
-    )
-    found = whiteness(columns, (20_000,))
-    assert found is not None
-    assert found.colours == ("white", "nearly white", "noise of the start", "coloured")
-    # the share that the past predicts: rho^2 of a first-order series
-    assert found.predicted_share[3] == pytest.approx(0.49, abs=0.03)
-    assert whiteness(columns[: 10 * LAGS], (10 * LAGS,)) is None
 
 
 # --- spectrum ---
@@ -209,4 +171,3 @@ def test_short_logs_give_the_reason_instead_of_an_effect(rows):
     assert "too short" in said
     assert "nan" not in said
     assert not found.by_speed
-    assert (found.whiteness is None) == (rows < 501)

@@ -161,7 +161,7 @@ def test_with_the_true_friction_only_noise_is_left_and_without_it_is_worse():
     assert np.all(loop.errors.ratio > 1.5)
     assert validation.closed_loop is not None
     assert np.all(validation.closed_loop.restarted.ratio[:7] > 1.5)
-    horizon = validation.horizon.errors
+    horizon = validation.horizon
     assert horizon.horizons[0] == pytest.approx(0.005)
     assert horizon.horizons[-1] == pytest.approx(0.5)
     # one sample ahead noise decides, but for what friction does to the ball's speed in 5 ms

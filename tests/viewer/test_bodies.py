@@ -36,7 +36,7 @@ def test_twin_answers_a_push_and_a_slope_as_the_model_does():
     twin = TwinBody(SMOOTH, Scenario.ideal(SMOOTH), nominal_controller(SMOOTH))
     found = []
     for body in (ModelBody(SMOOTH), twin):
-        for force, slope in (((12.0, -5.0), (0.0, 0.0)), ((0.0, 0.0), (0.05, -0.02))):
+        for force, slope in (((12.0, -5.0), 0.0), ((0.0, 0.0), 0.05)):
             body.reset(np.zeros(10))
             body.change(SMOOTH.friction, slope)
             for _ in range(20):

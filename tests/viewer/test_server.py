@@ -9,7 +9,7 @@ from websockets.exceptions import ConnectionClosed
 
 from ballbot.viewer.live import Request
 from ballbot.viewer.page import LivePage
-from ballbot.viewer.server import Access, serve_live
+from ballbot.viewer.server import serve_live
 
 TOKEN = "correct-horse"
 PAGE = LivePage(html="<!doctype html><title>robot</title>", policy="default-src 'none'")
@@ -36,15 +36,14 @@ class Simulation:
         self.requests.append(request)
 
 
-def served(visit, host="127.0.0.1"):
+def served(visit):
     """Return what a visitor, who gets the port, finds on a server; and the requests that reached the simulation."""
     source = Simulation()
 
     async def run():
         until, address = asyncio.Event(), asyncio.get_running_loop().create_future()
-        access = Access(host=host, token=TOKEN)
         server = asyncio.create_task(
-            serve_live(PAGE, source, access=access, ready=address.set_result, until=until)
+            serve_live(PAGE, source, token=TOKEN, ready=address.set_result, until=until)
         )
         port = int((await asyncio.wait_for(address, PATIENCE)).rpartition(":")[2].partition("/")[0])
         try:

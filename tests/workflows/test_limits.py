@@ -1,18 +1,17 @@
-"""How far a robot can go: the edge of the region of recovery, and how much of the limits a reference uses."""
+"""How far a robot can go: the edge of the region of recovery."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ballbot import Controller, Model, Robot
+from ballbot import Controller, InputError, Model, Robot
+from ballbot.control.gain_set import tunable
 from ballbot.control.presets import design_gain, nominal_controller, precise_controller
-from ballbot.control.references import change_pose, circle, square
 from ballbot.twin import Scenario
 from ballbot.twin.faults import Timing
 from ballbot.workflows import limits
 from ballbot.workflows.limits import ControlledRobot, reach
-from ballbot.workflows.reference_check import check_reference, path_demand
 from tests.support.control_examples import FRICTION, alten
 
 DIRECTIONS = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
@@ -95,46 +94,7 @@ def test_a_ray_stops_at_the_first_loss():
     assert free[0] == 1.0
 
 
-def phasors(radius: float, period: float):
-    """Lean and wheel torques [amplitudes] on a circle, by hand: M q_ddot = K q + W^T u at one frequency."""
-    model, omega = Model(alten()), 2.0 * np.pi / period
-    M, W = model.mass_matrix(np.zeros(5)), model.wheel_jacobian(np.zeros(5))
-    tipping = 17.076 * 9.81 * 0.393
-    stiff = -(omega**2) * M - np.diag([0.0, 0.0, tipping, tipping, 0.0])
-    place = radius * np.array([1.0, -1.0j])
-    unknown = np.hstack([stiff[:, 2:4], -W.T.astype(complex)])
-    solved = np.linalg.solve(unknown, -stiff[:, :2] @ place)
-    return np.abs(solved[:2]), np.abs(solved[2:])
-
-
-def test_circle_demands_equal_hand_calculation():
-    radius, period = 0.1, 3.0  # a lean of 2 degrees: linear to 1e-3
-    reference = circle(radius=radius, period=period)
-    t = np.arange(0.0, 12.0, 0.005)
-    demand = path_demand(Model(alten()), np.array([reference(one)[[0, 1, 4]] for one in t]), 0.005)
-    middle = (demand.t > 4.0) & (demand.t < 7.0)  # a whole turn, far from start and end
-    lean, torque = phasors(radius, period)
-    # corners are rounded by a Gaussian of 50 ms, which takes exp(-(omega 50 ms)^2 / 2) = 0.5 % of the amplitude
-    np.testing.assert_allclose(np.abs(demand.states[middle, 2:4]).max(axis=0), lean, rtol=0.01)
-    np.testing.assert_allclose(np.abs(demand.torques[middle]).max(axis=0), torque, rtol=0.01)
-    speed = 2.0 * np.pi / period * radius
-    np.testing.assert_allclose(np.hypot(*demand.states[middle, 5:7].T), speed, rtol=0.01)
-
-
-def test_margins_name_infeasible_references_and_the_reason():
-    robot = alten(FRICTION)
-    controller = nominal_controller(robot)
-    slow = check_reference(robot, controller, circle(), name="circle", duration=10.0)
-    assert slow.can_be_followed
-    assert slow.verdict()[0].startswith("The robot can follow circle")
-    fast = check_reference(robot, controller, circle(period=2.0), duration=6.0)
-    words = " ".join(fast.verdict())
-    assert not fast.can_be_followed
-    torque = fast.uses[0]
-    assert torque.value > torque.limit == 6.0
-    assert f"torque, wheel {torque.wheel} reaches {torque.value:.3g} N m" in words
-    jumps = check_reference(robot, controller, square(), duration=17.0)
-    assert [t for t, _ in jumps.jumps] == [8.0, 16.0]
-    assert jumps.can_be_followed
-    far = check_reference(robot, controller, change_pose(x=20.0, ramp=0.0), duration=8.0)
-    assert "falls at t = " in " ".join(far.verdict())
+def test_gains_are_not_compared_with_one_that_recovers_from_nothing():
+    controller = loop(1e-6).controller
+    with pytest.raises(InputError, match="recovers from no impulse"):
+        limits.recovered_shares(tunable(controller, [controller]))

@@ -1,7 +1,6 @@
 """`ballbot check`: check a robot's parameters and print derived quantities.
 
-`--swing` determines the body's inertia from a free swing; `--reference` checks that the robot can follow a
-reference.
+`--swing` determines the body's inertia from a free swing.
 """
 
 from pathlib import Path
@@ -20,7 +19,6 @@ def check(
     robot: options.Robot,
     /,
     *,
-    reference: str | None = None,
     controller: str = "nominal",
     swing: Path | None = None,
     swing_column: str | None = None,
@@ -37,18 +35,15 @@ def check(
 
     Example: `ballbot check alten`
 
-    Example: `ballbot check mine.toml --reference circle --controller controller.toml`
+    Example: `ballbot check mine.toml --controller controller.toml`
 
     Example: `ballbot check mine.toml --swing hanging.csv --out checked`
 
     Parameters
     ----------
-    reference : str
-        A reference's name, or a file with t, ref_x, ref_y and ref_psi: shows whether the robot can follow it and
-        how much of each limit that takes.
     controller : str
-        The controller whose margins are computed and that follows the reference: none, full, partial, nominal, precise,
-        a controller file, or FILE.py:NAME if NAME(robot) returns a ballbot.Controller.
+        The controller whose margins are computed: none, full, partial, nominal, precise, a controller file, or
+        FILE.py:NAME if NAME(robot) returns a ballbot.Controller.
     swing : Path
         A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia.
     swing_column : str
@@ -67,7 +62,7 @@ def check(
     # imported late: they compile, and a bad robot is reported first
     from ballbot.report.robot_check import robot_check_report
     from ballbot.twin.recording import twin_findings
-    from ballbot.workflows.robot_check import CheckedRobot, check_swing, follow_reference
+    from ballbot.workflows.robot_check import CheckedRobot, check_swing
 
     findings = stop_or_show([*of_robot, *twin_findings(hung)], accept=accept, show=False)
     with open_result(out, doing="checking the robot") as result:
@@ -79,13 +74,7 @@ def check(
             column=swing_column,
             accept=check_codes(accept or ()),
         )
-        checked = CheckedRobot(
-            robot=hung,
-            findings=findings,
-            controller=controller,
-            swing=swung,
-            following=None if reference is None else follow_reference(hung, reference, controller),
-        )
+        checked = CheckedRobot(robot=hung, findings=findings, controller=controller, swing=swung)
         page = robot_check_report(checked)
         lines = [finding_line(finding, accepted=True) for finding in checked.findings]
         printed = [page.title, *lines, *page.parts()]

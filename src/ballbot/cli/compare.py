@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, parse_seeds, robot_words
+from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words
 from ballbot.control.references import is_reference_file
 from ballbot.fitting.run import Processes, Run
 from ballbot.report.comparison import league_report
 from ballbot.workflows.courses import PlantName, choose_courses
-from ballbot.workflows.league import DEFAULT_CONTROLLERS, AssumedFriction
+from ballbot.workflows.league import DEFAULT_CONTROLLERS
 from ballbot.workflows.league import compare as run_comparison
 
 
@@ -19,10 +19,7 @@ def compare(
     plant: PlantName = "model",
     courses: str = "motions",
     seeds: str = "1-3",
-    friction: AssumedFriction = "nominal",
-    confirm: options.Count | None = None,
     processes: options.Count | None = None,
-    cluster: options.Cluster = None,
     change: options.Changes = None,
     out: options.Out,
 ) -> None:
@@ -49,30 +46,20 @@ def compare(
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
-    friction
-        Of a robot whose file has none: nominal, the nominal scenario's with the wheels' torques in proportion to the
-        wheels' load and radius, which the controllers know; or none.
-    confirm
-        Seeds with which the best two run on the twin, too, after all on the loop; by default none.
     processes
         Number of parallel processes; by default one per core. Results do not depend on it.
     """
     described, numbers = changed_robot(robot, change), parse_seeds(seeds)
     references = [course.reference_spec.name for course in choose_courses(courses, described, plant)]
     beside = [Path(name) for name in references if is_reference_file(name)]
-    with (
-        open_result(out, doing=f"comparing on the {plant}", beside=beside, seed=seeds) as result,
-        cluster_or(cluster, Processes(count=processes)) as workers,
-    ):
+    with open_result(out, doing=f"comparing on the {plant}", beside=beside, seed=seeds) as result:
         league = run_comparison(
             described,
             controllers or DEFAULT_CONTROLLERS,
             courses=courses,
             plant=plant,
             seeds=numbers,
-            confirm=confirm or 0,
-            friction=friction,
-            workers=workers,
+            workers=Processes(count=processes),
             run=Run(progress=result.report),
         )
         words = robot_words(robot, change)

@@ -5,7 +5,7 @@
         result.write(alignment_report(alignment))
 
 The provenance of a result is the command line (`main` records it) and the files that it names. Logs and lists of seeds
-are also read here, and Dask clusters connected.
+are also read here.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -25,7 +25,6 @@ from ballbot.cli import ARGV
 from ballbot.cli.output import WRITING, emit, print_parts, progress_bar, standard_output, suggest_page
 from ballbot.errors import InputError, about
 from ballbot.files import write_bytes, write_text
-from ballbot.fitting.run import Executor
 from ballbot.log import Log
 from ballbot.log.collection import named_files
 from ballbot.log.formats import is_bag_folder
@@ -166,15 +165,6 @@ def open_result(
         yield CommandResult(folder=folder, origin=origin, console=console, report=report)
     if folder is None:
         suggest_page()
-
-
-def cluster_or(address: str | None, otherwise: Executor) -> AbstractContextManager[Executor]:
-    """Return the executor of a Dask scheduler at an address, or `otherwise`; raise InputError if it is unreachable."""
-    if address is None:
-        return nullcontext(otherwise)
-    from ballbot.fitting.cluster import Cluster
-
-    return Cluster(address)
 
 
 def parse_seeds(text: str) -> list[int]:

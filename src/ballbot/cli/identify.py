@@ -7,22 +7,17 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_log
+from ballbot.cli.context import changed_robot, open_result, read_balancing_log
 from ballbot.cli.findings import check_input
 from ballbot.errors import InputError
-from ballbot.fitting.fit import Search
-from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.run import Run
 from ballbot.identification import Bounds, cross_validate, read_bounds
-from ballbot.identification.holdout import InitialStates
 from ballbot.identification.identify import IdentificationOptions
 from ballbot.identification.identify import identify as identify_friction
-from ballbot.identification.stages import read_sweep
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
 from ballbot.log.collection import named_files
-from ballbot.log.pose import causal_states
 from ballbot.report.identification import identification_report
-from ballbot.robot import Robot
 
 
 def identify(
@@ -35,14 +30,11 @@ def identify(
     law: str = "stribeck",
     exclude_states: str = "",
     bounds: Path | None = None,
-    sweep: Path | None = None,
     window: options.Window = 0.25,
-    search: Search = "multistart",
     seed: options.Seed = 0,
     holdout: Annotated[list[Path] | None, Parameter(negative="")] = None,
     mapping: Annotated[list[Path] | None, Parameter(negative="")] = None,
     accept: options.Accept = None,
-    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs: b, c, s of each wheel, v_s, delta and C_rr. --estimate adds other
     parameters.
@@ -72,12 +64,6 @@ def identify(
         floor.
     bounds
         A TOML file with lower and upper bounds, such as: coulomb = [0.0, 0.5]. Equal bounds fix a value.
-    sweep
-        results.json of `ballbot identify-driveline`: its b and c are combined with those of the logs, weighted by
-        their uncertainties. With --estimate torque_gain only the ratios between the wheels are used.
-    search
-        How the basin of the minimum is found: by descents from a few fixed starts, or by a genetic search as in the
-        thesis, which takes longer.
     holdout
         A log that is not fitted, on which the result is validated. May be given more than once.
     mapping
@@ -85,7 +71,6 @@ def identify(
         logs, or one for each, in the order of the logs and then of those of --holdout.
     """
     described = changed_robot(robot, change)
-    of_sweep = read_sweep(sweep, wheel_count=described.wheel_count) if sweep else None
     named, held_out = named_files(logs), named_files(holdout) if holdout else {}
     paths = [*named.values(), *held_out.values()]
     if len(mapping or ()) not in (0, 1, len(paths)):
@@ -96,10 +81,7 @@ def identify(
     # all logs are checked together, because they are of one robot
     findings = check_input(described, paths, read, accept=accept, mappings=mappings)
     checked = CheckedLogs(logs=dict(zip(named, read, strict=False)), findings=findings)
-    with (
-        open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result,
-        cluster_or(cluster, Threads()) as executor,
-    ):
+    with open_result(out, doing="identifying", writes=["robot.toml"], seed=seed) as result:
         fit = identify_friction(
             described,
             checked,
@@ -110,23 +92,13 @@ def identify(
             options=IdentificationOptions(
                 excluded_states=names_listed(exclude_states),
                 back_emf=back_emf_of(mapping or (), described),
-                sweep=of_sweep,
-                search=search,
             ),
-            run=Run(seed=seed, executor=executor, progress=result.report),
+            run=Run(seed=seed, progress=result.report),
         )
         rest = slice(len(named), None)
         holdouts = [
-            cross_validate(fit, log, name=name, starts=_states_at(path, each, described))
-            for name, path, log, each in zip(held_out, paths[rest], read[rest], mappings[rest], strict=True)
+            cross_validate(fit, log, name=name) for name, log in zip(held_out, read[rest], strict=True)
         ]
         page = identification_report(fit, checked.logs, holdouts)
         step = f"`ballbot validate {result.path('robot.toml')} LOG --out checked`, with a log that was not fitted"
         result.write_robot(page, fit.robot, fit.verdict, next_step=step)
-
-
-def _states_at(path: Path, mapping: Path | None, robot: Robot) -> InitialStates | None:
-    """Return the function that gives the states known at given times; None without a mapping."""
-    if mapping is None:
-        return None
-    return lambda moments: causal_states(path, mapping=mapping, robot=robot, moments=moments)

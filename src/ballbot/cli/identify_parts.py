@@ -75,8 +75,7 @@ def identify_driveline(
         source = f"identified: sweep of the free wheels, {log.name}"
         files = {"robot.toml": robot_text(robot_with_friction(described, estimate, source=source))}
         page = driveline_report(described.name, sweeps, fits, findings)
-        results = result.path("results.json")
-        step = f"`ballbot identify {robot} LOG --sweep {results} --out found`, with logs of balancing"
+        step = f"`ballbot identify {robot} LOG --out found`, with logs of balancing"
         result.write(page, files=files, next_step=step)
 
 

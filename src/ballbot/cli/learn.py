@@ -13,11 +13,10 @@ from ballbot.fitting.run import Run
 from ballbot.learning.learn import base_controller, confirm, film
 from ballbot.learning.learn import learn as learn_task
 from ballbot.learning.ppo import Training
-from ballbot.learning.robots import drawn_robots, learned_robot
+from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import TASKS, task_named
 from ballbot.progress import Progress
 from ballbot.report.learning import learning_report
-from ballbot.robot import as_robot
 from ballbot.robot.file import robot_text
 from ballbot.twin.scenario_file import load_scenario
 
@@ -67,9 +66,8 @@ def learn(
     onto
         A controller to whose torques the policy's are added, as of ballbot check.
     randomize
-        Robots that differ from episode to episode: the folder of a study or an identification, whose covariance and
-        spread between logs they are drawn from, or boxes, the uniform ranges of published work. By default all are the
-        robot as described.
+        boxes: robots that differ from episode to episode, by the uniform ranges of published work. By default all are
+        the robot as described.
     updates
         Number of improvements of the policy; each takes 51,200 samples of the loop.
     runs
@@ -79,7 +77,7 @@ def learn(
     confirm_on_twin
         Number of runs on the twin as well; each takes some seconds.
     """
-    described = changed_robot(learned_robot(as_robot(robot), randomize), change)
+    described = changed_robot(robot, change)
     wanted = task_named(task)
     truth = load_scenario(scenario, described)
     robots = drawn_robots(described, truth, randomize, seed=seed)

@@ -26,7 +26,6 @@ _EXTRAS = {
     "rosbags": "formats",
     "control": "interop",
     "sympy": "symbolic",
-    "distributed": "cluster",
     "serial": "link",
     "cobs": "link",
     "fastcrc": "link",

@@ -114,11 +114,6 @@ LogFormat = Annotated[
     ),
 ]
 
-Cluster = Annotated[
-    str | None,
-    Parameter(help="The address of a Dask scheduler on which the work runs, such as tcp://10.0.0.5:8786."),
-]
-
 Accept = Annotated[
     list[str] | None,
     Parameter(

@@ -1,13 +1,12 @@
 """`ballbot record`: runs of the twin, written as log files."""
 
 from ballbot.cli import options
-from ballbot.cli.context import Content, cluster_or, open_result, parse_seeds
+from ballbot.cli.context import Content, open_result, parse_seeds
 from ballbot.cli.controllers import Chosen, warn_of_idle_compensation
 from ballbot.cli.findings import checked_robot
 from ballbot.control.references import as_reference
 from ballbot.control.source import read_source
 from ballbot.estimation.interface import EstimatorName
-from ballbot.fitting.run import Processes
 from ballbot.progress import in_stage
 from ballbot.report.run import recording_report, recordings_report
 from ballbot.simulation.run import sample_count
@@ -30,7 +29,6 @@ def record(
     estimator: EstimatorName | None = None,
     seed: options.Seed = 1,
     seeds: str | None = None,
-    cluster: options.Cluster = None,
     accept: options.Accept = None,
     change: options.Changes = None,
     out: options.Out,
@@ -81,11 +79,8 @@ def record(
     doing = f"recording {job.duration:g} s"
     if seeds is not None and several is not None:
         doing = f"recording {counted(len(several), 'run')} of {job.duration:g} s"
-        with (
-            cluster_or(cluster, Processes()) as workers,
-            open_result(out, command="record --seeds", doing=doing, seed=seeds) as result,
-        ):
-            runs = record_runs(job, several, out, workers=workers, progress=result.report)
+        with open_result(out, command="record --seeds", doing=doing, seed=seeds) as result:
+            runs = record_runs(job, several, out, progress=result.report)
             paths = " ".join(str(out / next(iter(runs)) / name) for name in ("robot.toml", f"log.{format}"))
             step = f"`ballbot {_NEXT[experiment]} {paths} --out found`"
             result.write(recordings_report(job, runs, findings), next_step=step)

@@ -7,9 +7,9 @@ from cyclopts import Parameter
 
 from ballbot.arguments import names_listed
 from ballbot.cli import options
-from ballbot.cli.context import changed_robot, cluster_or, open_result, read_balancing_logs
+from ballbot.cli.context import changed_robot, open_result, read_balancing_logs
 from ballbot.cli.findings import check_input
-from ballbot.fitting.run import Run, Threads
+from ballbot.fitting.run import Run
 from ballbot.identification import read_bounds
 from ballbot.identification.windows import back_emf_of
 from ballbot.log.checks import CheckedLogs
@@ -33,8 +33,6 @@ def study(
     bounds: Path | None = None,
     seed: options.Seed = 0,
     accept: options.Accept = None,
-    quick: Annotated[bool, Parameter(negative="")] = False,
-    cluster: options.Cluster = None,
 ) -> None:
     """Identify a robot's friction from its logs, validate the model, and choose the best controller for it.
 
@@ -60,8 +58,6 @@ def study(
         floor. They are still validated.
     bounds
         A TOML file with lower and upper bounds of the friction parameters.
-    quick
-        Leave out the section "Where friction matters": the peak error over the stiffness of the gain.
     """
     described = changed_robot(robot, change)
     named = read_balancing_logs(logs, mapping, described)
@@ -69,10 +65,7 @@ def study(
     findings = check_input(described, logs, named.values(), accept=accept, mappings=[mapping])
     back_emf, excluded = back_emf_of([mapping] if mapping else [], described), names_listed(exclude_states)
     truth = load_scenario(scenario, described)
-    with (
-        open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result,
-        cluster_or(cluster, Threads()) as executor,
-    ):
+    with open_result(out, doing="reading", writes=STUDY_FILES, seed=seed) as result:
         assert result.folder is not None
         studied = run_study(
             described,
@@ -84,9 +77,8 @@ def study(
                 back_emf=back_emf,
                 draws=draws,
                 confirm=confirm,
-                quick=quick,
             ),
-            run=Run(seed=seed, executor=executor, progress=result.report),
+            run=Run(seed=seed, progress=result.report),
         )
         result.write(
             study_report(studied),

@@ -1,6 +1,7 @@
 """`ballbot view`: logs in three dimensions as a page in the browser, or simulated robots to push."""
 
 import asyncio
+import secrets
 import tempfile
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
@@ -30,7 +31,6 @@ def view(
     plant: PlantName | None = None,
     controller: tuple[str, ...] = (),
     scenario: str | None = None,
-    host: str | None = None,
     port: options.WholeNumber | None = None,
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True,
 ) -> None:
@@ -68,21 +68,18 @@ def view(
         own as FILE.py:NAME; none if not given. Each stands on the floor with a robot of its own. LABEL=... renames one.
     scenario
         The true friction, and for the twin also sensors and faults: a scenario's name or file.
-    host
-        The address to listen on, 127.0.0.1 if not given. Any other address admits everyone who has the link with its
-        token.
     port
-        The port to listen on; a free one by default.
+        The port of this computer to listen on; a free one by default. `ssh -L` brings it to another computer.
     browser
         Whether to open the page.
     """
     if save is not None:
         check_file(save)
     robots, paths = robots_and_logs(shown)
-    live = any(option is not None for option in (plant, scenario, host, port)) or controller or not browser
+    live = any(option is not None for option in (plant, scenario, port)) or controller or not browser
     if live and (paths or save):
         raise InputError(
-            "--plant, --controller, --scenario, --host, --port and --no-browser are for a live view; name a robot to "
+            "--plant, --controller, --scenario, --port and --no-browser are for a live view; name a robot to "
             "simulate, without logs and without --save."
         )
     if robots and save is None:
@@ -92,7 +89,6 @@ def view(
                 controller or ("none",),
                 plant=plant or "model",
                 scenario=scenario,
-                host=host,
                 port=port or 0,
                 browser=browser,
             )
@@ -117,13 +113,12 @@ def show_live(
     *,
     plant: PlantName,
     scenario: str | None,
-    host: str | None,
     port: int,
     browser: bool,
 ) -> None:
     """Simulate each robot once with each controller, and serve their page until Ctrl-C."""
     from ballbot.viewer.live import World, live_entries, live_view_page
-    from ballbot.viewer.server import LOOPBACK, Access, serve_live
+    from ballbot.viewer.server import serve_live
     from ballbot.workflows.candidates import parse_candidates
 
     if not 0 <= port < 65536:
@@ -140,6 +135,6 @@ def show_live(
             open_page(address)
 
     try:
-        asyncio.run(serve_live(page, world, access=Access(host=host or LOOPBACK), port=port, ready=announce))
+        asyncio.run(serve_live(page, world, token=secrets.token_urlsafe(24), port=port, ready=announce))
     except KeyboardInterrupt:
         raise KeyboardInterrupt("the live view has ended.") from None

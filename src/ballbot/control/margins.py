@@ -55,8 +55,6 @@ _PRECISION = 1e-9
 _FREQUENCIES = 500
 #: lowest frequency of the grid [rad/s]: below it the loop is a chain of integrators
 _LOWEST = 1e-3
-#: lowest frequency at which a balancing robot's sensitivity can peak [rad/s]
-_LOWEST_SENSITIVE = 1e-1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,25 +211,6 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
     response = loop.response(omega)
     wheels = tuple(_margins_of(loop, direction, omega, response) for direction in np.eye(count))
     return Margins(loop=loop, wheels=wheels, together=_margins_of(loop, np.ones(count), omega, response))
-
-
-def sensitivity_peak(
-    loop: RobotLoop, passed: Callable[[Matrix], NDArray[np.complex128]] = np.ones_like
-) -> float:
-    """Return the peak of 1/|1 + L| over frequency for equal changes at all wheels; infinite if the loop is unstable.
-
-    Below 2, all torques may double, fall to two thirds, or lag by 29 deg. The loop without `passed` is stable; `passed`
-    is the response of what else the torques pass, from omega (f,) [rad/s] to (f,).
-    """
-    omega = np.geomspace(_LOWEST_SENSITIVE, math.pi / loop.sample_time, _FREQUENCIES)
-    loci = np.linalg.eigvals(loop.response(omega))
-    late = 1.0 + loci * np.asarray(passed(omega))[:, None]
-    ratio = np.prod(late, axis=1) / np.prod(1.0 + loci, axis=1)
-    # Nyquist: if the loop stays stable, det(I + L) encircles zero as often as without `passed`; over positive
-    # frequencies each additional unstable pole turns it by pi
-    if abs(np.angle(ratio[1:] / ratio[:-1]).sum()) > 0.5 * math.pi:
-        return math.inf
-    return float(1.0 / np.abs(late).min())
 
 
 def _margins_of(

@@ -50,11 +50,13 @@ from ballbot.estimation.kalman_model import (
     sample,
     take_fix,
 )
+from ballbot.estimation.swing import Swing, begin_state, fill_state, swing
 from ballbot.mechanics.engine.lanes import LANES
-from ballbot.mechanics.geometry import angle_rates, attitude_of_swing, heading_of, lean_of, transforms
+from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
+_NO_SWING = Swing(math.nan, math.nan, math.nan)
 #: where the work array has the covariance
 _TRIANGLE = slice(COVARIANCE, COVARIANCE + len(LOWER_TRIANGLE[0]))
 
@@ -105,14 +107,11 @@ class KalmanFilter:
         if self._angles is None and not (turned and leans and turns):
             return np.full(10, np.nan)
         gyro = gyro.copy() if turns else np.where(known(gyro), gyro, self._gyro)
-        lean, heading = np.full(2, np.nan), math.nan
+        shown = _NO_SWING
         if leans:
-            theta, phi, psi = (*attitude[:2].tolist(), self._heading.unwrapped(float(attitude[2])))
-            lean, heading = lean_of(theta, phi, psi), heading_of(theta, phi, psi)  # only the latter runs away
+            shown = swing(*attitude[:2].tolist(), self._heading.unwrapped(float(attitude[2])))
         if self._angles is None:
-            self._x[PSI] = self._x[SHOWN_PSI] = heading
-            self._x[G : G + 2] = lean
-            self._x[S : S + 2] = self._model.lever @ gyro  # v = 0
+            begin_state(self._model.lever, shown, gyro, self._x)
         else:
             # the ball's mean turning relative to the body since the encoders last had all angles [rad/s]
             passed = self.sample_time * (1 + self._without_angles)
@@ -122,7 +121,7 @@ class KalmanFilter:
             self._column[GYRO_BEFORE : GYRO_BEFORE + 3] = self._gyro
             self._column[GYRO : GYRO + 3] = gyro
             self._show("wheels", ball_rate)
-            self._show("attitude", [*lean, heading])
+            self._show("attitude", shown)
             for sensor in DIRECT:
                 values = np.ravel(getattr(reading, sensor.name))
                 self._show(sensor.name, np.where(known(values), values, np.nan))
@@ -157,13 +156,9 @@ class KalmanFilter:
         return P + np.tril(P, -1).T
 
     def _state(self) -> Floats:
-        x = self._x
-        rate = self._gyro - x[BIAS : BIAS + 3]
-        attitude = attitude_of_swing(x[G : G + 2], float(x[PSI]))
-        forward, left = (x[S : S + 2] - self._model.lever @ rate).tolist()
-        s3, c3 = math.sin(x[PSI]), math.cos(x[PSI])
-        velocity = (c3 * forward - s3 * left, s3 * forward + c3 * left)
-        return np.concatenate((x[X : X + 2], attitude, velocity, angle_rates(attitude, rate)))
+        state = np.empty(10)
+        fill_state(self._model.lever, self._x, self._gyro, state)
+        return state
 
     def _take_fix(self, fix: Fix) -> None:
         position, heading = (np.nan if value is None else value for value in (fix.position, fix.heading))

@@ -13,6 +13,7 @@ from ballbot.arrays import Floats, Ints
 from ballbot.control.records import (
     MAX_WHEELS,
     Number,
+    Precision,
     Schema,
     converted,
     fill_record,
@@ -104,8 +105,6 @@ class KalmanMemory:
     pivoting: float = field(metadata=number("rad/s"))
     x: Floats = field(metadata=number("state", STATES))
     rest: Floats = field(metadata=number("state", STATES))  #: what rounding has taken from it
-    sine: float = field(metadata=number("1"))  #: of the heading x[psi], as it was given last
-    cosine: float = field(metadata=number("1"))
     P: Floats = field(metadata=number("product of two states", STATES, STATES))  #: covariance
 
 
@@ -149,12 +148,9 @@ def whole_counts(angles: ArrayLike, *, robot: Robot) -> NDArray[np.int32]:
     return counts.astype(np.uint64).astype(np.uint32).view(np.int32)
 
 
-def reading_record(reading: Reading, *, robot: Robot) -> NDArray[np.void]:
-    """Return a reading as a record (1,) in single precision.
-
-    Wheel angles become whole counts (`whole_counts`).
-    """
-    record = np.zeros(1, READING.dtype("single"))
+def reading_record(reading: Reading, *, robot: Robot, precision: Precision = "single") -> NDArray[np.void]:
+    """Return a reading as a record (1,); wheel angles become whole counts (`whole_counts`)."""
+    record = np.zeros(1, READING.dtype(precision))
     n = robot.wheel_count
     if np.isfinite(reading.wheel_angles).all():
         record["wheel_counts"][0, :n] = whole_counts(reading.wheel_angles, robot=robot)

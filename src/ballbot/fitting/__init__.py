@@ -3,6 +3,5 @@
 An `experiment` has parameters and residuals in blocks. `fit` searches, fits, and estimates the uncertainty of the
 result with `uncertainty`, `intervals` and `between_logs`. `model_selection` selects among nested models, `comparison`
 compares the errors of two models, and `least_squares` fits linear models. `run` is the context of a long computation,
-`sweep` stores finished runs in a folder, and `cluster` runs work on a Dask scheduler. Nothing here knows a robot's
-equations.
+and `sweep` stores finished runs in a folder. Nothing here knows a robot's equations.
 """

@@ -1,4 +1,4 @@
-"""Errors of competing models on the same runs: a 95 % interval of their ratio, and errors by horizon.
+"""Errors of competing models on the same runs: a 95 % interval of their ratio.
 
 The interval is from a block bootstrap of the runs. Neighbouring runs share a stretch of floor and a swing of the limit
 cycle, so blocks of neighbours are drawn (`ballbot.fitting.uncertainty`), with the errors of both models together. With
@@ -15,8 +15,6 @@ correlation rho of neighbours, taken as a first-order process: (1.5 (2 rho / (1 
 runs^(1/3) and twice the runs that overlap.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -78,43 +76,3 @@ def _bootstrap_block(influence: Floats, overlap: int) -> int:
 #: smallest RMS error that counts, in m, rad and their rates: a thousandth of the finest sensor's resolution, and a
 #: million times the rounding of a double
 FINEST = 1e-9
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HorizonErrors:
-    """Errors of several models' forecasts at each horizon, from every start in the order of time."""
-
-    horizons: Floats  #: (h,) [s], whole samples
-    #: (models, starts, h, k), predicted less measured; NaN if a forecast has no value
-    differences: Floats
-    overlap: int = 1  #: how many neighbouring forecasts share part of the log
-
-    @property
-    def starts(self) -> int:
-        """How many forecasts each model made."""
-        return self.differences.shape[1]
-
-    @property
-    def rmse(self) -> Floats:
-        """Root mean square errors (models, h, k)."""
-        return np.sqrt((self.differences**2).mean(axis=1))
-
-    @property
-    def ratio(self) -> Floats:
-        """RMSE of the second model over that of the first (h, k); above 1, the first is better."""
-        first, second, *_ = np.sqrt(self._squares().mean(axis=1))
-        return second / first
-
-    @cached_property
-    def ratio_interval(self) -> Floats:
-        """The 95 % intervals (2, h, k) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
-        shape = self.differences.shape[2:]
-        if self.starts < LEAST_RUNS * self.overlap:
-            return np.full((2, *shape), np.nan)
-        first, second, *_ = self._squares().reshape(len(self.differences), self.starts, -1)
-        ends = ratio_interval(second, first, overlap=self.overlap, power=0.5)
-        return ends.reshape(2, *shape)
-
-    def _squares(self) -> Floats:
-        """Return the squared errors, each at least `FINEST` squared."""
-        return np.maximum(self.differences**2, FINEST**2)

@@ -1,9 +1,9 @@
 """The one fit: from an experiment to parameter values with their covariance, and what the data do not determine.
 
-A search finds the basin, by short descents from a few starts or by a genetic algorithm. From there Gauss-Newton
-descends in the parameters and the states of the blocks together. Each step tries one point within a trust region in
-Levenberg and Marquardt's form, and compares the least costs over the states before and after. When the descent has
-converged, the states are searched again in case they lie in a poorer minimum (`Experiment.renew`).
+A search finds the basin, by short descents from a few starts. From there Gauss-Newton descends in the parameters and
+the states of the blocks together. Each step tries one point within a trust region in Levenberg and Marquardt's form,
+and compares the least costs over the states before and after. When the descent has converged, the states are searched
+again in case they lie in a poorer minimum (`Experiment.renew`).
 
 Some parameters act only through others: v_s and delta shape how s fades, and have no effect without s. If s is zero, a
 fit still ends at some s of the size of chance, with v_s and delta that suit it, and their standard errors there are
@@ -24,7 +24,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from threading import Lock
-from typing import Generic, Literal, get_args
+from typing import Generic
 
 import numpy as np
 from scipy import special
@@ -191,13 +191,9 @@ def at_bound(point: Floats) -> Bools:
 
 # --- search ---
 
-#: how the basin is found: by descents from fixed starts, or by a genetic algorithm as in the thesis
-Search = Literal["multistart", "genetic"]
 #: steps from each start. With fewer from starts that look worse, one log in six (a figure of eight) lost the lower
 #: optimum, which is reached late and may be the higher one on some of the blocks
 _SEARCH_STEPS = 9
-#: a genetic search ends early if this many generations together gain less than that; a descent follows
-_SEARCH_PATIENCE, _LEAST_SEARCH_GAIN = 25, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -205,26 +201,19 @@ class SearchResult:
     """Result of a search."""
 
     best: Floats  #: (p,), scaled to 0 .. 1
-    history: tuple[float, ...] = ()  #: best cost after each generation
     other: Floats | None = None  #: (p,), the best end in another basin
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitOptions:
-    """Options of a fit; InputError if there is no such search, or a count is too small."""
+    """Options of a fit; InputError if a count is too small."""
 
-    search: Search = "multistart"
-    generations: int = 150  #: of a genetic search, at most
-    population: int = 24  #: sets of parameters in each generation
     most_steps: int = 30  #: of each descent by Gauss-Newton
     #: parameters with doubtful errors whose intervals are profiled, at most
     most_profiles: int = MOST_PROFILES
 
     def __post_init__(self) -> None:
-        if self.search not in get_args(Search):
-            raise InputError(f"search is {self.search!r}; it must be one of {', '.join(get_args(Search))}.")
-        leasts = {"generations": 1, "population": 4, "most_steps": 1, "most_profiles": 0}
-        for name, least in leasts.items():
+        for name, least in (("most_steps", 1), ("most_profiles", 0)):
             if getattr(self, name) < least:
                 raise InputError(f"{name} is {getattr(self, name)!r}; it must be {least} or more.")
 
@@ -232,18 +221,14 @@ class FitOptions:
 DEFAULT_OPTIONS = FitOptions()
 
 
-def search(
-    experiment: Experiment[IterateT], starts: Floats, *, options: FitOptions, run: Run
-) -> SearchResult:
+def search(experiment: Experiment[IterateT], starts: Floats, *, most_steps: int, run: Run) -> SearchResult:
     """Find the basin in the parameters that are free, from scaled starts (p,) or (s, p); one start is the result.
 
     From several it descends side by side, and returns the best end; the stage is "search".
     """
-    if options.search == "genetic":
-        return evolve(experiment, options=options, run=run)
     if starts.ndim == 1:
         return SearchResult(best=starts)
-    steps = min(_SEARCH_STEPS, options.most_steps)
+    steps = min(_SEARCH_STEPS, most_steps)
     total, done, least = len(starts) * steps, 0, np.inf
     reporting = Lock()
 
@@ -257,46 +242,10 @@ def search(
         reported = replace(run, progress=report)
         return descend(experiment, begin, free=experiment.coordinates.free, most_steps=steps, run=reported)
 
-    # a cluster works on the pieces of each descent
-    threads = run.executor if isinstance(run.executor, Threads) else Threads()
+    threads = Threads(count=run.executor.count)  # processes work on the pieces of each descent
     best, *ends = sorted(threads(descent, experiment, list(starts)), key=lambda end: end.cost)
     others = (end.point for end in ends if elsewhere(best, end, errors=_ANOTHER_BASIN))
     return SearchResult(best=best.point, other=next(others, None))
-
-
-def evolve(experiment: Experiment[IterateT], *, options: FitOptions, run: Run) -> SearchResult:
-    """Minimise the cost over the unit cube of the free parameters, one batch a generation.
-
-    CMA-ES as in N. Hansen, The CMA Evolution Strategy: A Tutorial, arXiv:1604.00772, by the package `cmaes`. The run's
-    seed fixes the search bit for bit; the stage "evolution" is reported after each generation.
-    """
-    from cmaes import CMA  # with scipy.stats, which takes half a second
-
-    space, population, generations = experiment.coordinates, options.population, options.generations
-    fixed, size = space.scaled(space.nominal), int(space.free.sum())
-
-    def points(drawn: Floats) -> Floats:
-        complete = np.tile(fixed, (len(drawn), 1))
-        complete[:, space.free] = drawn
-        return np.where(space.free, space.from_search(complete), complete)
-
-    bounds = np.tile([0.0, 1.0], (size, 1))
-    strategy = CMA(
-        mean=np.full(size, 0.5), sigma=0.3, bounds=bounds, population_size=population, seed=run.seed
-    )
-    best, least, history = np.full(size, 0.5), np.inf, []
-    for generation in range(1, generations + 1):
-        candidates = np.array([strategy.ask() for _ in range(population)])
-        costs = experiment.costs(points(candidates))
-        strategy.tell([(candidate, float(cost)) for candidate, cost in zip(candidates, costs, strict=True)])
-        if costs.min() < least:
-            best, least = candidates[costs.argmin()], float(costs.min())
-        history.append(least)
-        run.progress(Progress(stage="evolution", done=generation, total=generations, cost=least))
-        gained = history[-_SEARCH_PATIENCE - 1] - least if generation > _SEARCH_PATIENCE else np.inf
-        if gained < _LEAST_SEARCH_GAIN or strategy.should_stop():
-            break
-    return SearchResult(best=points(best[None])[0], history=tuple(history))
 
 
 # --- the fit ---
@@ -325,7 +274,6 @@ class Fit(Generic[IterateT]):
     no_influence: Bools  #: (p,), free parameters that the residuals do not depend on
     refused: Bools  #: (p,), other parameters that the data do not excite
     other: OtherOptimum | None  #: another optimum, if there is one near
-    searched: tuple[float, ...]  #: best cost after each generation of a genetic search
     groups: Ints  #: (w,), of blocks that should agree, from 0
     most_profiles: int  #: see `FitOptions`
     run: Run  #: its seed is the bootstrap's
@@ -444,7 +392,6 @@ def fit(
     earlier : ndarray (p,), optional
         A scaled point from which Gauss-Newton starts if it predicts better than the end of the search.
     options : FitOptions, optional
-        A genetic search needs no starts.
     search_blocks : ndarray, optional
         The blocks that the search uses; all by default.
     refused : ndarray (p,), optional
@@ -454,7 +401,8 @@ def fit(
     run : Run, optional
     """
     part = experiment if search_blocks is None else experiment.part(search_blocks)
-    searched, most_steps = search(part, starts, options=options, run=run), options.most_steps
+    most_steps = options.most_steps
+    searched = search(part, starts, most_steps=most_steps, run=run)
     start, also = searched.best, searched.other if also is None else also
     if earlier is not None:
         points = np.stack([start, earlier])
@@ -479,7 +427,6 @@ def fit(
         no_influence=no_influence,
         refused=~no_influence & (False if refused is None else refused),
         other=other,
-        searched=searched.history,
         groups=np.zeros(len(experiment.block_log), dtype=np.int64) if groups is None else groups,
         most_profiles=options.most_profiles,
         run=run,

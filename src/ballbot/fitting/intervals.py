@@ -22,7 +22,7 @@ CONFIDENCE = 0.95
 #: half width of a 95 % interval of a normal variable, in standard deviations
 HALF_WIDTH = 1.96
 #: how an interval was obtained
-Method = Literal["clustered", "bootstrap", "profile", "at bound", "with sweep", "between logs"]
+Method = Literal["clustered", "bootstrap", "profile", "at bound", "between logs"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ def between(
     """
     low = coordinates.physical_one(index, lower) if lower is not None and lower > 0.0 else -math.inf
     high = coordinates.physical_one(index, upper) if upper is not None and upper < 1.0 else math.inf
-    if math.isinf(low) and coordinates.sqrt_scaled[index] and coordinates.lower[index] == 0.0:
+    if math.isinf(low) and coordinates.nonnegative[index] and coordinates.lower[index] == 0.0:
         low = 0.0
     return Interval(lower=low, upper=high, method=method)
 

@@ -4,8 +4,6 @@ A fit works with scaled parameters z, which run from 0 to 1 between the bounds o
 
     p = lower + z (upper - lower)          "amount" (zero or more) and "signed" (either sign)
     p = lower (upper / lower)^z            "ratio" (a positive size, such as v_s, delta or a torque gain)
-
-A random search samples amounts more densely near zero: it draws y and takes z = y^2.
 """
 
 from __future__ import annotations
@@ -100,8 +98,8 @@ class ParameterSpace:
         return np.array([parameter.scale == "ratio" for parameter in self.parameters])
 
     @cached_property
-    def sqrt_scaled(self) -> Bools:
-        """Which parameters (p,) a random search samples more densely near zero."""
+    def nonnegative(self) -> Bools:
+        """Which parameters (p,) are amounts, zero or more."""
         return np.array([parameter.scale == "amount" for parameter in self.parameters])
 
     def physical(self, scaled: Floats) -> Floats:
@@ -121,10 +119,6 @@ class ParameterSpace:
         width_log = np.log(np.where(self.logarithmic & wide, self.upper / low, np.e))
         log = np.log(np.where(self.logarithmic, values, 1.0) / low) / width_log
         return np.where(self.logarithmic, log, (values - self.lower) / width)
-
-    def from_search(self, drawn: Floats) -> Floats:
-        """Return scaled parameters from those of a random search, z = y^2 for amounts."""
-        return np.where(self.sqrt_scaled, drawn**2, drawn)
 
     def physical_one(self, index: int, scaled: float) -> float:
         """Return the value in SI units of the parameter with this index, from its scaled value."""

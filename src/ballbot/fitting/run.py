@@ -5,7 +5,6 @@ therefore the same to the bit with any executor and any number of threads or wor
 """
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor as Pool
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -24,43 +23,24 @@ Result = TypeVar("Result")
 
 
 class ExecutorError(InputError):
-    """Workers are missing, incompatible or lost; the work itself can go on with other workers."""
+    """A worker is lost; the work itself can go on with other workers."""
 
 
-class Executor(ABC):
-    """Makes pieces of work in parallel."""
+@dataclass(frozen=True, kw_only=True)
+class Executor:
+    """Makes pieces of work in parallel, by workers on this computer that a pool starts."""
 
-    count: int | None = None  #: of workers on this computer; None for one a core
+    pool_of: ClassVar[Callable[[int], Pool]]  #: starts the pool
+    count: int | None = None  #: of workers; None for one a core
 
-    @abstractmethod
     def each(
         self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the index and the result of each piece as they finish.
+        """Yield the index and the result of each piece as they finish; a single worker is this thread.
 
         `make` is a function of a module or a partial of one. For workers in other processes `make`, the pieces and the
         results must be picklable. ExecutorError if a worker is lost.
         """
-
-    def __call__(
-        self, function: Callable[[Shared, Piece], Result], shared: Shared, pieces: Sequence[Piece]
-    ) -> list[Result]:
-        """Return [function(shared, piece) for piece in pieces]."""
-        made = dict(self.each(partial(function, shared), pieces))
-        return [made[index] for index in range(len(pieces))]
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Local(Executor):
-    """Workers on this computer, which a pool of them starts."""
-
-    pool_of: ClassVar[Callable[[int], Pool]]
-    count: int | None = None
-
-    def each(
-        self, make: Callable[[Piece], Result], pieces: Sequence[Piece]
-    ) -> Generator[tuple[int, Result], None, None]:
-        """Yield the index and the result of each piece, made in a pool, or in this thread by a single worker."""
         workers = min(self.count or os.cpu_count() or 1, len(pieces))
         if workers < 2:
             yield from enumerate(map(make, pieces))
@@ -77,14 +57,21 @@ class _Local(Executor):
         finally:
             pool.shutdown(wait=finished, cancel_futures=True)
 
+    def __call__(
+        self, function: Callable[[Shared, Piece], Result], shared: Shared, pieces: Sequence[Piece]
+    ) -> list[Result]:
+        """Return [function(shared, piece) for piece in pieces]."""
+        made = dict(self.each(partial(function, shared), pieces))
+        return [made[index] for index in range(len(pieces))]
 
-class Threads(_Local):
+
+class Threads(Executor):
     """Threads of this process; compiled code and MuJoCo run in parallel in them."""
 
     pool_of = ThreadPoolExecutor
 
 
-class Processes(_Local):
+class Processes(Executor):
     """Processes on this machine, which take seconds to start."""
 
     pool_of = staticmethod(worker_pool)

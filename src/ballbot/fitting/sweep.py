@@ -122,7 +122,7 @@ def machine() -> dict[str, str]:
     _, _, features = cpu_target.target_context.codegen().magic_tuple()  # pyright: ignore[reportAttributeAccessIssue]
     compiled_for = hashlib.sha256(features.encode()).hexdigest()[:8]
     versions = {}
-    for package in ("ballbot", "numpy", "scipy", "numba", "cmaes", "mujoco"):
+    for package in ("ballbot", "numpy", "scipy", "numba", "mujoco"):
         try:
             versions[package] = version(package)
         except PackageNotFoundError:  # MuJoCo is an extra

@@ -53,8 +53,8 @@ _ON_FLOOR = 2
 _NARROW, _WIDE = (1e-6, 1e-4), (2e-3, 0.5)
 #: value of a residual without a value
 _LOST = 1e150
-#: windows in a piece of work, and sets of parameters in one that computes costs only
-_PIECE, _SETS = 64, 4
+#: windows in a piece of work
+_PIECE = 64
 
 
 @dataclass(kw_only=True, eq=False)
@@ -69,10 +69,9 @@ class Starts:
     slopes_from: Floats  #: (n, 1 + k, 10), the residuals there
     known: Bools  #: (n,), whether the slopes by parameters are computed yet
     ties: Floats  #: (n, m + 10, m + 10), of starts on kinks
-    others: Floats  #: (n, o, 10), starts in other basins to try at the next point
 
     def put(self, rows: Ints, given: Starts, which: Bools) -> None:
-        """Change the windows of these rows to some of those given; starts in other basins stay."""
+        """Change the windows of these rows to some of those given."""
         for name in ("starts", "residuals", "slopes", "slopes_at", "slopes_from", "known", "ties"):
             getattr(self, name)[rows] = getattr(given, name)[which]
 
@@ -178,22 +177,17 @@ class Balancing:
 
     def costs(self, points: Floats, starts: Floats | None = None) -> Floats:
         """Return the costs (sets,) of points (sets, p) with starts (sets, w, 10), by default the measured ones."""
-        values, costs = self.coordinates.physical(points), []
+        values = self.coordinates.physical(points)
         if starts is None:
             starts = np.broadcast_to(self.windows.initial, (len(values), *self.windows.initial.shape))
-        groups = [slice(first, first + _SETS) for first in range(0, len(values), _SETS)]
-        pieces = [(_squares, values[group], starts[group][:, k], k) for group in groups for k in self._rows]
-        squares = self.executor(_called, self._work, pieces)
-        for first in range(0, len(squares), len(self._rows)):
-            of_group = np.concatenate(squares[first : first + len(self._rows)], axis=1)
-            costs.append(self._cost(of_group.sum(axis=1)))
-        return np.concatenate(costs)
+        squares = self._each(_squares, lambda k: (values, starts[:, k], k))
+        return self._cost(np.concatenate(squares, axis=1).sum(axis=1))
 
     def begin(self, point: Floats, near: WindowsIterate | None = None) -> WindowsIterate:
         """Return the first iterate of a descent, its starts settled near the measured ones or those of `near`."""
         starts = self.windows.initial if near is None else near.windows.starts
         weights, _ = self._weighed(self._residuals(point, starts))
-        return self._settled(point, weights, starts[None], np.zeros((0, *starts.shape)))
+        return self._settled(point, weights, starts[None])
 
     def linearize(self, at: WindowsIterate) -> Linearized:
         """Return the equations about an iterate."""
@@ -224,22 +218,16 @@ class Balancing:
 
     def advance(self, at: WindowsIterate, about: Linearized, step: Floats) -> WindowsIterate:
         """Return the iterate after a step (p,), with the starts settled there."""
-        starts, others = at.windows.starts, at.windows.others.transpose(1, 0, 2)
+        starts = at.windows.starts
         ahead = starts + about.response @ step
-        return self._settled(
-            at.point + step, at.weights, np.stack([starts, ahead, ahead + about.shift]), others
-        )
+        return self._settled(at.point + step, at.weights, np.stack([starts, ahead, ahead + about.shift]))
 
     def renew(self, at: WindowsIterate, *, seed: int) -> WindowsIterate:
         """Return the same point with the best start of each window, also of those settled from random ones."""
         about = _differences(self.coordinates, at.point, at.weights, _NARROW, starts_alone=True)
         now, slopes = at.windows, at.windows.slopes[:, -_STATES:]
-        others = now.others.transpose(1, 0, 2)
-        renewed = self._each(
-            _renewed, lambda k: (about, now.starts[k], now.residuals[k], slopes[k], others[:, k], seed, k)
-        )
-        starts = np.concatenate(renewed, axis=1)
-        return self._settled(at.point, at.weights, starts[:1], starts[1:])
+        renewed = self._each(_renewed, lambda k: (about, now.starts[k], now.residuals[k], slopes[k], seed, k))
+        return self._settled(at.point, at.weights, np.concatenate(renewed)[None])
 
     def _each(
         self,
@@ -266,10 +254,10 @@ class Balancing:
         values = self.coordinates.physical(point[None])
         return np.concatenate(self._each(Work.residuals, lambda k: (values, starts[None, k], k)), axis=1)[0]
 
-    def _settled(self, point: Floats, weights: Floats, offered: Floats, others: Floats) -> WindowsIterate:
-        """Return the iterate at a point (p,), settled from the best of the starts (n, w, 10) and others (o, w, 10)."""
+    def _settled(self, point: Floats, weights: Floats, offered: Floats) -> WindowsIterate:
+        """Return the iterate at a point (p,), settled from the best of the starts (n, w, 10)."""
         about = _differences(self.coordinates, point, weights, _NARROW)
-        settled = Starts.joined(self._each(_settled, lambda k: (about, offered[:, k], others[:, k], k)))
+        settled = Starts.joined(self._each(_settled, lambda k: (about, offered[:, k], k)))
         weights, cost = self._weighed(settled.residuals)
         return WindowsIterate(point=point, windows=settled, weights=weights, cost=cost)
 
@@ -359,7 +347,6 @@ def _lanes(
         slopes_from=here.copy(),
         known=np.zeros(len(rows), dtype=bool),
         ties=np.zeros((len(rows), m + _STATES, m + _STATES)),
-        others=np.zeros((len(rows), 0, _STATES)),
     )
 
 
@@ -403,19 +390,15 @@ def _flat(values: Floats, weights: Floats) -> Floats:
     return np.where(np.abs(flat) < _LOST, flat, _LOST)
 
 
-def _settled(work: Work, about: _Differences, own: Floats, others: Floats, rows: Ints) -> Starts:
-    """Return each window's start, settled from the best of those offered, and starts in other basins."""
-    offered, others, each = np.concatenate([own, others]), others.copy(), np.arange(len(rows))
-    starts, residuals = offered[0], None
+def _settled(work: Work, about: _Differences, offered: Floats, rows: Ints) -> Starts:
+    """Return each window's start, settled from the best of those offered (n, rows, 10)."""
+    starts, residuals, each = offered[0], None, np.arange(len(rows))
     if len(offered) > 1:
         predicted = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
         squares = (_flat(predicted, about.weights) ** 2).sum(axis=-1)
         chosen = squares.argmin(axis=0)
         starts, residuals = offered[chosen, each], predicted[chosen, each]
-        left = np.flatnonzero(chosen >= len(own))
-        others[chosen[left] - len(own), left] = own[0, left]
     lanes = _lanes(work, about, starts, rows, residuals)
-    lanes.others = others.transpose(1, 0, 2)
     _settle(work, about, lanes)
     return lanes
 
@@ -509,8 +492,6 @@ _DRAWN, _SPREADS = 48, (0.5, 3.0)
 #: minimum as the slopes here predict it, which find a deep one. Of the gain of settling all on four logs, three of the
 #: first kind reach 92, 1, 27 and 0 %, three of the second 52, 98, 0 and 100 %, and both kinds 89, 97, 20 and 100 %
 _LEAST, _PROMISING = 3, 2
-#: starts in other basins that each window keeps, as they may become better
-_OTHERS = 2
 #: a start is in another basin if its cost after elimination differs by more, in variances of a residual; it is better
 #: only by more than the second
 _APART, _BETTER = 0.02, 0.01
@@ -522,18 +503,17 @@ def _renewed(
     starts: Floats,
     residuals: Floats,
     slopes: Floats,
-    others: Floats,
     seed: int,
     rows: Ints,
 ) -> Floats:
-    """Return the best starts (1 + n, rows, 10), of the present ones and those settled from measured and random ones."""
+    """Return the best starts (rows, 10) of the present ones and those settled from measured and random ones."""
     S, r = _flat(slopes, about.weights), _flat(residuals, about.weights)
     A = S @ S.transpose(0, 2, 1)
     spread = np.linalg.inv(np.linalg.cholesky(A)).transpose(0, 2, 1)
     drawn = np.random.default_rng([seed, int(rows[0])]).standard_normal((_DRAWN, *starts.shape, 1))
     drawn *= np.linspace(*_SPREADS, _DRAWN)[:, None, None, None]
     random = starts + (spread @ drawn)[..., 0]
-    offered = np.concatenate([work.windows.initial[rows][None], others, random])
+    offered = np.concatenate([work.windows.initial[rows][None], random])
     predicted = work.residuals(np.tile(about.values[-1:], (len(offered), 1)), offered, rows)
 
     def eliminated(r: Floats) -> Floats:
@@ -548,18 +528,13 @@ def _renewed(
     promising = np.argsort(np.where(apart, there, np.inf), axis=0, kind="stable")[:_PROMISING]
     chosen = np.concatenate([least, promising])
     sets, windows = np.nonzero(np.take_along_axis(apart, chosen, axis=0))
-    now = (r**2).sum(axis=1) - _BETTER
-    best = [[(float(square), start)] for square, start in zip(now, starts, strict=True)]
+    now, best = (r**2).sum(axis=1) - _BETTER, starts.copy()
     if len(windows):
         which = chosen[sets, windows]
         lanes = _lanes(work, about, offered[which, windows], rows[windows], predicted[which, windows])
         _settle(work, about, lanes)
         squares = (_flat(lanes.residuals, about.weights) ** 2).sum(axis=1)
         for window, square, start in zip(windows, squares, lanes.starts, strict=True):
-            if all(abs(square - known) > _APART for known, _ in best[window]):
-                best[window].append((float(square), start))
-    kept = []
-    for known in best:
-        ordered = [start for _, start in sorted(known, key=lambda square: square[0])]
-        kept.append((ordered + [ordered[0]] * _OTHERS)[: 1 + _OTHERS])
-    return np.array(kept).transpose(1, 0, 2)
+            if square < now[window]:
+                now[window], best[window] = square, start
+    return best

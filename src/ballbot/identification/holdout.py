@@ -10,7 +10,7 @@ It is 1 if the log has the identified friction, and less if it has less. Errors 
 change it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,9 +31,6 @@ from ballbot.rounding import plus_minus
 
 #: [s]
 HORIZONS = (0.1, 0.25, 0.5)
-
-#: from times (m,) [s] of rows to states (m, 10), NaN if unknown
-InitialStates = Callable[[Floats], Floats]
 
 #: blocks of neighbouring starts in the jackknife
 _BLOCKS = 10
@@ -62,28 +59,23 @@ class FrictionAtHorizon:
     lean: FrictionErrors = field(metadata=key("lean_rmse"))  #: theta and phi [rad]
 
 
-def friction_by_horizon(
-    predictor: Predictor, values: Floats, log: Log, *, starts: InitialStates | None = None
-) -> tuple[FrictionAtHorizon, ...]:
+def friction_by_horizon(predictor: Predictor, values: Floats, log: Log) -> tuple[FrictionAtHorizon, ...]:
     """Return the effect of friction, by parameters (p,), on the errors at each horizon.
 
-    The predictions start from the states in the log's rows, or from those of `starts`, at intervals of the longest
-    horizon, so that they do not overlap. The log has no lag of its encoders (`without_encoder_lag`). If motors are
-    driven by voltage, its torques contain their back-EMF.
+    The predictions start from the states in the log's rows, at intervals of the longest horizon, so that they do not
+    overlap. The log has no lag of its encoders (`without_encoder_lag`). If motors are driven by voltage, its torques
+    contain their back-EMF.
     """
     sample_time, layout = log.sample_time, predictor.layout
     # windows are rounded to a multiple of COMPARISONS samples; half of that more keeps the longest horizon inside
     duration = max(HORIZONS) + 0.5 * COMPARISONS * sample_time
     supplied = standstill_torques(log, predictor.robot, predictor.back_emf)
     windows = windows_for(predictor, values, [supplied], duration=duration)
-    initial = windows.initial if starts is None else starts(np.array([span.start for span in windows.spans]))
-    known = np.flatnonzero(np.isfinite(initial).all(axis=1))
-    if not known.size:
+    if not len(windows):
         return ()
-    windows, initial = windows.take(known), initial[known]
     viscous = layout.without_friction(values, keep=("viscous",))
     sets = np.stack([values, viscous, layout.without_friction(values)])
-    residuals = np.concatenate([*predictor.in_chunks(sets, windows, starts=initial)], axis=1)
+    residuals = np.concatenate([*predictor.in_chunks(sets, windows)], axis=1)
     states, model = residuals + windows.measured, Model(predictor.robot)
     first = np.searchsorted(log.t, [span.start - 0.5 * sample_time for span in windows.spans])
     measured, effects = measured_wheel_speeds(log, predictor.robot), []
@@ -133,7 +125,6 @@ class HoldoutResult:
     name: str  #: of the log
     errors: WindowErrors
     horizons: tuple[FrictionAtHorizon, ...]  #: empty if the log is too short
-    causal: bool  #: whether they start from causal states instead of the log's rows
     findings: tuple[Finding, ...]  #: states that friction does not help to predict, and reasons
 
     def to_dict(self) -> dict[str, object]:
@@ -141,14 +132,12 @@ class HoldoutResult:
         return {
             "errors": self.errors,
             "with_over_without": self.errors.with_over_without,
-            "horizons": {"causal_starts": self.causal, "errors": self.horizons},
+            "horizons": {"errors": self.horizons},
             "findings": by_severity(self.findings),
         }
 
 
-def cross_validate(
-    found: Identification, log: LogLike, *, name: str, starts: InitialStates | None = None
-) -> HoldoutResult:
+def cross_validate(found: Identification, log: LogLike, *, name: str) -> HoldoutResult:
     """Predict windows of a log, as long as those of the fit, with the identified parameters and without friction.
 
     InputError if the log lacks a column or has no window.
@@ -159,9 +148,6 @@ def cross_validate(
     log : Log or log file
     name : str
         The log's name in the results.
-    starts : callable, optional
-        The states at times of its rows from which the predictions by horizon start, as
-        `ballbot.log.pose.causal_states` returns them for a mapped log; by default those of its rows.
 
     Examples
     --------
@@ -179,12 +165,11 @@ def cross_validate(
     if not len(windows):
         raise InputError(f"{name} has no window of {found.window:g} s without gaps or missing values.")
     errors = window_errors(predictor, windows, found.values)
-    horizons = friction_by_horizon(predictor, found.values, log, starts=starts)
+    horizons = friction_by_horizon(predictor, found.values, log)
     return HoldoutResult(
         name=name,
         errors=errors,
         horizons=horizons,
-        causal=starts is not None,
         findings=(
             *prediction_findings(errors.with_over_without, of=name),
             *_share_findings(name, horizons),

@@ -1,8 +1,8 @@
 """Identification of a robot's friction and other quantities from balancing logs.
 
 The problem is that of the thesis (section 3.4: twelve parameters at once, within bounds, on short windows because the
-plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts or by the
-thesis's genetic algorithm. Gauss-Newton finds the minimum, and held-out windows validate the result.
+plant is unstable). On some of the windows a search finds the basin, by short descents from a few fixed starts.
+Gauss-Newton finds the minimum, and held-out windows validate the result.
 """
 
 import math
@@ -41,7 +41,7 @@ from ballbot.identification.quantities import (
 )
 from ballbot.identification.result import Identification, LawCandidate, LawSelection, window_blocks
 from ballbot.identification.result_findings import parameter_findings, prediction_findings
-from ballbot.identification.stages import StageEstimate, file_findings, with_sweep
+from ballbot.identification.stages import StageEstimate, file_findings
 from ballbot.identification.stated_uncertainty import found_robot
 from ballbot.identification.variation import (
     alike_finding,
@@ -87,7 +87,6 @@ class IdentificationOptions(FitOptions):
     excluded_states: tuple[str, ...] = ()  #: whose errors do not count, as the heading's if the ball pivots
     back_emf: float = 0.0  #: b_e of motors on a voltage [N m s/rad], if the torques contain it
     warm_start: Identification | None = None  #: Gauss-Newton starts there if it predicts better
-    sweep: StageEstimate | None = None  #: of the free wheels, combined with the logs
     step: float = INNER_STEP  #: longest integration step [s]
 
     def __post_init__(self) -> None:
@@ -237,8 +236,7 @@ def _identified(
         groups=prepared.groups,
         run=reported,
     )
-    if options.sweep is None:  # a sweep measured each wheel
-        prepared, estimate = _alike(prepared, estimate, options=options)
+    prepared, estimate = _alike(prepared, estimate, options=options)
     return _result(prepared, estimate, checked, law, window, options=options)
 
 
@@ -360,10 +358,10 @@ def _alike(
         coordinates.scaled(wheels_mean(coordinates, estimate.values, names)),
         refused=refused,
         groups=estimate.groups,
-        options=replace(options, search="multistart"),
+        options=options,
         run=estimate.run,
     )
-    return prepared, replace(again, other=estimate.other, searched=estimate.searched)
+    return prepared, replace(again, other=estimate.other)
 
 
 def _result(
@@ -378,12 +376,10 @@ def _result(
     experiment, logs = prepared.experiment, list(checked.logs.values())
     predictor, coordinates = experiment.predictor, experiment.coordinates
     robot, layout = predictor.robot, coordinates.layout
-    # from windows, between logs, of the torque scale, between wheels, and with the sweep
+    # from windows, between logs, of the torque scale, and between wheels
     uncertainty, varied = widened(coordinates, estimate.uncertainty, estimate.by_log, priors=shipped_priors())
     uncertainty = with_torque_scale(coordinates, uncertainty, torque_scale_errors(logs, robot))
-    uncertainty, of_sweep = uncertainty_of_each(coordinates, uncertainty), ()
-    if options.sweep is not None:  # it does not vary between logs
-        uncertainty, of_sweep = with_sweep(coordinates, uncertainty, options.sweep)
+    uncertainty = uncertainty_of_each(coordinates, uncertainty)
     asymmetric = law in ("asymmetric", "directed") and "torque_offset" in layout.extra
     found = found_robot(robot, layout, uncertainty, log_count=len(logs), asymmetric=asymmetric)
     values, errors = coordinates.physical(uncertainty.point), uncertainty.standard_errors
@@ -407,7 +403,6 @@ def _result(
         held_out=held_out,
         window=window,
         excluded_states=tuple(options.excluded_states),
-        evolution_cost=estimate.searched,
         gauss_newton_cost=estimate.finished.history,
         findings=(
             *_log_findings(predictor, logs, options.excluded_states),
@@ -421,7 +416,6 @@ def _result(
                 other=estimate.other,
             ),
             *prediction_findings(held_out.with_over_without),
-            *of_sweep,
             *discrepancy_finding(estimate.discrepancy),
             *variation_findings(varied),
             *file_findings(robot, balancing),

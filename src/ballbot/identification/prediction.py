@@ -33,9 +33,8 @@ from ballbot.identification.quantities import RIGID, Layout
 from ballbot.identification.windows import Span, Windows, common_sample_time, cut_windows
 from ballbot.log import STATE_NAMES, Log
 from ballbot.log.columns import wheel_speed_names
-from ballbot.log.pose import measured_wheel_speeds
+from ballbot.log.pose import ball_rates, measured_wheel_speeds
 from ballbot.mechanics.engine.run import Lanes, simulate_lanes
-from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.mechanics.parameters import (
     COLUMN_SPEED_SCALE,
     COLUMNS,
@@ -93,14 +92,11 @@ class Predictor:
         times = windows.sample_time * every * np.arange(1, measured.shape[1] + 1)
         return states - measured + self._sensor_offsets(values, measured, times)
 
-    def in_chunks(
-        self, values: Floats, windows: Windows, *, every: int = 1, starts: Floats | None = None
-    ) -> Iterator[Floats]:
-        """Yield `residuals` of at most `CHUNK` windows at a time; starts (w, 10) are the same for all sets."""
+    def in_chunks(self, values: Floats, windows: Windows, *, every: int = 1) -> Iterator[Floats]:
+        """Yield `residuals` of at most `CHUNK` windows at a time."""
         for first in range(0, len(windows), CHUNK):
             rows = np.arange(first, min(first + CHUNK, len(windows)))
-            begin = None if starts is None else np.broadcast_to(starts[rows], (len(values), len(rows), 10))
-            yield self.residuals(values, windows.take(rows), every=every, starts=begin)
+            yield self.residuals(values, windows.take(rows), every=every)
 
     def _initial(self, values: Floats, windows: Windows, starts: Floats | None) -> Floats:
         """Return the true initial states (sets, w, 10 or 11)."""
@@ -240,8 +236,7 @@ def windows_for(predictor: Predictor, upper: Floats, logs: Sequence[Log], *, dur
 def ball_spin(log: Log, robot: Robot) -> Floats:
     """Return the ball's spin about the vertical (N,) [rad/s], from the encoders and the body's rates.
 
-    The encoders measure A (z - w), with the rates w of the body and z = R^T Omega of the ball in the body frame, so the
-    spin is the vertical component of R (A^-1 wheel speeds + w). InputError if the log has no wheel speeds.
+    InputError if the log has no wheel speeds.
     """
     names = wheel_speed_names(robot.wheel_count)
     if not all(name in log for name in names):
@@ -249,11 +244,7 @@ def ball_spin(log: Log, robot: Robot) -> Floats:
             f"To estimate pivoting, the log needs the wheel speeds {names[0]} .. {names[-1]}, "
             "which it does not have; exclude the heading from the cost instead."
         )
-    states = np.column_stack([log[name] for name in STATE_NAMES])
-    angles, rates = states[:, 2:5], states[:, 7:10]
-    w = (body_rates_matrix(*angles.T) @ rates[..., None])[..., 0]
-    z = measured_wheel_speeds(log, robot) @ transforms(robot).T_obw.T + w
-    return (rotation(*angles.T)[:, 2] * z).sum(axis=1)
+    return ball_rates(log, robot, measured_wheel_speeds(log, robot))[:, 2]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -62,7 +62,6 @@ class Identification(Reported):
     held_out: WindowErrors  #: on the held-out windows
     window: float  #: length of the windows [s]
     excluded_states: tuple[str, ...]  #: states whose errors did not count in the fit
-    evolution_cost: tuple[float, ...]  #: best cost after each generation of a genetic search
     gauss_newton_cost: tuple[float, ...]  #: cost after each step, on all fitted windows
     findings: tuple[Finding, ...]  #: on the estimate
     other: OtherOptimum | None = None
@@ -183,7 +182,7 @@ class Identification(Reported):
             "held_out": self.held_out,
             "fit": self.fit,
             "excluded_states": list(self.excluded_states),
-            "cost": {"evolution": list(self.evolution_cost), "gauss_newton": list(self.gauss_newton_cost)},
+            "cost": {"gauss_newton": list(self.gauss_newton_cost)},
             "other_optimum": self.other
             and {"parameters": self.layout.by_symbol(self.other.values), "rise_of_cost": self.other.rise},
             "windows": {"fit": self.fit.spans, "held_out": self.held_out.spans},

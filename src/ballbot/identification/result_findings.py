@@ -37,9 +37,9 @@ _EXPERIMENTS = {
     "b c s C_rr T_p": "To separate the friction of the floor from that of the wheels, log the "
     "robot upside down or with its wheels free, where the floor has no effect.",
     "gain l S j_w j_r j_b": "Torque gain, inertia and height of the centre of mass are nearly interchangeable: "
-    "fix one at a data sheet's value, or fit a free-wheel sweep first.",
+    "fix one at a data sheet's value.",
     "b c s gain l S j_w j_r j_b": "To separate friction from a motor's torque gain or an inertia, fix the gain at the "
-    "data sheet's torque constant (--bounds), or fit a sweep of the free wheels together with the logs (--sweep).",
+    "data sheet's torque constant (--bounds).",
     "offset lean gyro": "To separate a torque offset from a tilted sensor, log the robot at two headings, half a turn "
     "apart.",
     "delay late_imu late_v": "To separate the delay of a command from that of a sensor, log quick "

@@ -1,12 +1,12 @@
 """What a policy and an environment agree on: the order, units and scaling of what is observed and done, and when.
 
-It is kept beside every trained policy, and a policy is loaded only where all of it is the same.
+It is kept beside every trained policy.
 """
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Literal
@@ -106,22 +106,6 @@ class Contract:
             period=period,
             delay=delay,
         )
-
-    def require(self, other: Contract, *, of: str) -> None:
-        """Raise InputError, with the first difference, unless `of`, a policy or an environment, has this contract."""
-        for entry in fields(self):
-            mine, its = getattr(self, entry.name), getattr(other, entry.name)
-            if mine == its:
-                continue
-            if isinstance(mine, tuple):
-                differing = [k for k, pair in enumerate(zip(mine, its, strict=False)) if pair[0] != pair[1]]
-                k = differing[0] if differing else min(len(mine), len(its))
-                mine, its = (f"{list(row[k : k + 1]) or 'nothing'} at place {k}" for row in (mine, its))
-            else:
-                mine, its = repr(mine), repr(its)
-            raise InputError(
-                f"{of} has another contract: {entry.name.replace('_', ' ')} is {its}, here {mine}."
-            )
 
     def write(self, path: str | Path) -> None:
         """Write the contract as JSON."""

@@ -146,7 +146,11 @@ def _recovers(controller: Controller, loop: LoopRobot, sizes: NDArray[np.float64
     angles = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     height = loop.model.robot.body.center_of_mass
     lanes = [
-        replace(loop.imperfections, seed=k, pushes=(_push(time=1.0, impulse=size, angle=a, height=height),))
+        replace(
+            loop.imperfections,
+            seed=k,
+            pushes=(Push.of_impulse(size, a, time=1.0, duration=PUSH, height=height),),
+        )
         for k, (size, a) in enumerate(itertools.product(sizes.tolist(), angles.tolist()))
     ]
     batch = simulate_batch(
@@ -159,14 +163,6 @@ def _recovers(controller: Controller, loop: LoopRobot, sizes: NDArray[np.float64
         every=0,
     )
     return np.asarray(batch.survived.reshape(len(sizes), -1).all(axis=1), dtype=np.bool_)
-
-
-def _push(*, time: float, impulse: float, angle: float, height: float) -> Push:
-    """Return a push [N s] at a height [m]."""
-    force = impulse / PUSH
-    return Push(
-        time=time, duration=PUSH, force=(force * math.cos(angle), force * math.sin(angle), 0.0), height=height
-    )
 
 
 def learn(
@@ -407,9 +403,10 @@ def fresh_conditions(
     if task.impulse:
         times = np.arange(2.0, duration, task.interval)
         angles = 2.0 * np.pi * 0.618 * np.arange(len(times))  # of the golden section: every direction in turn
+        height = robot.body.center_of_mass
         pushes = tuple(
-            _push(time=float(t), impulse=task.impulse, angle=float(a), height=robot.body.center_of_mass)
-            for t, a in zip(times, angles, strict=True)
+            Push.of_impulse(task.impulse, a, time=t, duration=PUSH, height=height)
+            for t, a in zip(times.tolist(), angles.tolist(), strict=True)
         )
         scenario = replace(scenario, pushes=pushes)
     plant = (

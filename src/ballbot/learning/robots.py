@@ -1,25 +1,14 @@
-"""The robots that learning draws from: one, uniform boxes about it, or what an identification leaves open.
-
-A study or an identification writes the standard deviations and correlations of what it found into `robot.toml`, and
-the spread between logs into `results.json`. Another day's robot is drawn from both, as every command draws robots from
-an identification (`ballbot.robot.variations.draw_robots`): its numbers are normal about the estimates with the
-covariance C + diag(t^2), C of the estimates and t the spread between logs.
-"""
+"""The robots that learning draws from: one, or uniform boxes about it."""
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from ballbot.control.overcompensation import has_friction
 from ballbot.errors import InputError
-from ballbot.files import read_json
-from ballbot.identification.quantities import BY_NAME as QUANTITIES
-from ballbot.identification.quantities import FRICTION
-from ballbot.robot import Robot, as_robot
+from ballbot.robot import Robot
 from ballbot.robot.components import scaled_body, scaled_friction
-from ballbot.robot.variations import draw_robots, uncertain
 from ballbot.simulation.imperfections import MAX_DELAY
 from ballbot.twin.imperfections import with_identified
 from ballbot.twin.scenario import Scenario
@@ -34,23 +23,8 @@ MASS, HEIGHT, FRICTION_SHARE = 0.2, 0.2, 1.0 / 3.0
 DELAY, TILT = 2, math.radians(1.0)
 
 
-def learned_robot(robot: Robot | None, randomize: str | Path | None) -> Robot:
-    """Return the robot that is known: the one given, else that of the identification that robots are drawn from.
-
-    InputError if both are given and differ in name.
-    """
-    if randomize is None or randomize == "boxes":
-        return robot if robot is not None else as_robot("alten")
-    identified = Robot.load(_in_folder(randomize, "robot.toml"))
-    if robot is not None and robot.name != identified.name:
-        raise InputError(
-            f"{randomize} is an identification of {identified.name!r}, not of {robot.name!r}; give no robot, or this."
-        )
-    return identified
-
-
 def drawn_robots(
-    robot: Robot, scenario: Scenario, randomize: str | Path | None, *, seed: int = 0, count: int = DRAWN
+    robot: Robot, scenario: Scenario, randomize: str | None, *, seed: int = 0, count: int = DRAWN
 ) -> list[LoopRobot]:
     """Return the robots that episodes draw from; their estimator knows `robot`.
 
@@ -61,34 +35,28 @@ def drawn_robots(
         identified friction contains the losses of the rollers.
     scenario : Scenario
         Sensors, drive and floor of all robots.
-    randomize : None, "boxes" or a folder
-        Only that robot; `count` from uniform boxes about it, or from the result of a study or an identification.
+    randomize : None or "boxes"
+        Only that robot, or `count` from uniform boxes about it.
     seed : int
         The same seed gives the same robots.
 
     Raises
     ------
     InputError
-        If the folder has no such result, or the result states no standard deviation.
+        If `randomize` is another word.
     """
     if not has_friction(robot.friction):
         robot = robot.replace(friction=scenario.friction)
     scenario = with_identified(scenario, robot.friction)
     if randomize is None:
         return [LoopRobot.of(robot, scenario, known=robot)]
-    if randomize == "boxes":
-        random = np.random.default_rng([seed, 71])
-        return [_drawn_from_boxes(robot, scenario, random, seed=seed + lane) for lane in range(count)]
-    folder = Path(randomize)
-    if not uncertain(robot):
+    if randomize != "boxes":
         raise InputError(
-            f"{folder / 'robot.toml'} states no standard deviations; give a study's or identify's folder."
+            f"randomize is {str(randomize)!r}; it can only be 'boxes'. For robots about one that was identified, give "
+            "its robot.toml as the robot."
         )
-    spread = _between_logs(read_json(_in_folder(folder, "results.json")), robot.wheel_count)
-    return [
-        LoopRobot.of(drawn, scenario, known=robot)
-        for drawn in draw_robots(robot, count, seed=seed, further=spread)
-    ]
+    random = np.random.default_rng([seed, 71])
+    return [_drawn_from_boxes(robot, scenario, random, seed=seed + lane) for lane in range(count)]
 
 
 def _drawn_from_boxes(
@@ -111,34 +79,3 @@ def _drawn_from_boxes(
         seed=seed,
     )
     return replace(drawn, imperfections=imperfections)
-
-
-def _between_logs(tree: object, wheels: int) -> dict[str, float]:
-    """Return the spread between logs by a robot file's labels, from the results of a study or an identification."""
-    if not isinstance(tree, dict):
-        return {}
-    found = tree.get("between_logs")
-    if not isinstance(found, dict):
-        parts = (_between_logs(part, wheels) for part in tree.values())
-        return next((part for part in parts if part), {})
-    sizes = found.get("standard_deviations")
-    if not (isinstance(sizes, dict) and all(isinstance(size, int | float) for size in sizes.values())):
-        raise InputError(
-            "between_logs in results.json has no standard_deviations in numbers; run the study again."
-        )
-    by_label = {}
-    for name in FRICTION:
-        labels = QUANTITIES[name].labels(wheels)
-        for index, label in enumerate(labels):
-            place = f"[{index}]" if len(labels) > 1 else ""
-            by_label[f"friction.{name}{place}"] = float(sizes.get(label, 0.0))
-    return by_label
-
-
-def _in_folder(folder: str | Path, name: str) -> Path:
-    path = Path(folder) / name
-    if not path.is_file():
-        raise InputError(
-            f"There is no {path}; robots are drawn from the folder of a study or an identification, or from boxes."
-        )
-    return path

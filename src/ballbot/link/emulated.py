@@ -33,11 +33,9 @@ from ballbot.firmware.records import PARAMETERS
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
 from ballbot.simulation.plant import Plant
-from ballbot.simulation.sensed_plant import SensedPlant
-from ballbot.twin import Twin
-from ballbot.twin.imperfections import imperfections_of, true_model
 from ballbot.twin.scenario import Scenario
 from ballbot.workflows.courses import PlantName
+from ballbot.workflows.grid import LoopRobot, TwinRobot
 
 #: the hardware of emulated robots, in C
 HARDWARE = Path(__file__).parents[1] / "firmware" / "emulated"
@@ -166,19 +164,17 @@ def emulated_robot(
             "The scenario's IMU has no noise, so that its values repeat while the robot stands, and the firmware stops "
             "as for a broken sensor. Take another scenario, such as nominal, or give gyro_noise and attitude_noise."
         )
-    model = true_model(robot, scenario)
     controller = nominal_controller(robot)
-    body = (
-        Twin(robot, scenario)
-        if plant == "twin"
-        else SensedPlant(model, imperfections_of(scenario, known=robot))
-    )
+    loop = LoopRobot.of(robot.replace(friction=scenario.friction), scenario, known=robot)
+    body = TwinRobot(robot=robot, scenario=scenario, known=robot) if plant == "twin" else loop
     return EmulatedRobot(
-        body,
+        body("onboard"),
         CompiledRobot(export_controller(controller).parameters, imu_checked=imu_checked, weights=weights),
         sample_time=controller.sample_time,
         seed=seed,
-        hand=HeldRobot(model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise),
+        hand=HeldRobot(
+            loop.model.robot, sensors=scenario.sensors, hold=hold, torque_noise=scenario.torque_noise
+        ),
         always_held=hold != "on_ball",
         real_time=real_time,
     )

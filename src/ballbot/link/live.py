@@ -31,7 +31,8 @@ from ballbot.link.references import LiveReference, in_robot_frame, in_start_fram
 from ballbot.link.session import MOVING_TIME, Session, reason, stop_reason
 from ballbot.link.transport import LinkError
 from ballbot.link.tuning import Tuner
-from ballbot.log.columns import STATE_NAMES, torque_names, wheel_angle_names, wheel_speed_names
+from ballbot.log.columns import TRUE_PREFIX
+from ballbot.simulation.batch_result import column_names
 
 #: longest wait for the next sample [s]; the session finds out before that whether the robot is silent
 _PATIENCE = 0.1
@@ -98,16 +99,8 @@ class RobotSample:
 
 
 def log_columns(wheel_count: int) -> tuple[str, ...]:
-    """Return the columns of the rows of `RobotSample`."""
-    return (
-        "t",
-        *torque_names(wheel_count),
-        *STATE_NAMES,
-        *wheel_angle_names(wheel_count),
-        *wheel_speed_names(wheel_count),
-        *(f"gyro_{axis}" for axis in "xyz"),
-        *(f"ref_{name}" for name in ("x", "y", "psi")),
-    )
+    """Return the columns of the rows of `RobotSample`: those of a simulation, but for the truth."""
+    return tuple(name for name in column_names(wheel_count) if not name.startswith(TRUE_PREFIX))
 
 
 class FollowReference:

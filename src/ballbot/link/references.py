@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from ballbot.control.references import REFERENCES, Reference, as_reference, is_reference_file
 from ballbot.errors import InputError, suggest
-from ballbot.mechanics.geometry import body_rates_matrix, turned_about_vertical
+from ballbot.estimation.swing import turned_about_vertical
+from ballbot.mechanics.geometry import body_rates_matrix
 
 #: the name of the arrow keys as a reference
 KEYBOARD = "keyboard"

@@ -86,6 +86,8 @@ def body_motion(
     Of the `imu` are roll, pitch and yaw (N,) at times t (N,) [s], and angular velocities. Without a yaw, psi is the
     integral of the gyro's rate, or, without a gyro, such that the robot's x axis points ahead.
     """
+    from ballbot.mechanics.geometry import body_rates_matrix
+
     c, s = math.cos(turn), math.sin(turn)
     roll, pitch = imu[:2]
     if len(imu) > 2:
@@ -101,15 +103,5 @@ def body_motion(
     x, y, z = gyro.T
     body = np.column_stack([c * x - s * y, s * x + c * y, z])
     columns |= dict(zip(("gyro_x", "gyro_y", "gyro_z"), body.T, strict=True))
-    rates = angle_rates_of(angles, body)
+    rates = np.linalg.solve(body_rates_matrix(*angles.T), body[..., None])[..., 0]
     return columns | {f"{name}_dot": rate for name, rate in zip(ATTITUDE_NAMES, rates.T, strict=True)}
-
-
-def angle_rates_of(angles: Floats, body: Floats) -> Floats:
-    """Return the rates of theta, phi, psi (N, 3) by the angular velocity (N, 3) in the body's frame; NaN goes through.
-
-    They are the inverse of `ballbot.mechanics.geometry.body_rates_matrix`, written out.
-    """
-    (_, phi, psi), (x, y, z) = angles.T, body.T
-    theta_rate = (np.cos(psi) * x - np.sin(psi) * y) / np.cos(phi)
-    return np.column_stack([theta_rate, np.sin(psi) * x + np.cos(psi) * y, z - np.sin(phi) * theta_rate])

@@ -369,11 +369,6 @@ class LogMapping:
         """u1, u2, .. of the commands that it takes."""
         return torque_names(len(self.input.sources)) if self.input else ()
 
-    @property
-    def sensor_delay(self) -> float:
-        """The largest delay of the sensors [s]."""
-        return max(source.delay for name, source in self.sources.items() if name not in self.commands)
-
 
 def read_mapping(path: str | Path | LogMapping) -> LogMapping:
     """Read a mapping file, or return a mapping itself; InputError names a key that is wrong and its allowed values."""
@@ -521,21 +516,19 @@ def apply_mapping(
     table: Table,
     *,
     robot: RobotLike | None = None,
-    even_from: float | None = None,
     changes: list[Finding] | None = None,
 ) -> Columns:
     """Return the log's columns (N,), in Ballbot's names and units, from the file's (M,) by the file's names.
 
-    Rows at even intervals are counted from `even_from` [s], by default the table's first time. `changes` gets a finding
-    for each row or column that is omitted or continued. InputError if the file lacks a column that the mapping names,
-    its time does not increase, no row is left, or torques come from duties without the `robot` that has the motors'
-    resistance.
+    `changes` gets a finding for each row or column that is omitted or continued. InputError if the file lacks a column
+    that the mapping names, its time does not increase, no row is left, or torques come from duties without the `robot`
+    that has the motors' resistance.
     """
     resistance = motor_resistance(mapping, robot)
     changes, notes = [] if changes is None else changes, list[str]()
     table, t = timed_rows(mapping, table, notes)
     changes += [note("time", sentence) for sentence in notes]
-    columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes), even_from)
+    columns = _resampled(mapping, t, _raw_columns(mapping, table, t, changes))
     imu, drive = mapping.attitude, mapping.input
     if imu is not None:
         motion = [columns.pop(name) for name in IMU_NAMES if name in columns]
@@ -631,16 +624,14 @@ def _raw_columns(mapping: LogMapping, table: Table, t: Floats, changes: list[Fin
     return raw
 
 
-def _resampled(mapping: LogMapping, t: Floats, raw: Columns, even_from: float | None) -> Columns:
+def _resampled(mapping: LogMapping, t: Floats, raw: Columns) -> Columns:
     """Return the columns at the log's rows, those of the file or even ones, without their delays."""
     even, rows, sampled = mapping.time.sample_time, t, t
     if even is not None:
         count = len(raw) + len(mapping.derivatives) + 10
         rows_between(float(t[-1] - t[0]), even, columns=count, source="By the mapping's t, the file")
-        start = t[0] if even_from is None else even_from
-        # a part of an interval more at either end, so that a row that rounding moved is kept
-        first, last = math.ceil((t[0] - start) / even - 1e-6), math.floor((t[-1] - start) / even + 1e-6)
-        rows = start + even * np.arange(first, last + 1)
+        # a part of an interval more, so that a row that rounding moved is kept
+        rows = t[0] + even * np.arange(math.floor((t[-1] - t[0]) / even + 1e-6) + 1)
     if mapping.time.repair:
         names = numbered_names(raw, prefix="wheel")
         if len(names) < 2:

@@ -1,4 +1,4 @@
-"""Position, wheel speeds, states and poses from a log: odometry, states without later data, motion capture.
+"""Position, wheel speeds and poses from a log: odometry, motion capture.
 
     z = T_obw wheel speeds + w,    Omega = R z,    v = r_b (Omega_y, -Omega_x),    wheel speeds = T_owb (z - w)
 
@@ -9,18 +9,11 @@ measures the heading, it is computed from the wheels, for a ball that does not s
 
 with w_0 the body's angular velocity at a heading that stays zero. Logs of motion capture have t, x y z of a point and
 qw qx qy qz of a body, with NaN while the cameras do not see it.
-
-A row of a mapped log depends on later rows of the file: rates are differences that include the next row, rows at even
-intervals are interpolated, and the repair of times uses the next `signals.COURSE_REACH` seconds. A prediction from such
-a row would contain part of the motion that it predicts. `causal_states` therefore maps the file again for each moment,
-cut after the row in which the slowest sensor describes that moment; a rate that the mapping differentiates is the slope
-of a line through the last rows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -28,10 +21,8 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import ATTITUDE_NAMES, STATE_NAMES, wheel_angle_names, wheel_speed_names
-from ballbot.log.formats import read_columns
-from ballbot.log.imu_angles import angle_rates_of, from_roll_pitch_yaw, integral_of
+from ballbot.log.imu_angles import from_roll_pitch_yaw, integral_of
 from ballbot.log.log import Log
-from ballbot.log.mapping import LogMapping, apply_mapping, read_mapping, timed_rows
 from ballbot.robot import Robot
 
 _LEAN = ("theta", "phi", "theta_dot", "phi_dot")
@@ -79,14 +70,19 @@ def with_odometry(log: Log, robot: Robot) -> Log:
     return log.with_columns({"x": x, "y": y, "x_dot": x_dot, "y_dot": y_dot})
 
 
-def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
-    """Return v (N, 2) [m/s] from the wheels' speeds (N, n) [rad/s] and the log's attitude and rates."""
+def ball_rates(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
+    """Return Omega (N, 3) [rad/s] of the ball, world frame, from wheel speeds (N, n) [rad/s] and a log's attitude."""
     from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 
     angles, rates = (np.column_stack([log[n + end] for n in ATTITUDE_NAMES]) for end in ("", "_dot"))
     w = np.einsum("nij,nj->ni", body_rates_matrix(*angles.T), rates)
     z = wheel_speeds @ transforms(robot).T_obw.T + w
-    Omega = np.einsum("nij,nj->ni", rotation(*angles.T), z)
+    return np.einsum("nij,nj->ni", rotation(*angles.T), z)
+
+
+def _ball_velocity(log: Log, robot: Robot, wheel_speeds: Floats) -> Floats:
+    """Return v (N, 2) [m/s] of a ball that rolls so; see `ball_rates`."""
+    Omega = ball_rates(log, robot, wheel_speeds)
     return robot.ball.radius * np.column_stack([Omega[:, 1], -Omega[:, 0]])
 
 
@@ -187,7 +183,8 @@ def _with_heading(log: Log, robot: Robot) -> Log:
     yaw_rate = -np.sum(vertical * (wheels @ transforms(robot).T_obw.T + w), axis=1)
     roll, pitch = np.arctan2(vertical[:, 1], vertical[:, 2]), -np.arcsin(np.clip(vertical[:, 0], -1.0, 1.0))
     angles = from_roll_pitch_yaw(np.column_stack([roll, pitch, integral_of(log.t, yaw_rate)]))
-    turned = angle_rates_of(angles, w + yaw_rate[:, None] * vertical)
+    turning = w + yaw_rate[:, None] * vertical
+    turned = np.linalg.solve(body_rates_matrix(*angles.T), turning[..., None])[..., 0]
     columns = dict(zip(ATTITUDE_NAMES, angles.T, strict=True))
     return log.with_columns(columns | {f"{n}_dot": r for n, r in zip(ATTITUDE_NAMES, turned.T, strict=True)})
 
@@ -204,56 +201,6 @@ def with_rates(log: Log, robot: Robot) -> Log:
     if len(log) < 2 or any(name not in log for name in (*lacking, *ATTITUDE_NAMES)):
         return log
     return log.with_columns({f"{name}_dot": np.gradient(log[name], log.t) for name in lacking})
-
-
-#: length of the past that is mapped, and the shortest that gives a state [s]
-_PAST, _LEAST_PAST = 1.0, 0.2
-#: length of the line whose slope is a rate [s]
-_LINE = 0.04
-#: rounding of a row's time [s]
-_ROW_ROUNDING = 1e-6
-
-
-def causal_states(
-    path: str | Path, *, mapping: str | Path | LogMapping, robot: Robot, moments: Floats
-) -> Floats:
-    """Return the states (m, 10) at `moments` (m,) [s], from the rows that the file has by then.
-
-    The moments are times of rows of the log that file and mapping make. A state is NaN if too little of the file
-    precedes it. If the log has no position, the ball's path from the wheels begins at zero for each moment: only its
-    rates have a meaning.
-    """
-    mapping = read_mapping(mapping)
-    (table, t), late = timed_rows(mapping, read_columns(path, mapping.file), []), mapping.sensor_delay
-    everything = replace(mapping, time=replace(mapping.time, keep=None))
-    states = np.full((len(moments), len(STATE_NAMES)), np.nan)
-    for number, moment in enumerate(moments):
-        first = int(np.searchsorted(t, moment - _PAST))
-        # the rows up to the first that describes the moment
-        end = int(np.searchsorted(t, moment + late - _ROW_ROUNDING)) + 1
-        if moment - t[first] >= _LEAST_PAST:
-            rows = {name: values[first:end] for name, values in table.items()}
-            past = Log(apply_mapping(everything, rows, robot=robot, even_from=float(t[0])))
-            states[number] = _last_state(past.between(-np.inf, moment + _ROW_ROUNDING), mapping, robot)
-    return states
-
-
-def _last_state(past: Log, mapping: LogMapping, robot: Robot) -> Floats:
-    """Return the state (10,) in the last row."""
-    by_wheels = "x" not in past
-    past = with_position(past, robot)
-    state = past.states[-1]
-    differentiated = set(mapping.derivatives)
-    if by_wheels and "wheel1_dot" in differentiated:
-        differentiated |= {"x_dot", "y_dot"}
-    rows = min(len(past), max(3, 1 + round(_LINE / past.sample_time)))
-    times = past.t[-rows:] - past.t[-1]
-    half = len(STATE_NAMES) // 2
-    for index, name in enumerate(STATE_NAMES[:half]):
-        if f"{name}_dot" in differentiated:
-            slope, value = np.polyfit(times, past[name][-rows:], 1)
-            state[index], state[half + index] = value, slope
-    return state
 
 
 QUATERNION_NAMES = ("qw", "qx", "qy", "qz")

@@ -54,7 +54,7 @@ from ballbot.log.columns import torque_names
 from ballbot.log.evidence import MOST, TINY, behind, gains_over, posterior
 from ballbot.log.log import Log
 from ballbot.log.pose import measured_wheel_speeds
-from ballbot.log.signals import INTERVAL, across_a_gap, local_fit, near, smooth
+from ballbot.log.signals import INTERVAL, across_a_gap, near, smooth, smooth_at
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Robot
@@ -226,9 +226,9 @@ def smoothed_wheel_speeds(log: Log, robot: Robot) -> Floats:
     """
     speeds = measured_wheel_speeds(log, robot)
     known = np.isfinite(speeds).all(axis=1)
-    smooth = np.full_like(speeds, np.nan)
-    smooth[known] = local_fit(log.t[known], speeds[known], rows=max(2, round(0.015 / log.sample_time)))[0]
-    return smooth
+    smoothed = np.full_like(speeds, np.nan)
+    smoothed[known] = smooth_at(log.t[known], speeds[known], width=max(0.007, log.sample_time))[0]
+    return smoothed
 
 
 #: fewest seconds in which a wheel turns for certain for the gain of a motor

@@ -274,9 +274,8 @@ def driveline_report(
                 Paragraph(words),
                 Sheet(("parameter", "unit", *wheels), parameter_rows(fits), "With 95 % intervals."),
                 Paragraph(
-                    "`ballbot identify --sweep results.json` takes b and c of each wheel from here, with their "
-                    "standard errors and correlation, and finds s, v_s and δ from its logs alone. `robot.toml` has b, "
-                    "c and s of each wheel and the mean of v_s."
+                    "`robot.toml` has b, c and s of each wheel and the mean of v_s: the friction of motor and gear. "
+                    "That of balancing has other losses too; `ballbot identify` finds it from logs, and compares."
                 ),
                 drawn_picture("curve", curves, curve_figure, laws, sweeps[0].limit),
             ),

@@ -335,7 +335,7 @@ def finding_line(finding: Finding, *, accepted: bool = False) -> Text:
     return Text.assemble((word, _STYLES[finding.severity]), f": {file}{finding.text} [{finding.code}]")
 
 
-_PACKAGES = ("ballbot", "numpy", "scipy", "numba", "cmaes")
+_PACKAGES = ("ballbot", "numpy", "scipy", "numba")
 
 
 @dataclass(frozen=True, kw_only=True)

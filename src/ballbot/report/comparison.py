@@ -10,21 +10,22 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from ballbot.arrays import Floats
 from ballbot.errors import every
 from ballbot.log import Log
 from ballbot.report.blocks import Bullets, Cell, Column, Paragraph, Result, Section, Sheet, section, sheet_of
 from ballbot.report.palette import INK
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together, true_spans
-from ballbot.report.style import LOOKS, LineStyle, drawn_picture, label_of, one_panel, thinned
+from ballbot.report.style import LOOKS, drawn_picture, label_of, thinned
 from ballbot.report.words import capital
 from ballbot.rounding import digits, interval, unit_heading
 from ballbot.summary import counted
 from ballbot.workflows.alternation import Alternation
+from ballbot.workflows.controller_choice import ControllerChoice
 from ballbot.workflows.controller_prediction import SHOWN
 from ballbot.workflows.courses import Course
 from ballbot.workflows.league import RATIOS, League, Standing, overall, standing
 from ballbot.workflows.metrics import (
+    BAND,
     METRIC_BY_KEY,
     METRICS,
     SETTLE,
@@ -35,14 +36,10 @@ from ballbot.workflows.metrics import (
 )
 from ballbot.workflows.statistics import Estimate
 
-#: looks of a study's candidates; others have the sixth
-_CANDIDATE_LOOKS: Mapping[str, Look] = {
-    "none": "second",
-    "full": "fourth",
-    "partial": "third",
-    "precise": "first",
-    "precise_without_compensation": "fifth",
-}
+#: looks of the first, second, ... controller; of a study these are the soft gain and the chosen controller
+TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
+#: panels of a figure side by side
+_MOST_COLUMNS = 5
 _SOFT = {
     "none": "soft gain",
     "full": "soft gain, full compensation",
@@ -55,47 +52,74 @@ def candidate_name(candidate: str) -> str:
     return _SOFT.get(candidate, candidate.replace("_", " "))
 
 
-def _look(candidate: str) -> Look:
-    return _CANDIDATE_LOOKS.get(candidate, "sixth")
+def shown_runs(choice: ControllerChoice) -> dict[str, Log]:
+    """Return a study's runs on the first robot as figures name them: the soft gain and the chosen one first."""
+    order = dict.fromkeys(("none", choice.chosen or "none", *choice.runs))
+    return {candidate_name(name): choice.runs[name] for name in order}
+
+
+def _with_looks(runs: Mapping[str, Log]) -> list[tuple[str, Look, Log]]:
+    return [(name, TRACK_LOOKS[k % len(TRACK_LOOKS)], log) for k, (name, log) in enumerate(runs.items())]
 
 
 def paths_figure(runs: Mapping[str, Log]) -> Figure:
-    """Return each controller's path over the floor beside the reference."""
-    figure = Figure(figsize=(7.4, min(2.8, 0.7 + 6.5 / len(runs))), layout="constrained")
-    panels = figure.subplots(1, len(runs), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, (name, log) in zip(panels, runs.items(), strict=True):
+    """Return each controller's path over the floor beside the reference, all to one scale."""
+    columns = min(len(runs), _MOST_COLUMNS)
+    rows = math.ceil(len(runs) / columns)
+    figure = Figure(figsize=(7.4, rows * min(2.8, 0.7 + 6.5 / columns)), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    places = [(log[f"{of}x"], log[f"{of}y"]) for log in map(true_place, runs.values()) for of in ("", "ref_")]
+    ends = np.array(
+        [(values.min(), values.max()) for values in map(np.concatenate, zip(*places, strict=True))]
+    )
+    middle, half = ends.mean(axis=1), 0.05 + 0.55 * float(np.ptp(ends, axis=1).max())
+    for axes, (name, look, log) in zip(panels.flat, _with_looks(runs), strict=False):
         position = true_place(log)
-        axes.plot(log["ref_x"], log["ref_y"], label="reference", **LOOKS["reference"])
-        x, y = thinned(position["x"], position["y"])
-        axes.plot(x, y, label="robot", **LOOKS[_look(name)])
+        at_rest = not (np.ptp(log["ref_x"]) or np.ptp(log["ref_y"]))
+        axes.plot(log["ref_x"], log["ref_y"], marker="o" if at_rest else None, **LOOKS["reference"])
+        axes.plot(*thinned(position["x"], position["y"]), label="robot", **LOOKS[look])
         axes.plot(position["x"][:1], position["y"][:1], "o", color=INK, markersize=3.5)
-        title = candidate_name(name).replace(" compensation", "\ncompensation")
+        title = label_of(name).replace(" compensation", "\ncompensation")
         axes.set_title(title + (" (fell)" if log.ended else ""), fontsize=7.5)
-        axes.set_aspect("equal")
+        axes.set(xlim=middle[0] + (-half, half), ylim=middle[1] + (-half, half), aspect="equal")
+    for axes in panels.flat[len(runs) :]:
+        axes.set_visible(False)
+    for axes in panels[-1]:
         axes.set_xlabel("$x$ [m]")
-    panels[0].set_ylabel("$y$ [m]")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("$y$ [m]")
     return figure
 
 
-def _distances(runs: Sequence[tuple[str, Look, Log]]) -> tuple[Floats, Panel]:
-    """Return the time from the start of runs (name, look, log), and their distances from the reference over it."""
-    t, lines = together(
-        [(name, look, log.t - log.t[0], 1e3 * position_error(log)) for name, look, log in runs]
-    )
-    return t, Panel("distance from the reference [mm]", lines, from_zero=True)
+def position_error_series(
+    runs: Mapping[str, Log], caption: str, *, settle: float | None = SETTLE, band: float = BAND
+) -> TimeSeries:
+    """Return the distance from the reference over time, with the reference below.
 
-
-def position_error_series(runs: Mapping[str, Log], caption: str) -> TimeSeries:
-    """Return the distance from the reference over time, with the reference below."""
+    The times from `settle` s after the start and each jump of the reference on are shaded, unless that is None.
+    """
     longest = max(runs.values(), key=len)
-    t, distances = _distances([(candidate_name(name), _look(name), log) for name, log in runs.items()])
+    t, distances = together(
+        [
+            (name + (" (fell)" if log.ended else ""), look, log.t - log.t[0], 1e3 * position_error(log))
+            for name, look, log in _with_looks(runs)
+        ]
+    )
     reference = (
         Line("reference x", longest["ref_x"], "measured"),
         Line("reference y", longest["ref_y"], "sixth"),
     )
-    counted_spans = true_spans(t, settled(longest, SETTLE))
-    panels = (distances, Panel("reference [m]", reference))
-    return TimeSeries(t, panels, caption, shaded=counted_spans, shade="errors count")
+    return TimeSeries(
+        t,
+        (
+            Panel("distance from the reference [mm]", distances, levels=(1e3 * band,), from_zero=True),
+            Panel("reference [m]", reference),
+        ),
+        caption,
+        shaded=() if settle is None else true_spans(t, settled(longest, settle)),
+        shade="errors count",
+        level=f"{1e3 * band:g} mm: has arrived",
+    )
 
 
 def _overall_sheet(league: League) -> Sheet:
@@ -183,66 +207,21 @@ def _estimate(estimate: Estimate, scale: float = 1.0, *, plus: str = "", beside:
     return mean if math.isnan(estimate.low) else f"{mean} ({interval(estimate.low, estimate.high, shown)})"
 
 
-#: looks of the first, second, ... controller; the first three are as in the study's report
-TRACK_LOOKS: tuple[Look, ...] = ("second", "first", "third", "fourth", "sixth", "fifth")
-
-
-def course_figure(league: League, course: Course) -> Figure:
-    """Draw each controller's path over the floor, of one run each, with the first seed."""
-    figure, floor = one_panel("$x$ [m]", "$y$ [m]", width=5.2)
-    path = _reference_path(course, np.arange(0.0, course.duration, 0.1))
-    floor.plot(path[:, 0], path[:, 1], marker="o" if np.ptp(path) == 0.0 else None, **LOOKS["reference"])
-    for index, name in enumerate(league.controllers):
-        track = league.tracks[course.name, name]
-        label = label_of(name) + (" (fell)" if track.ended else "")
-        rounds, position = divmod(index, len(TRACK_LOOKS))  # beyond the looks they repeat, broader
-        look = LOOKS[TRACK_LOOKS[position]]
-        style: LineStyle = {**look, "linewidth": look["linewidth"] + 0.7 * rounds}
-        floor.plot(track["x"], track["y"], label=label, **style)
-    floor.set_aspect("equal", adjustable="datalim")
-    figure.legend(*floor.get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
-
-def course_series(league: League, course: Course) -> TimeSeries:
-    """Return each controller's distance from the reference over time, of the same runs."""
-    runs = []
-    for index, name in enumerate(league.controllers):
-        track = league.tracks[course.name, name]
-        path = _reference_path(course, track["t"])
-        distance = 1e3 * np.hypot(track["x"] - path[:, 0], track["y"] - path[:, 1])
-        look = TRACK_LOOKS[index % len(TRACK_LOOKS)]
-        runs.append((name + (" (fell)" if track.ended else ""), look, track["t"], distance))
-    t, lines = together(runs)
-    pushes = ", ".join(f"{push.time:g} s" for push in course.scenario.pushes)
-    band = 1e3 * course.rules.band
-    return TimeSeries(
-        t,
-        (Panel("distance from the reference [mm]", lines, levels=(band,), from_zero=True),),
-        f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}",
-        level=f"{band:g} mm: has arrived",
-    )
-
-
-def _reference_path(course: Course, t: Floats) -> Floats:
-    """Return the reference position (N, 2) [m] at times (N,) [s]."""
-    reference = course.reference_spec.reference()
-    return np.array([reference(float(moment))[:2] for moment in t]).reshape(-1, 2)
+def course_tracks(league: League, course: Course) -> dict[str, Log]:
+    """Return each controller's run of a course with the first seed."""
+    return {name: league.tracks[course.name, name] for name in league.controllers}
 
 
 def league_report(league: League) -> Result:
-    """Return the page of a league, and of its best two on the twin if they ran there too."""
-    twin = league.twin
+    """Return the page of a league."""
     plant = "the compiled loop" if league.courses[0].on == "model" else "the twin"
-    courses, seeds = counted(len(league.courses), "course"), counted(len((twin or league).seeds), "seed")
-    on_twin = Paragraph(f"The best two on the twin, with {seeds}: rollers, slip and the nominal friction.")
+    courses, seeds = counted(len(league.courses), "course"), counted(len(league.seeds), "seed")
     return Result(
         title=f"{league.robot}: {counted(len(league.controllers), 'controller')} side by side",
-        lead=f"{courses} on {plant}, {counted(len(league.seeds), 'seed')}, the same for all.",
+        lead=f"{courses} on {plant}, {seeds}, the same for all.",
         verdict=[("", _verdict(league)), ("", league.friction)],
         sections=[
             section("Over all courses", _overall_sheet(league), course_sheet(league)),
-            section("On the twin", *((on_twin, course_sheet(twin)) if twin else ())),
             *(_course_section(league, course, index) for index, course in enumerate(league.courses)),
         ],
         undecided=[
@@ -261,13 +240,16 @@ def _course_section(league: League, course: Course, index: int) -> Section:
     first, count = league.seeds[0], len(league.seeds)
     shown = f"seed {first}" if count == 1 else f"seed {first}, the first of {count}"
     floor = f"The path over the floor of one run of each controller, {shown}. Broad: the reference."
+    pushes = ", ".join(f"{push.time:g} s" for push in course.scenario.pushes)
+    over_time = f"The same runs over time.{f' Pushed at {pushes}.' if pushes else ''}"
+    tracks = course_tracks(league, course)
     results = section(
         course.name.replace("_", " ").capitalize(),
         Paragraph(f"{course.about} A run lasts {course.duration:g} s{until}."),
         Bullets([f"Published: {fact}" for fact in course.published]),
         Sheet(("", *league.controllers), metric_rows(league, course), caption),
-        drawn_picture(f"course-{index}", floor, course_figure, league, course),
-        course_series(league, course),
+        drawn_picture(f"course-{index}", floor, paths_figure, tracks),
+        position_error_series(tracks, over_time, settle=None, band=course.rules.band),
     )
     return replace(results, folded=index > 0)
 
@@ -315,19 +297,15 @@ def alternation_report(
     alike = (
         f"Whether {', '.join(open_names)} differ: their intervals contain 1. More --rounds make them narrow."
     )
-    looks: list[Look] = [TRACK_LOOKS[k % len(TRACK_LOOKS)] for k in range(len(logs))]
-    t, distances = _distances(
-        [(f"run {name}", look, log) for name, look, log in zip(runs, looks, logs, strict=True)]
-    )
+    named = {f"run {name}": log for name, log in zip(runs, logs, strict=True)}
+    over_time = position_error_series(named, "The runs one over another, from their starts.")
     return Result(
         title="Two controllers in turn on a live robot",
         lead=f"{about} Before: {controllers[0]}. After: {controllers[1]}.",
         verdict=[("", _conclusion(alternation))],
         sections=[
             section("Compared", *_gains_and_runs(alternation, runs), Bullets(verdicts)),
-            section(
-                "Over time", TimeSeries(t, (distances,), "The runs one over another, from their starts.")
-            ),
+            section("Over time", over_time),
         ],
         undecided=[
             alike if open_names else "",

@@ -110,11 +110,9 @@ def _parameter_sheet(fit: Identification) -> Sheet:
         for lower, upper in [map(digits, fit.bounds[i])]
     ]
     rolling = " C_rr: the ball's rolling friction over its load." * ("rolling" in fit.names)
-    with_sweep = any(bounds.method == "with sweep" for bounds in fit.intervals.values())
-    both = " Numbers and errors are those of the logs and the sweep together." * with_sweep
     caption = (
         f"{driveline_symbols(fit.names)}{rolling} Standard errors contain the variation between logs. A dash: held "
-        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed.{both}"
+        f"at a bound, or the logs do not show it. Open: the logs set no limit within the values allowed."
     )
     headings = (
         *("parameter", "unit", "in the robot file", "found", "standard error", "95 %", "95 %, another log"),
@@ -157,8 +155,7 @@ def _horizon_sheet(holdout: HoldoutResult) -> Sheet:
         Column("without friction", lambda row: math.degrees(row.lean.without_friction)),
         Column("missing friction", lambda row: digits(row.lean.share, 2)),
     ]
-    known = "past rows" if holdout.causal else "its rows"
-    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from {known}"
+    caption = f"{holdout.name}, RMSE of {holdout.horizons[0].starts} predictions from its rows"
     return sheet_of(holdout.horizons, columns, caption=caption)
 
 

@@ -3,8 +3,7 @@
 The page contains its scripts, styles and data and refers to nothing else. Its Content-Security-Policy allows only its
 own scripts, by their SHA-256: a script injected through a log's name does not run, and nothing is sent or fetched.
 
-`web/` has the style sheet, `charts.js` and `theme.js`, and uPlot, which draws time series. uPlot has the MIT licence;
-its text is beside it and in each page that contains uPlot.
+`web/` has the style sheet, `charts.js` and `theme.js`. uPlot, which draws time series, is the replay's, too.
 """
 
 import base64
@@ -22,7 +21,7 @@ from ballbot.report.blocks import PAGE, RESULTS, Animation, Result
 from ballbot.report.palette import themed
 from ballbot.report.series import TimeSeries
 from ballbot.report.words import RAISED, with_symbols
-from ballbot.viewer.page import hash_source, web_file
+from ballbot.viewer.page import hash_source, plot_script, web_file
 
 _POWER = re.compile(r"\^(-?\d)\b")
 
@@ -61,9 +60,11 @@ def page_of(report: Result) -> str:
         "themed": lambda svg: Markup(themed(svg)),
         "words": _typeset,
     }
+    plotting = charts or animations
     scripts = [_script(charts), *(animation.script for animation in animations)]
+    scripts = [plot_script(), *scripts] if plotting else scripts
     styles = [
-        _web("uPlot.min.css") if charts else "",
+        web_file("uPlot.min.css") if plotting else "",
         _web("report.css"),
         *(animation.style for animation in animations),
     ]
@@ -99,15 +100,8 @@ def _web(name: str) -> str:
 
 @cache
 def _script(charts: bool) -> str:
-    own = "\n".join((web_file("page.js"), _web("theme.js")))
-    if not charts:
-        return f'(() => {{\n"use strict";\n{own}\n}})();'
-    licence, drawing = (
-        f"/*! uPlot:\n{_web('uPlot.LICENSE')}*/",
-        (web_file("packing.js"), web_file("element.js")),
-    )
-    parts = (licence, _web("uPlot.iife.min.js"), *drawing, _web("charts.js"), own)
-    return "(() => {{\n{}\n}})();".format("\n".join(parts))
+    drawing = (web_file("packing.js"), web_file("element.js"), _web("charts.js")) if charts else ()
+    return "(() => {{\n{}\n}})();".format("\n".join((*drawing, web_file("page.js"), _web("theme.js"))))
 
 
 def picture_data(png: bytes) -> str:

@@ -20,7 +20,7 @@ from ballbot.mechanics.friction import steady_friction
 from ballbot.registry import FIGURES, PAGES
 from ballbot.report.axis import axis_report, laws_figure
 from ballbot.report.bench import curve_figure, upside_down_report, wheel_report
-from ballbot.report.comparison import course_figure, league_report, paths_figure
+from ballbot.report.comparison import course_tracks, league_report, paths_figure, shown_runs
 from ballbot.report.design import bode_figure, controller_design_report, poles_figure
 from ballbot.report.identification import friction_figure, identification_report
 from ballbot.report.learning import curve_series, learning_report
@@ -96,14 +96,14 @@ for kind, draw in {
     ),
     Identification: friction_figure,
     Learned: lambda learned: series_figure(curve_series(learned)),
-    League: lambda league: course_figure(league, league.courses[0]),
+    League: lambda league: paths_figure(course_tracks(league, league.courses[0])),
     Log: log_figure,
     Plan: lambda plan: series_figure(plan_series(plan)),
     LqrDesign: lambda design: poles_figure(design.poles),
     Margins: bode_figure,
     Robot: robot_figure,
     RobotLimits: lambda limits: planes_figure({"limits": limits}),
-    Study: lambda study: paths_figure(study.choice.runs),
+    Study: lambda study: paths_figure(shown_runs(study.choice)),
     UpsideDown: upside_down_figure,
     Validation: lambda validation: horizon_figure(validation.horizon, validation.models.names),
 }.items():

@@ -1,4 +1,4 @@
-"""A checked robot: its derived quantities, poles and margins, a swing, a reference, its linear model and matrices."""
+"""A checked robot: its derived quantities, poles and margins, a swing, its linear model and matrices."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -27,14 +27,14 @@ from ballbot.robot.components import PARAMETERS
 from ballbot.robot.derived import derived_quantities
 from ballbot.robot.figure import robot_figure
 from ballbot.robot.parameters import value_of
+from ballbot.robot.variations import Propagated
 from ballbot.summary import counted, pole_words
-from ballbot.workflows.reference_check import MARGIN_HEADINGS
-from ballbot.workflows.robot_check import MATRICES, CheckedRobot, PoleSpread, linearization_results
+from ballbot.workflows.robot_check import MATRICES, CheckedRobot, linearization_results
 
 
 def robot_check_report(checked: CheckedRobot) -> Result:
     """Return the page."""
-    robot, following, swing = checked.robot, checked.following, checked.swing
+    robot, swing = checked.robot, checked.swing
     margins = {"refusal": checked.margins} if isinstance(checked.margins, str) else checked.margins.to_dict()
     kinds = Counter(source.partition(":")[0] for source in robot.sources.values())
     counts = ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
@@ -43,22 +43,19 @@ def robot_check_report(checked: CheckedRobot) -> Result:
     doubtful = f"{counted(errors, 'error')} and {counted(warnings, 'warning')} of the checks."
     fastest = float(checked.poles[0].real)
     time = f"; a lean doubles in {np.log(2.0) / fastest:.3f} s" if fastest > 0.0 else ""
-    on_twin = "How noise, delay and play change the run along the reference: `ballbot record` has them."
     vertical = "The inertia about the vertical axis: the body does not turn about it in a swing."
     return Result(
         title=f"{robot.name}: check of the robot file",
         lead=f"A robot with {robot.wheel_count} wheels. Sources of its parameters: {counts}.",
         verdict=[
             ("Doubtful", doubtful) if errors + warnings else ("Plausible", "Its numbers fit together."),
-            ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(checked.spread)}"),
+            ("Unstable pole", f"{fastest:.3f} rad/s{time}. {_uncertainty(fastest, checked.spread)}"),
             ("Swing", " ".join(texts(swing.findings)) or f"{swing.notes()[0].text}" if swing else ""),
-            *([(f"Following {following.name}", " ".join(following.verdict()))] if following else []),
         ],
         sections=list(_sections(checked)),
         undecided=[
             "Whether the numbers are those of the machine: they are checked against one another, and a wrong value "
             "that fits the others is not found. Logs show more: `ballbot check-log LOG --robot ROBOT`.",
-            on_twin if following else "",
             vertical if swing else "",
         ],
         findings=checked.findings,
@@ -75,26 +72,34 @@ def robot_check_report(checked: CheckedRobot) -> Result:
             "poles": checked.poles,
             "unstable_pole": fastest,
             "standard_deviations": robot.standard_deviations,
-            "unstable_pole_uncertainty": checked.spread,
+            "unstable_pole_uncertainty": checked.spread
+            and {
+                "standard_deviation": checked.spread.deviation,
+                "interval_95": _interval(fastest, checked.spread),
+                "variance_shares": dict(checked.spread.largest(len(checked.spread.parts))),
+            },
             "loop_margins": {"controller": checked.controller, **margins},
             "findings": by_severity(checked.findings),
             "swing": swing,
-            "reference": following,
         },
     )
 
 
-def _uncertainty(spread: PoleSpread | None) -> str:
+def _interval(pole: float, spread: Propagated) -> tuple[float, float]:
+    """Return the interval of 95 % about a pole."""
+    half = 1.96 * float(spread.deviation)
+    return pole - half, pole + half
+
+
+def _uncertainty(pole: float, spread: Propagated | None) -> str:
     """Return how the standard deviations in the file spread the pole."""
     if spread is None:
         return "Its uncertainty is unknown: no value in the file has a standard_deviation."
-    largest = list(spread.variance_shares.items())[:3]
-    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in largest)
-    low, high = spread.interval_95
+    causes = ", ".join(f"{100.0 * share:.0f} % from {label}" for label, share in spread.largest())
+    low, high = _interval(pole, spread)
     return (
         "From the standard deviations in the file, its standard deviation is "
-        f"{spread.standard_deviation:.2g} rad/s, and it lies between {low:.3g} "
-        f"and {high:.3g} in 95 % of {spread.draws} draws ({causes})."
+        f"{float(spread.deviation):.2g} rad/s ({causes}), and its 95 % interval {low:.3g} to {high:.3g}."
     )
 
 
@@ -125,10 +130,6 @@ def _sections(checked: CheckedRobot) -> Iterator[Section]:
             Bullets([finding.text for finding in (*swing.findings, *swing.notes())]),
             swing_series(swing.fit),
         )
-    if following := checked.following:
-        caption = "Largest use of each limit."
-        limits = Sheet(MARGIN_HEADINGS, [use.row() for use in following.uses], caption)
-        yield section(f"Following {following.name}", limits)
     caption = "exact model, with the viscous friction of the robot file"
     yield linear_section(Model(robot).linearize(), caption=caption)
     matrices = (

@@ -34,7 +34,7 @@ def spin_report(
     slip = "Whether the ball slips on the wheels, and which way is forward: give the log of the run."
     tracked = f"{100.0 * float(np.mean(spin.track.tracked)):.1f}"
     seen = [
-        *((words, plus_minus(value, error), unit) for words, _, unit, value, error in _view(spin)),
+        *((words, f"{value:.4g}", unit) for words, _, unit, value in _view(spin)),
         ("frames with the seam tracked", tracked, "%"),
     ]
     return Result(
@@ -46,7 +46,7 @@ def spin_report(
                 "What was seen",
                 Bullets(others),
                 Picture(partial(picture_data, picture), overlay),
-                Sheet(_HEADINGS, seen, "The camera's view. ±: standard errors."),
+                Sheet(_HEADINGS, seen, "The camera's view."),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
             section("Video and wheels", _comparison_sheet(comparison) if comparison else None),
@@ -61,14 +61,14 @@ def spin_report(
     )
 
 
-def _view(spin: Spin) -> list[tuple[str, str, str, float, float]]:
-    """Return words, key in results.json, unit, value and standard error of the camera's view of the ball."""
-    view, errors = spin.view, spin.calibration.errors
+def _view(spin: Spin) -> list[tuple[str, str, str, float]]:
+    """Return words, key in results.json, unit and value of the camera's view of the ball."""
+    view = spin.view
     return [
-        ("ball's centre, across", "x", "pixels", view.x, errors[0]),
-        ("ball's centre, down", "y", "pixels", view.y, errors[1]),
-        ("ball's radius", "radius", "pixels", view.radius, errors[2] * view.radius),
-        ("distance of the lens", "distance", "ball radii", view.distance, errors[3] * view.distance**2),
+        ("ball's centre, across", "x", "pixels", view.x),
+        ("ball's centre, down", "y", "pixels", view.y),
+        ("ball's radius", "radius", "pixels", view.radius),
+        ("distance of the lens", "distance", "ball radii", view.distance),
     ]
 
 
@@ -115,7 +115,7 @@ def _data(
     spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
 ) -> dict[str, object]:
     """Return what results.json holds."""
-    known, view = spin.known, _view(spin)
+    known = spin.known
     return {
         "findings": by_severity([*log_findings, *spin_findings(spin, comparison)]),
         "frames": len(spin.t),
@@ -125,9 +125,8 @@ def _data(
         "seam": spin.seam.name,
         "seam_separation": spin.colour.separation,
         "view": {
-            **{key: value for _, key, _, value, _ in view},
+            **{key: value for _, key, _, value in _view(spin)},
             "focal_length": spin.view.focal,
-            "standard_errors": {key: error for _, key, _, _, error in view},
         },
         "ball_omega": {
             "peak": spin.peak,

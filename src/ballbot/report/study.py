@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller, torque_limit_words
 from ballbot.control.file import controller_text
@@ -25,15 +24,13 @@ from ballbot.report.blocks import (
     section,
     sheet_of,
 )
-from ballbot.report.comparison import candidate_name, paths_figure, position_error_series
+from ballbot.report.comparison import candidate_name, paths_figure, position_error_series, shown_runs
 from ballbot.report.design import gain_sheet
 from ballbot.report.identification import friction_sentence, parameter_blocks
-from ballbot.report.palette import BLUE, INK, MUTED, ORANGE
 from ballbot.report.prediction import predicted_sheet
-from ballbot.report.style import drawn_picture, one_panel, plain_log_ticks
+from ballbot.report.style import drawn_picture
 from ballbot.report.validation import model_findings, undecided_by, validation_sections
 from ballbot.report.words import capital, logs_words, millimetres
-from ballbot.results import to_results
 from ballbot.robot.file import robot_text
 from ballbot.rounding import digits, interval
 from ballbot.summary import counted
@@ -43,7 +40,6 @@ from ballbot.workflows.controller_choice import CANDIDATES, Confirmation, Contro
 from ballbot.workflows.controller_prediction import MIN_RUNS
 from ballbot.workflows.metrics import SETTLE
 from ballbot.workflows.statistics import MedianEstimate
-from ballbot.workflows.stiffness import VARIANTS, FrictionByStiffness, Stiffness, Variant
 from ballbot.workflows.study import Study
 
 
@@ -64,7 +60,7 @@ def model_sentence(study: Study) -> str:
     validation = study.validation
     if validation.no_evidence is not None:
         return validation.no_evidence
-    horizon = validation.horizon.errors
+    horizon = validation.horizon
     ratio = digits(float(np.median(horizon.ratio[-1])), 2)
     return (
         f"{horizon.horizons[-1]:.2g} s ahead on {validation.duration:.0f} s held out, the error without friction is "
@@ -165,17 +161,11 @@ def interval_words(estimate: MedianEstimate) -> str:
 
 def study_report(study: Study) -> Result:
     """Return the page of a study."""
-    fit, choice, stiffness = study.found, study.choice, study.stiffness
+    fit, choice = study.found, study.choice
     controller = choice.controller or choice.trials["none"].controller
     limit = Paragraph(f"Torque limit of each wheel: {torque_limit_words(controller)}.")
     why = (Bullets(_reasons(study)), gain_sheet(controller.gain), limit)
     logs = [entry.log for entry in study.logs]
-    stiffest = stiffness and stiffness.stiffest(VARIANTS[0])
-    stiff = (
-        f"It may be as stiff as {_gain(stiffest)}."
-        if stiffest
-        else "Even the soft gain falls or lacks margins."
-    )
     predicted = ""
     if study.prediction:
         quantity, median, bounds, *_ = predicted_sheet(study.prediction).rows[0]
@@ -195,7 +185,6 @@ def study_report(study: Study) -> Result:
         sections=[
             section("The controllers", *_comparison_blocks(study)),
             details("Why this controller", *why, result=_choice_words(choice)),
-            details("Where friction matters for this robot", *_stiffness_blocks(stiffness), result=stiff),
             details("What the next log should show", *_prediction_blocks(study), result=predicted),
             details("Friction found", *parameter_blocks(fit, logs), result=friction_sentence(fit)),
             replace(first, blocks=(findings, *first.blocks), folded=True),
@@ -219,9 +208,9 @@ def _choice_words(choice: ControllerChoice) -> str:
 
 def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     """Yield the candidates' paths and errors, and the replay of the soft gain beside the chosen controller."""
-    choice = study.choice
+    choice, runs = study.choice, shown_runs(study.choice)
     path = "Path over the floor on the first robot. Dot: start. Broad: the reference."
-    yield drawn_picture("paths", path, paths_figure, choice.runs)
+    yield drawn_picture("paths", path, paths_figure, runs)
     caption = (
         f"Largest distance from the reference from {SETTLE:.0f} s after the start and each corner on: medians over the "
         "simulated robots, with their 95 % intervals. Roughness: the RMS change of the torques from sample to sample."
@@ -229,14 +218,10 @@ def _comparison_blocks(study: Study) -> Iterator[Block | None]:
     yield sheet_of(
         choice.trials.items(), _trial_columns(choice.trials["none"]), caption=caption, brief=(0, 1, 2)
     )
-    yield position_error_series(choice.runs, "Distance from the reference over time on the first robot.")
-    shown = dict.fromkeys(("none", choice.chosen or "none"))
+    yield position_error_series(runs, "Distance from the reference over time on the first robot.")
+    shown = [candidate_name(name) for name in dict.fromkeys(("none", choice.chosen or "none"))]
     try:
-        part = replay_part(
-            {candidate_name(name): choice.runs[name] for name in shown},
-            study.found.robot,
-            colors=("orange", "blue"),
-        )
+        part = replay_part({name: runs[name] for name in shown}, study.found.robot)
     except InputError:  # a run that fell at once, or a course too long for a page
         return
     yield Animation(part, "The first robot with the soft gain and with the chosen controller. Drag to orbit.")
@@ -253,87 +238,6 @@ def _prediction_blocks(study: Study) -> Iterator[Block]:
         "logs, and whether to keep the controller, weaken it, or go back to previous_controller.toml."
     )
     yield predicted_sheet(prediction)
-
-
-def _stiffness_blocks(stiffness: FrictionByStiffness | None) -> Iterator[Block]:
-    """Yield the peak error of each gain, with and without compensation and observer."""
-    if stiffness is None:  # of a quick study
-        return
-    course, runs = stiffness.course, len(stiffness.gains[0].trials[VARIANTS[0]].scores)
-    caption = (
-        f"Peak error on {course.duration:g} s of the {course.name} over the torque that a metre of error asks of the "
-        f"wheels. Lines: medians over {runs} of the simulated robots; bands: eight of ten robots; crosses at the top: "
-        "gains with which a run fell. All have the Kalman filter, shaped references with feed-forward and the lean "
-        "limit; with the observer, integral action."
-    )
-    yield Paragraph(stiffness_sentences(stiffness))
-    yield drawn_picture("stiffness", caption, _stiffness_figure, stiffness)
-
-
-def _stiffness_figure(stiffness: FrictionByStiffness) -> Figure:
-    """Draw the peak error over the position gain, a line and a band for each variant."""
-    figure, axes = one_panel("position gain [N m/m]", "peak error [mm]")
-    gains, across = np.array([gain.position_gain for gain in stiffness.gains]), axes.get_xaxis_transform()
-    for k, variant in enumerate(VARIANTS):
-        trials = [gain.trials[variant] for gain in stiffness.gains]
-        peaks = [1e3 * trial.peaks[np.isfinite(trial.peaks)] for trial in trials]
-        quantiles = [
-            np.quantile(values, (0.1, 0.5, 0.9)) if len(values) else [np.nan] * 3 for values in peaks
-        ]
-        low, middle, high = np.array(quantiles).T
-        color, dash = BLUE if variant.compensation else ORANGE, "-" if variant.observer else "--"
-        compensation, observer = "full" if variant.compensation else "no", "" if variant.observer else "no "
-        label = f"{compensation} compensation, {observer}observer"
-        axes.fill_between(gains, low, high, color=color, alpha=0.13, linewidth=0)
-        axes.plot(gains, middle, color=color, linestyle=dash, marker="o", markersize=3, label=label)
-        fell = gains[[trial.falls > 0 for trial in trials]]
-        axes.plot(fell, np.full(len(fell), 0.96 - 0.04 * k), "x", color=color, transform=across)
-    axes.set(xscale="log", yscale="log")
-    for name, gain in (("soft", gains[0]), ("precise", stiffness.precise_gain)):
-        axes.axvline(gain, color=MUTED, linestyle=":", linewidth=0.9)
-        axes.text(gain, 0.99, f" {name}", transform=across, va="top", color=INK, fontsize=7)
-    for axis in (axes.xaxis, axes.yaxis):
-        plain_log_ticks(axis)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper left", ncols=2)
-    return figure
-
-
-def stiffness_sentences(stiffness: FrictionByStiffness) -> str:
-    """Return how stiff the gain may be, and up to which stiffness compensation pays."""
-    plain, softest = VARIANTS[0], stiffness.gains[0]
-    stiffest = stiffness.stiffest(plain)
-    if stiffest is None:
-        limit = f"Even the soft gain, {_gain(softest)}, falls or lacks margins on this robot."
-    else:
-        beyond = "beyond, a run falls, the margins end or the error grows again"
-        if stiffest is stiffness.gains[-1]:
-            beyond = "beyond, the margins end" if stiffness.margins_end else "stiffer gains were not tried"
-        limit = (
-            f"This robot may be as stiff as {_gain(stiffest)}, "
-            f"{digits(stiffest.position_gain / softest.position_gain, 2)} times the soft gain: without compensation "
-            f"and observer the peak error is {millimetres(stiffest.trials[plain].peak.median)} mm there; {beyond}."
-        )
-    without, with_it = (_paying(stiffness, observer) for observer in (False, True))
-    return f"{limit} Compensating the friction pays without the observer {without}, and with it {with_it}."
-
-
-def _paying(stiffness: FrictionByStiffness, observer: bool) -> str:
-    paying = stiffness.pays_over(observer=observer)
-    if not paying:
-        return "at none of these gains"
-    without, with_it = (
-        paying[-1].trials[Variant(compensation=has, observer=observer)] for has in (False, True)
-    )
-    ratio = without.ratio_to(with_it)
-    from_on = "" if paying[0] is stiffness.gains[0] else f"from {_gain(paying[0])} on "
-    return (
-        f"{from_on}up to {_gain(paying[-1])} (there it makes the peak error {digits(ratio.median, 2)} times smaller, "
-        f"{interval_words(ratio)})"
-    )
-
-
-def _gain(stiffness: Stiffness) -> str:
-    return f"{digits(stiffness.position_gain, 2)} N m/m"
 
 
 def study_results(study: Study) -> dict[str, object]:
@@ -378,7 +282,6 @@ def study_results(study: Study) -> dict[str, object]:
             "counted_as_equal": choice.equals,
             "gain": choice.gain,
             "compensated": choice.compensated,
-            "stiffness": study.stiffness and _stiffness(study.stiffness),
         },
         "prediction": study.prediction,
     }
@@ -409,27 +312,6 @@ def _trial_columns(soft: Trial) -> Sequence[Column[tuple[str, Trial]]]:
 
 def _trial(trial: Trial) -> dict[str, object]:
     return entries_of(("", trial), _trial_columns(trial))
-
-
-def _stiffness(stiffness: FrictionByStiffness) -> dict[str, object]:
-    """Return the errors of every gain and variant, and the two verdicts as position gains [N m/m]."""
-    gains = [
-        {"position_gain": gain.position_gain, "sensitivity": gain.sensitivity}
-        | to_results(variant)
-        | _trial(trial)
-        for gain in stiffness.gains
-        for variant, trial in gain.trials.items()
-    ]
-    verdicts = [
-        {
-            "observer": observer,
-            "stiffest": stiffest and stiffest.position_gain,
-            "compensation_pays_over": [gain.position_gain for gain in stiffness.pays_over(observer=observer)],
-        }
-        for observer in (False, True)
-        for stiffest in [stiffness.stiffest(Variant(compensation=False, observer=observer))]
-    ]
-    return {"course": stiffness.course, "gains": gains, "verdicts": verdicts}
 
 
 #: the files of a study besides results.json and its page

@@ -183,10 +183,9 @@ def horizon_figure(horizon: Horizons, names: tuple[str, str]) -> Figure:
     """
     figure = Figure(figsize=(7.4, 3.6), layout="constrained")
     panels = figure.subplots(2, 5, sharex=True)
-    errors = horizon.errors
-    ahead, better = 1e3 * errors.horizons, errors.ratio_interval[0] > 1.0
+    ahead, better = 1e3 * horizon.horizons, horizon.ratio_interval[0] > 1.0
     # errors below any sensor's resolution are drawn at that resolution
-    shown = [*np.maximum(errors.rmse, FINEST), horizon.noise_floor, better]
+    shown = [*np.maximum(horizon.rmse, FINEST), horizon.noise_floor, better]
     for axes, name, *columns in zip(panels.flat, STATE_NAMES, *(each.T for each in shown), strict=True):
         first, second, noise, filled = columns
         axes.loglog(ahead, first, label=label_of(names[0]), **LOOKS["first"])

@@ -9,7 +9,7 @@ deviation s_i and the correlations r_ij, its variance is the sum of d_i s_i r_ij
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,14 +79,8 @@ def shifted(robot: Robot, amounts: dict[Uncertain, float]) -> Robot:
     return with_values(robot, changes)
 
 
-def draw_robots(
-    robot: Robot, count: int, *, seed: int, further: Mapping[str, float] | None = None
-) -> list[Robot]:
+def draw_robots(robot: Robot, count: int, *, seed: int) -> list[Robot]:
     """Return robots as this one may be: each uncertain number drawn from a normal distribution about its value.
-
-    `further` has standard deviations [SI units] of independent errors of uncertain numbers, by label, beside those that
-    the robot states: such as the spread between logs. Numbers whose errors are stated to be the same have the same
-    further one.
 
     Friction is drawn at its least value if it would be below: estimates of a very small term lie near zero, and with
     several such terms hardly any draw would be valid. Other draws that describe no robot (a negative mass, an inertia
@@ -99,16 +93,12 @@ def draw_robots(
     3
     """
     random, numbers = np.random.default_rng(seed), uncertain(robot)
-    related, own = correlations(robot), [number.deviation for number in numbers]
-    mixing, same = _square_root(related), [int(np.argmax(row >= 1.0)) for row in related]
-    added = [further.get(number.label, 0.0) for number in numbers] if further else []
+    mixing, own = _square_root(correlations(robot)), [number.deviation for number in numbers]
     robots: list[Robot] = []
     for _ in range(_MOST_REFUSALS * (count + 1)):
         if len(robots) == count:
             break
         errors = own * (mixing @ random.standard_normal(len(numbers)))  # N(0, 1), correlated as stated
-        if added:
-            errors += added * random.standard_normal(len(numbers))[same]
         pairs = zip(numbers, errors, strict=True)
         amounts = {number: _within(robot, number, float(error)) for number, error in pairs}
         try:

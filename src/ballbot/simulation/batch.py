@@ -20,13 +20,10 @@ from ballbot.control.references import Reference, ReferenceLike, as_reference
 from ballbot.control.source import ControllerLike, as_controller
 from ballbot.errors import InputError
 from ballbot.estimation.heading import JUMP, Heading
-from ballbot.estimation.interface import EstimatorName
-from ballbot.log.columns import wheel_angle_names, wheel_speed_names
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.engine.run import over_threads
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.model import Model, ModelLike, as_model
-from ballbot.progress import ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.batch_result import ClosedLoopBatch
 from ballbot.simulation.imperfections import Imperfections
@@ -38,10 +35,21 @@ from ballbot.simulation.inputs import (
     new_commands,
     rows_of,
 )
-from ballbot.simulation.loop import ADVANCED, CHANGED, Outcome, Sampling, new_memory, run_block
-from ballbot.simulation.model_plant import LIFTED, ModelPlant, checked_states
-from ballbot.simulation.run import initial_state_of, sample_count, simulate
-from ballbot.simulation.sensed_plant import SensedPlant
+from ballbot.simulation.loop import (
+    ADVANCED,
+    CHANGED,
+    LEFT,
+    Commands,
+    Draws,
+    Inputs,
+    LoopMemory,
+    Outcome,
+    Sampling,
+    new_memory,
+    run_block,
+)
+from ballbot.simulation.model_plant import checked_states
+from ballbot.simulation.run import initial_state_of, sample_count
 
 T = TypeVar("T")
 
@@ -94,7 +102,7 @@ def simulate_batch(
         A ball that pivots starts without spin.
     controller : Controller, "nominal", "precise", controller file or your own, or a sequence of them
         One for all lanes or one for each; of one sample time. A name stands for that of the first model's robot. If
-        one is written in Python, as `simulate` takes it, all lanes run one after another, one period at a time.
+        one is written in Python, all lanes run one after another, one period at a time; no safety layer is around it.
     reference : callable, name or reference file
         f(t) -> (10,), the same for all lanes.
     duration : float
@@ -119,7 +127,8 @@ def simulate_batch(
     Raises
     ------
     InputError
-        If lanes, models, wheels or sample times disagree, or the reference asks for a lean or a rate.
+        If lanes, models, wheels or sample times disagree, the reference asks for a lean or a rate, or a controller
+        returns anything but n finite numbers.
 
     Examples
     --------
@@ -153,39 +162,35 @@ def simulate_batch(
         lost_lean=verdict.lost,
         grip=verdict.grip,
     )
-    if len(laws) == len(controllers):
-        out = _side_by_side(lanes, models, laws, initial, by_lane, sampling, threads)
-    elif verdict == OutcomeBounds():
-        out = _one_by_one(lanes, models, controllers, initial, by_lane, sampling, as_reference(reference))
-    else:
-        raise InputError("A verdict needs Ballbot's own controllers in all lanes; others run to the end.")
+    out = _run_lanes(lanes, models, controllers, initial, by_lane, sampling, threads)
     leans = np.array([lane.fallen_lean for lane in by_lane] or [LARGEST_LEAN])
     return _result(out, sampling, leans)
 
 
-def _side_by_side(
+def _run_lanes(
     lanes: int,
     models: Sequence[Model],
-    controllers: Sequence[Controller],
+    controllers: Sequence[Feedback],
     initial: NDArray[np.float64],
     by_lane: Sequence[Imperfections],
     sampling: Sampling,
     threads: int | None,
 ) -> Outcome:
-    """Run laws that are compiled, lanes side by side."""
+    """Run lanes side by side if their laws are compiled, else one after another."""
+    laws = [law for law in controllers if isinstance(law, Controller)]
+    by_python = len(laws) < len(controllers)
     robots, sample_time = [model.robot for model in models], sampling.sample_time
-    n = _common_wheel_count([*robots, *(lane.known for lane in by_lane if lane.known)], controllers)
+    n = _common_wheel_count([*robots, *(lane.known for lane in by_lane if lane.known)], laws)
     samples = len(sampling.references)
     out = empty_outcome(lanes, -(-samples // sampling.every), samples, n)
-    estimators: list[EstimatorName] = [law.estimator for law in controllers]
     changes = list(_changes(models, by_lane, samples, sample_time))
     stages = [
         inputs_of(
             models,
             imperfections,
             sample_time=sample_time,
-            laws=controllers,
-            estimators=estimators,
+            laws=() if by_python else laws,
+            estimators=[estimator_of(controller) for controller in controllers],
             initial=initial,
         )
         for _, models, imperfections in changes
@@ -194,68 +199,51 @@ def _side_by_side(
     alone = len(by_lane) == 1
 
     def run(first: int) -> None:
-        rows = slice(first, min(first + LANES, lanes))
+        rows = slice(first, min(first + (1 if by_python else LANES), lanes))
         width = rows.stop - first
         runs = range(first, rows.stop) if by_lane else ()
         which = [(by_lane[0], by_lane[0].seed + k) if alone else (by_lane[k], by_lane[k].seed) for k in runs]
         draws = draws_of(which, width, n=n, samples=samples, sample_time=sample_time)
         memory = new_memory(stages[0].loops, width, n, filtering=len(stages[0].filters) > 0)
-        commands = new_commands(width, 0)
+        commands = new_commands(width, n if by_python else 0)
         for inputs, span in zip(stages, spans, strict=True):
             own = rows_of(inputs, rows), draws, sampling, memory, commands, rows_of(out, rows)
-            run_block(models[0].selected, *own, span)
+            if by_python:
+                _run_asking(controllers[first % len(controllers)], models[0], own, span)
+            else:
+                run_block(models[0].selected, *own, span)
             commands.todo[commands.todo == ADVANCED] = CHANGED
 
-    over_threads(run, lanes, threads)
+    if by_python:
+        for lane in range(lanes):
+            run(lane)
+    else:
+        over_threads(run, lanes, threads)
     return out
 
 
-def _one_by_one(
-    lanes: int,
-    models: Sequence[Model],
-    controllers: Sequence[Feedback],
-    initial: NDArray[np.float64],
-    by_lane: Sequence[Imperfections],
-    sampling: Sampling,
-    reference: Reference,
-) -> Outcome:
-    """Run controllers that are called from Python by `simulate`, one lane after another.
+def _run_asking(
+    controller: Feedback,
+    model: Model,
+    own: tuple[Inputs, Draws, Sampling, LoopMemory, Commands, Outcome],
+    span: tuple[int, int],
+) -> None:
+    """Take one robot from a sample to another, by the torques of a controller that is written in Python.
 
-    One sample more is run: it begins with the state at the end of the run.
+    As a law, it gives none in a sample without a state.
     """
-    samples, n = len(sampling.references), models[0].robot.wheel_count
-    out = empty_outcome(lanes, samples, samples, n)
-    for k in range(lanes):
-        model, controller = models[k % len(models)], controllers[k % len(controllers)]
-        plant, seed = ModelPlant(model), 0
-        if by_lane:
-            lane = by_lane[k % len(by_lane)]
-            plant = SensedPlant(model, lane, estimator=estimator_of(controller))
-            seed = lane.seed + (k if len(by_lane) == 1 else 0)
-        log = simulate(
-            plant,
-            controller,
-            reference,
-            duration=(samples + 1) * sampling.sample_time,
-            initial_state=initial[k % len(initial)],
-            seed=seed,
-            progress=ignore_progress,
-        )
-        done = min(len(log), samples)
-        # row after row; a lane that ended stays where it was
-        begun = np.minimum(np.arange(samples), done - 1)
-        truth = log.truth().states
-        out.states[k], out.finals[k] = truth[begun], truth[-1]
-        out.torques[k] = out.commanded[k] = log.torques[begun]
-        out.seen[k] = log.states[begun]
-        wheels = [log[name] for name in (*wheel_angle_names(n), *wheel_speed_names(n))]
-        out.encoders[k] = np.column_stack(wheels)[begun]
-        out.gyro[k] = np.column_stack([log[f"gyro_{axis}"] for axis in "xyz"])[begun]
-        out.changes[k] = (np.diff(log.torques[:done], axis=0) ** 2).sum()
-        if len(log) <= samples:
-            out.ended[k], out.lifted[k] = done, LIFTED in str(log.ended)
-    recorded = ("states", "torques", "seen", "commanded", "encoders", "gyro")
-    return out._replace(**{name: getattr(out, name)[:, :: sampling.every] for name in recorded})
+    _, _, sampling, memory, commands, _ = own
+    if span[0] == 0:
+        controller.reset()
+        run_block(model.selected, *own, (0, 0))  # to the start
+    for sample in range(*span):
+        seen, torques = memory.states[0].copy(), commands.torques[0]
+        torques[:] = 0.0
+        if commands.todo[0] != LEFT and np.isfinite(seen).all():
+            t = round(sample * sampling.sample_time, 9)
+            answer = controller.update(t, seen, sampling.references[sample].copy())
+            torques[:] = real_array(answer, torques.shape, f"What the controller returned at t = {t:g} s")
+        run_block(model.selected, *own, (sample, sample + 1))
 
 
 def _result(out: Outcome, sampling: Sampling, fallen_leans: NDArray[np.float64]) -> ClosedLoopBatch:

@@ -72,6 +72,13 @@ class Push:
         "of its point of application above the ball's centre, along the body's axis", "m", least=0.0
     )
 
+    @staticmethod
+    def of_impulse(impulse: float, angle: float, *, time: float, duration: float, height: float) -> "Push":
+        """Return the push by an impulse [N s] towards an angle on the floor, from x towards y [rad]."""
+        force = impulse / duration
+        along = (force * math.cos(angle), force * math.sin(angle), 0.0)
+        return Push(time=time, duration=duration, force=along, height=height)
+
 
 @parameter_class
 class Supply:

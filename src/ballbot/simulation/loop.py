@@ -21,29 +21,25 @@ from numpy.typing import NDArray
 
 from ballbot.control.law import LIMIT_AT, MEMORY_SIZE, decide_torques
 from ballbot.estimation.kalman_model import (
-    BIAS,
     COVARIANCE,
     FIRST,
     GYRO,
     GYRO_BEFORE,
-    LEVER,
     MODEL_SIZE,
     NUMBERS,
     PIVOTING,
     PIVOTS,
-    PSI,
     SHOWN,
-    SHOWN_PSI,
-    G,
-    S,
     X,
+    lever_in,
     sample_block,
-    upright_part,
+    state_in,
 )
 from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
 from ballbot.estimation.kalman_model import STATE as FILTER_STATE
+from ballbot.estimation.swing import attitude_of, begin_filter, robot_state, swing_of
 from ballbot.mechanics.engine.arrays import fill
-from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined, spliced
 from ballbot.mechanics.engine.lanes import (
     AHEAD,
     ANGLE,
@@ -230,27 +226,6 @@ def _truth(work, lane, record, out):
 
 
 @inlined
-def _lean_and_heading(a, psi):
-    """Return x and y of g = R^T e_z, and psi_s, of an `Attitude`; see `ballbot.mechanics.geometry`."""
-    turn = a.sin_theta * a.sin_phi / ((1.0 + a.cos_theta) * (1.0 + a.cos_phi))
-    return (a.R[2][0], a.R[2][1]), psi + 2.0 * math.atan(turn)
-
-
-@inlined
-def _angles_of(g, heading):
-    """Return theta, phi, psi of the lean g and psi_s; psi has psi_s's turns (`attitude_of_swing`)."""
-    g_z = upright_part(g)
-    k = 1.0 / (1.0 + g_z)
-    s, c = math.sin(heading), math.cos(heading)
-    m11, m12, m22 = 1.0 - k * g[0] * g[0], -k * g[0] * g[1], 1.0 - k * g[1] * g[1]
-    theta = math.atan2(s * g[0] + c * g[1], g_z)  # pyright: ignore[reportArgumentType] (floats here)
-    phi = math.asin(max(-1.0, min(1.0, -c * g[0] + s * g[1])))
-    # psi less psi_s, which is small: of both the sine and cosine over one positive factor
-    sine, cosine = s * m22 - c * m12, c * m11 - s * m12
-    return theta, phi, heading + math.atan2(c * sine - s * cosine, c * cosine + s * sine)
-
-
-@inlined
 def _read_ahrs(record, memory, robot, sample, drawn, noise, faults, angles):
     """Fill the block's gyro and angles (3,) with what the AHRS shows."""
     truth, gyro = memory.truths[robot], memory.gyros[robot]
@@ -272,9 +247,9 @@ def _read_ahrs(record, memory, robot, sample, drawn, noise, faults, angles):
         angles[0] += errors[3]
         angles[1] += errors[4]
     if drift != 0.0:
-        g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
-        turned = _angles_of(g, heading + drift)
-        angles[0], angles[1], angles[2] = turned[0], turned[1], turned[2]
+        swing = swing_of(angles[0], angles[1], angles[2])
+        turned = attitude_of(swing.g_x, swing.g_y, swing.heading + drift)
+        angles[0], angles[1], angles[2] = turned.theta, turned.phi, turned.psi
     if len(faults) > 0:
         fresh = faults[5 * (drawn + 1) : 5 * (drawn + 2)]
         errors[5] += record.sample_time * errors[2]
@@ -348,15 +323,9 @@ def _begin_filter(filters, robot, row, state, gyro, angles):
         filters[_slot(i, robot)] = row[i]
     for i in range(len(row) - MODEL_SIZE - 2):
         filters[_slot(COVARIANCE + i, robot)] = row[MODEL_SIZE + i]
-    g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
-    for i in range(2):
-        lever = 0.0
-        for k in range(3):
-            lever += row[LEVER + 3 * i + k] * gyro[k]
-        filters[_slot(FILTER_STATE + X + i, robot)] = state[i]
-        filters[_slot(FILTER_STATE + G + i, robot)] = g[i]
-        filters[_slot(FILTER_STATE + S + i, robot)] = lever  # v = 0
-    filters[_slot(FILTER_STATE + PSI, robot)] = filters[_slot(FILTER_STATE + SHOWN_PSI, robot)] = heading
+    x = filters[_slot(FILTER_STATE, robot) :: LANES]
+    begin_filter(lever_in(filters, robot % LANES), swing_of(angles[0], angles[1], angles[2]), gyro, x)
+    x[X], x[X + 1] = state[0], state[1]
     for i in range(NUMBERS):
         filters[_slot(SHOWN + i, robot)] = np.nan
 
@@ -366,40 +335,22 @@ def _show_filter(record, memory, robot, limit, turned, gyro, angles):
     """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
     filters = memory.filters[robot // LANES]
     rate = _ball_rate(record, turned)
-    g, heading = _lean_and_heading(attitude((angles[0], angles[1], angles[2])), angles[2])
+    swing = swing_of(angles[0], angles[1], angles[2])
     for i in range(3):
         filters[_slot(GYRO + i, robot)] = gyro[i]
         filters[_slot(_WHEELS + i, robot)] = rate[i]
-    for i in range(2):
-        filters[_slot(_AHRS + i, robot)] = g[i]
-    filters[_slot(_AHRS + 2, robot)] = heading
+    filters[_slot(_AHRS, robot)], filters[_slot(_AHRS + 1, robot)] = swing.g_x, swing.g_y
+    filters[_slot(_AHRS + 2, robot)] = swing.heading
     filters[_slot(PIVOTS, robot)] = 1.0 if abs(memory.pivoting[robot]) > limit else 0.0
 
 
 @inlined
 def _filtered(filters, robot, gyro, state):
     """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
-    x = FILTER_STATE
-    w = (
-        gyro[0] - filters[_slot(x + BIAS, robot)],
-        gyro[1] - filters[_slot(x + BIAS + 1, robot)],
-        gyro[2] - filters[_slot(x + BIAS + 2, robot)],
-    )
     for i in range(3):
         filters[_slot(GYRO_BEFORE + i, robot)] = gyro[i]
-    for i in range(2):
-        velocity = filters[_slot(x + S + i, robot)]
-        for k in range(3):
-            velocity -= filters[_slot(LEVER + 3 * i + k, robot)] * w[k]
-        state[i], state[5 + i] = filters[_slot(x + X + i, robot)], velocity
-    heading = filters[_slot(x + PSI, robot)]
-    s3, c3 = math.sin(heading), math.cos(heading)
-    state[5], state[6] = c3 * state[5] - s3 * state[6], s3 * state[5] + c3 * state[6]
-    g = (filters[_slot(x + G, robot)], filters[_slot(x + G + 1, robot)])
-    angles = _angles_of(g, heading)
-    rates = angle_rates(attitude(angles), w)
-    for i in range(3):
-        state[2 + i], state[7 + i] = angles[i], rates[i]
+    lane = robot % LANES
+    robot_state(lever_in(filters, lane), state_in(filters, lane), gyro, state)
 
 
 # --- drive ---
@@ -854,7 +805,7 @@ class Commands(NamedTuple):
     references: NDArray[np.float64]  #: (1 or robots, 10) for the laws
 
 
-@inlined
+@spliced
 def advance_block(selected, inputs, draws, sampling, memory, commands, out, begin, width):
     """Do what is to be done with robots begin .. begin + width - 1; what each then sees is in the memory.
 

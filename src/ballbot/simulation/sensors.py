@@ -26,7 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
-from ballbot.mechanics.geometry import rotation, turned_about_vertical
+from ballbot.estimation.swing import turned_about_vertical
+from ballbot.mechanics.geometry import rotation
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class

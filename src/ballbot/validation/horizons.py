@@ -6,15 +6,15 @@ The error after one step is dominated by the sensors' noise and says little abou
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 
 from ballbot.arrays import Floats
-from ballbot.fitting.comparison import HorizonErrors, verdicts
+from ballbot.fitting.comparison import FINEST, LEAST_RUNS, ratio_interval, verdicts
 from ballbot.log import STATE_NAMES
 from ballbot.validation.models import (
-    FINEST,
     Case,
     Comparison,
     by_model,
@@ -33,20 +33,50 @@ _SPACING = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Horizons(Comparison):
-    """Errors of both models at each horizon, with the scales for comparison."""
+    """Errors of both models at each horizon, from every start in the order of time, with the scales for comparison."""
 
-    errors: HorizonErrors  #: of the first and the second model by state
+    horizons: Floats  #: (h,) [s], whole samples
+    differences: Floats  #: (2, starts, h, 10), predicted less measured
+    overlap: int  #: how many neighbouring forecasts share part of the log
     #: (h, 10), RMSE that the noise of start and measurement alone would cause
     noise_floor: Floats
     spread: Floats  #: (10,), standard deviation of the measured states
 
+    @property
+    def starts(self) -> int:
+        """How many forecasts each model made."""
+        return self.differences.shape[1]
+
+    @property
+    def rmse(self) -> Floats:
+        """Root mean square errors (2, h, 10)."""
+        return np.sqrt((self.differences**2).mean(axis=1))
+
+    @property
+    def ratio(self) -> Floats:
+        """RMSE of the second model over that of the first (h, 10); above 1, the first is better."""
+        first, second = np.sqrt(self._squares().mean(axis=1))
+        return second / first
+
+    @cached_property
+    def ratio_interval(self) -> Floats:
+        """The 95 % intervals (2, h, 10) of `ratio`, by a block bootstrap of the starts; NaN with too few."""
+        shape = self.differences.shape[2:]
+        if self.starts < LEAST_RUNS * self.overlap:
+            return np.full((2, *shape), np.nan)
+        first, second = self._squares().reshape(2, self.starts, -1)
+        return ratio_interval(second, first, overlap=self.overlap, power=0.5).reshape(2, *shape)
+
+    def _squares(self) -> Floats:
+        """Return the squared errors, each at least `FINEST` squared."""
+        return np.maximum(self.differences**2, FINEST**2)
+
     def verdict(self) -> str:
-        errors, first = self.errors, self.models.first.name
-        intervals = errors.ratio_interval
+        first, intervals = self.models.first.name, self.ratio_interval
         if not np.isfinite(intervals).any():
-            return f"{errors.starts} forecasts are too few to show how the error grows with the horizon."
+            return f"{self.starts} forecasts are too few to show how the error grows with the horizon."
         better = [verdicts(interval).count("better") for interval in intervals.swapaxes(0, 1)]
-        ahead, ratio = 1e3 * errors.horizons, np.median(errors.ratio, axis=1)
+        ahead, ratio = 1e3 * self.horizons, np.median(self.ratio, axis=1)
         most = np.flatnonzero(np.array(better) > len(STATE_NAMES) // 2)
         words = [
             f"{ahead[0]:.0f} ms ahead the model {first} is better in {better[0]} of the ten states (median ratio "
@@ -58,14 +88,14 @@ class Horizons(Comparison):
         return ", ".join(words) + "."
 
     def results(self) -> dict[str, object]:
-        intervals = self.errors.ratio_interval.swapaxes(0, 1)  # (horizons, 2, 10)
+        intervals = self.ratio_interval.swapaxes(0, 1)  # (horizons, 2, 10)
         # a constant state has no scale
         spread = np.where(self.spread > FINEST, self.spread, np.nan)
         return {
-            "seconds": self.errors.horizons,
-            **by_model("rmse_", self.models, self.errors.rmse),
-            **by_model("normalised_rmse_", self.models, self.errors.rmse / spread),
-            "ratio": by_state(self.errors.ratio),
+            "seconds": self.horizons,
+            **by_model("rmse_", self.models, self.rmse),
+            **by_model("normalised_rmse_", self.models, self.rmse / spread),
+            "ratio": by_state(self.ratio),
             "ratio_interval": by_state(intervals),
             "verdict": [verdicts(interval) for interval in intervals],
             "noise_floor_rmse": by_state(self.noise_floor),
@@ -74,16 +104,13 @@ class Horizons(Comparison):
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Return the errors over the starts of all parts with the first part's horizons, and that part's spread."""
-        first = parts[0].errors
-        alike = [part for part in parts if np.array_equal(part.errors.horizons, first.horizons)]
-        weights = [part.errors.starts for part in alike]
+        alike = [part for part in parts if np.array_equal(part.horizons, parts[0].horizons)]
         squares = np.array([part.noise_floor for part in alike]) ** 2
-        differences = np.concatenate([part.errors.differences for part in alike], axis=1)
-        return cls(
-            models=parts[0].models,
-            errors=replace(first, differences=differences),
+        weights = [part.starts for part in alike]
+        return replace(
+            parts[0],
+            differences=np.concatenate([part.differences for part in alike], axis=1),
             noise_floor=np.sqrt(np.average(squares, axis=0, weights=weights)),
-            spread=parts[0].spread,
         )
 
 
@@ -103,11 +130,9 @@ def compare_horizons(case: Case) -> Horizons:
     horizons = ahead * step
     return Horizons(
         models=models,
-        errors=HorizonErrors(
-            horizons=horizons,
-            differences=(states - measured)[:, :, ahead - 1],
-            overlap=int(-(-horizons[-1] // _SPACING)),
-        ),
+        horizons=horizons,
+        differences=(states - measured)[:, :, ahead - 1],
+        overlap=int(-(-horizons[-1] // _SPACING)),
         noise_floor=np.sqrt(np.mean(floor**2, axis=0)),
         spread=np.std(np.concatenate([log.states[part.start : part.stop] for part in parts]), axis=0),
     )

@@ -4,7 +4,7 @@
 
 A row of a step has eps(k+1) and the measurements at k.
 
-Correlation, whiteness and spectrum are in `ballbot.validation.statistics`. The residuals are also converted to wheel
+Correlation and spectrum are in `ballbot.validation.statistics`. The residuals are also converted to wheel
 torques: the additional torque for which the model would be right. In the heading frame and upright, an additional
 torque du changes the rates by h M^-1 W^T du after a sample of h. With S the covariance of the rates' residuals e,
 weighted least squares gives
@@ -28,18 +28,14 @@ from ballbot.fitting.least_squares import fit_linear
 from ballbot.log import STATE_NAMES
 from ballbot.log.columns import wheel_speed_names
 from ballbot.results import to_results
-from ballbot.validation.models import Case, Comparison, ErrorPair, by_state, in_heading_frame
+from ballbot.validation.models import Case, Comparison, ErrorPair, in_heading_frame
 from ballbot.validation.statistics import (
-    LEAST_STEPS,
-    Colour,
     Correlations,
     Spectrum,
-    Whiteness,
     blocks_of,
     correlations,
     lagged,
     spectrum,
-    whiteness,
 )
 
 #: length of the clusters for standard errors [s]
@@ -81,11 +77,6 @@ class Prediction(Comparison):
         return correlations(np.hstack([self.residuals, self.torques]), self.labels, self.segments)
 
     @cached_property
-    def whiteness(self) -> Whiteness | None:
-        """The test of the residuals' whiteness; None if the log is too short."""
-        return whiteness(self.residuals, self.segments)
-
-    @cached_property
     def spectrum(self) -> Spectrum | None:
         """The peaks of the residuals' spectrum; None if the log is too short."""
         return spectrum(self.residuals, self.segments, sample_time=self.sample_time)
@@ -113,30 +104,18 @@ class Prediction(Comparison):
         return tuple(speed_effect(torque, speed, blocks) for torque, speed in wheels)
 
     def remarks(self) -> tuple[Finding, ...]:
-        """Return the findings on correlations, whiteness, spectrum and friction, in this order."""
-        sentences = (
-            *_pair_findings(self.correlations),
-            _whiteness_finding(self.whiteness),
-            _peak_finding(self.spectrum),
-            _speed_finding(self),
-        )
+        """Return the findings on spectrum and friction, in this order."""
+        sentences = (_peak_finding(self.spectrum), _speed_finding(self))
         return tuple(note("residuals", sentence) for sentence in sentences)
 
     def results(self) -> dict[str, object]:
-        white, spectrum = self.whiteness, self.spectrum
+        spectrum = self.spectrum
         return {
             "labels": self.labels,
             "correlation": self.correlations.matrix,
             "significant": self.correlations.significant,
             "effective_samples": self.correlations.counts,
             **self.errors.results(self.models),
-            "whiteness": white
-            and {
-                "verdict": by_state(np.array(white.colours)),
-                "p_value": by_state(white.p_value),
-                "predicted_share": by_state(white.predicted_share),
-                "autocorrelation": by_state(white.autocorrelation),
-            },
             "spectrum": spectrum
             and {
                 "resolution": spectrum.resolution,
@@ -214,74 +193,6 @@ def speed_effect(torque: Floats, speed: Floats, blocks: Ints) -> SpeedEffect:
 
 #: significance level of the tests of all wheels together
 WHEEL_LEVEL = 0.01
-#: correlations from which significant pairs are named: expected and unexpected ones
-_STRONG, _WEAK = 0.5, 0.15
-
-#: pairs of residuals that are expected to correlate, with the reason
-_ROLLING = (
-    "the wheels carry the ball along with the leaning body, "
-    "and its speed is computed from their speeds and the gyro's"
-)
-_INTEGRAL = "the on-board position is the integral of the speed, so it contains the error of the speed"
-_EXPECTED = {
-    frozenset({"e_x_dot", "e_phi_dot"}): _ROLLING,
-    frozenset({"e_y_dot", "e_theta_dot"}): _ROLLING,
-    frozenset({"e_x", "e_phi_dot"}): _ROLLING,
-    frozenset({"e_y", "e_theta_dot"}): _ROLLING,
-    frozenset({"e_x", "e_x_dot"}): _INTEGRAL,
-    frozenset({"e_y", "e_y_dot"}): _INTEGRAL,
-}
-_COLOURS: dict[Colour, str] = {
-    "white": "white",
-    "nearly white": "not white by the test, but their past predicts less than 2 % of them",
-    "noise of the start": "are correlated with the previous sample only: two successive residuals share the noise of "
-    "one measured state, with opposite signs, so this is no error of the model",
-    "coloured": "are correlated with their past: a lasting effect is not modelled, or a sensor is filtered",
-}
-
-
-def _pair_findings(correlation: Correlations) -> list[str]:
-    """Return a sentence for each reason of strong correlations, and one on those without a reason."""
-    labels, matrix = correlation.labels, correlation.matrix
-    expected: dict[str, list[str]] = {}
-    unexpected, marked = [], np.argwhere(np.triu(correlation.significant, 1)[: len(STATE_NAMES)]).tolist()
-    for i, j in marked:
-        reason = _EXPECTED.get(frozenset({labels[i], labels[j]}))
-        pair = f"{labels[i]} with {labels[j]} ({matrix[i, j]:+.2f})"
-        if reason and abs(matrix[i, j]) >= _STRONG:
-            expected.setdefault(reason, []).append(pair)
-        elif not reason and abs(matrix[i, j]) >= _WEAK:
-            unexpected.append(pair)
-    tested = len(labels) * len(STATE_NAMES) - len(STATE_NAMES) * (len(STATE_NAMES) + 1) // 2
-    verb = "is" if len(marked) == 1 else "are"
-    rest = f"except for the expected ones none reaches {_WEAK}: nothing unmodelled stands out."
-    if unexpected:
-        rest = f"unexpected are {', '.join(unexpected)}: something is not modelled."
-    return [
-        *(f"Residuals that are coupled: {', '.join(pairs)}; {reason}." for reason, pairs in expected.items()),
-        f"{len(marked)} of the {tested} pairs of a residual with another or a torque {verb} significant; {rest}",
-    ]
-
-
-def _whiteness_finding(result: Whiteness | None) -> str:
-    if result is None:
-        return (
-            f"There are fewer than {LEAST_STEPS} steps: the log is "
-            "too short to test whether the residuals are white."
-        )
-    parts = []
-    for colour, words in _COLOURS.items():
-        states = [state for state, own in enumerate(result.colours) if own == colour]
-        if not states:
-            continue
-        names = ", ".join(f"e_{STATE_NAMES[state]}" for state in states)
-        share = ""
-        if colour == "coloured":
-            shares = result.predicted_share[states]
-            ends = dict.fromkeys(f"{100 * end:.0f}" for end in (shares.min(), shares.max()))
-            share = f" ({' to '.join(ends)} % of the variance)"
-        parts.append(f"{names}: {words}{share}")
-    return f"Whiteness. {'; '.join(parts)}."
 
 
 def _peak_finding(result: Spectrum | None) -> str:

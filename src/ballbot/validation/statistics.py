@@ -1,4 +1,4 @@
-"""Statistics of correlated residuals: correlation, whiteness and spectrum.
+"""Statistics of correlated residuals: correlation and spectrum.
 
 A series consists of segments, which must not be joined across their gaps.
 
@@ -9,17 +9,6 @@ For independent series (M. Bartlett, Journal of the Royal Statistical Society 98
 
 so the effective sample size of a cell is n over that sum, at most n, and r is tested by Student's t. Holm's correction
 over all cells keeps the probability of any false mark at 5 %.
-
-Whiteness. The test is Ljung and Box's (Biometrika 65 (1978) 297-303) on autocorrelations studentised as by I. Lobato,
-J. Nankervis and N. Savin (Journal of Econometrics 100 (2001) 23-38), so that residuals whose size varies
-with the motion (heteroscedastic ones) do not appear coloured:
-
-    Q = n (n + 2) sum_(j=1..m) r_j^2 / (n - j),      r_j^2 = c_j^2 / mean(e_k^2 e_(k-j)^2)     chi^2 with m if white
-
-In a long log the test rejects whiteness for a negligible autocorrelation. Therefore the share of a residual's variance
-that the m residuals before it predict (Yule-Walker equations) is given beside the test. One cause is not the model's:
-the noise of a measured state enters two residuals with opposite signs, which alone causes an autocorrelation of down to
--1/2 at lag one and none beyond.
 
 Spectrum. Hann windows that overlap by half, as P. Welch's (IEEE Transactions on Audio and Electroacoustics 15 (1967)
 70-73); the logarithms of their periodograms are averaged, so that windows with more motion have no more weight in the
@@ -32,11 +21,10 @@ on a slope one of them exceeds the bins between.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy import linalg, special
+from scipy import special
 from scipy.signal import spectrogram
 
 from ballbot.arrays import Bools, Floats, Ints
@@ -141,68 +129,6 @@ def correlations(columns: Floats, labels: tuple[str, ...], segments: Sequence[in
     significant = np.zeros(matrix.shape, dtype=np.bool_)
     significant[pairs] = holm(p, level=CORRELATION_LEVEL)
     return Correlations(labels=labels, matrix=matrix, counts=counts, significant=significant | significant.T)
-
-
-#: number of lags that are tested
-LAGS = 20
-#: probability that any state of a white log is called coloured
-WHITENESS_LEVEL = 0.05
-#: fewer steps are too few for the test
-LEAST_STEPS = 25 * LAGS
-#: predicted share of the variance below which autocorrelation is negligible
-_NEGLIGIBLE = 0.02
-#: noise of the start: autocorrelation below this at lag one, and of at most this size beyond
-_OF_NOISE, _BEYOND = -0.2, 0.1
-
-Colour = Literal["white", "nearly white", "noise of the start", "coloured"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Whiteness:
-    """The test of whiteness of each column of residuals (k,)."""
-
-    autocorrelation: Floats  #: (LAGS + 1, k)
-    p_value: Floats  #: of each column by itself
-    rejected: Bools  #: with Holm's correction over the columns
-    predicted_share: Floats  #: share of the variance that the previous residuals predict
-
-    @property
-    def colours(self) -> tuple[Colour, ...]:
-        """The classification of each column."""
-        first, *beyond = self.autocorrelation[1:]
-        of_start = (first < _OF_NOISE) & (np.abs(beyond).max(axis=0) < _BEYOND)
-        by_rank: list[Bools] = [~self.rejected, self.predicted_share < _NEGLIGIBLE, of_start]
-        return tuple(np.select(by_rank, get_args(Colour)[:3], "coloured").tolist())
-
-
-def whiteness(residuals: Floats, segments: Sequence[int]) -> Whiteness | None:
-    """Test residuals (n, k) made of `segments`, or return None if there are fewer than `LEAST_STEPS`."""
-    count = len(residuals)
-    if count < LEAST_STEPS:
-        return None
-    covariance = autocovariance(residuals, segments, lags=LAGS)
-    variance = np.where(covariance[0] > 0.0, covariance[0], 1.0)
-    squares = (residuals - residuals.mean(axis=0)) ** 2
-    statistic = np.zeros(residuals.shape[1])
-    for lag in range(1, LAGS + 1):
-        together = np.nanmean(squares * lagged(squares, segments, lag=lag), axis=0)
-        scale = np.where(together > 0.0, together, 1.0)
-        statistic += (count + 2.0) / (count - lag) * count * covariance[lag] ** 2 / scale
-    p_value = special.chdtrc(LAGS, statistic)
-    return Whiteness(
-        autocorrelation=covariance / variance,
-        p_value=p_value,
-        rejected=holm(p_value, level=WHITENESS_LEVEL),
-        # by the past values at all lags, from the autocorrelation
-        predicted_share=np.array([_predicted_share(column) for column in (covariance / variance).T]),
-    )
-
-
-def _predicted_share(memory: Floats) -> float:
-    if memory[0] <= 0.0:
-        return 0.0
-    past = linalg.solve_toeplitz((memory[:-1] + np.eye(len(memory) - 1)[0] * 1e-9), memory[1:])
-    return float(np.clip(past @ memory[1:], 0.0, 1.0))
 
 
 #: length of a window [s] if the log is long enough; its resolution is 1.5 over its length

@@ -5,7 +5,7 @@ packing    columns as few bytes of text
 page       the page with picture, controls and plots, whole or as a part of another page
 
 `web/` has the page's own code: `linear`, `meshes`, `renderer` (WebGL 2), `runs`, `camera`, `scene`, `plots` and
-`replay`, which use one another in that order, and the style sheets.
+`replay`, which use one another in that order, and the style sheets; and uPlot, which draws time series.
 """
 
 from ballbot.viewer.page import Layout as Layout

@@ -4,8 +4,8 @@ A push F at the height h along the body's axis is the generalised force
 
     (F_x, F_y, -h c_theta c_phi F_y, h (c_phi F_x + s_theta s_phi F_y), 0)
 
-on x, y, theta, phi and psi. A floor that rises by the slope s carries the weight along its normal, through the ball's
-centre: to first order the force -(m_b + m_r) g s on x and y. The twin has a floor that tilts.
+on x, y, theta, phi and psi. A floor that rises by the slope s along x carries the weight along its normal, through the
+ball's centre: to first order the force -(m_b + m_r) g s on x. The twin has a floor that tilts.
 """
 
 import math
@@ -49,7 +49,7 @@ class ModelBody:
     def __init__(self, robot: Robot) -> None:
         self.robot = robot  #: with the friction that acts now
         self._plant = ModelPlant(Model(robot))
-        self._slope = (0.0, 0.0)
+        self._slope = 0.0
 
     def reset(self, state: Floats) -> Measurement:
         """Start from a state (10,)."""
@@ -57,7 +57,7 @@ class ModelBody:
         self._last = self._plant.reset(state)
         return self._last
 
-    def change(self, friction: Friction, slope: tuple[float, float]) -> None:
+    def change(self, friction: Friction, slope: float) -> None:
         """Go on with other friction and another slope of the floor."""
         self.robot = self.robot.replace(friction=friction)
         self._plant.model = Model(self.robot)
@@ -71,8 +71,7 @@ class ModelBody:
         pulled = np.zeros(5)
         if any(force):
             pulled += push_force(force, height, before[2:4].tolist())
-        weight = self.robot.weight
-        pulled[:2] -= (weight * self._slope[0], weight * self._slope[1])
+        pulled[0] -= self.robot.weight * self._slope
         if pulled.any():
             self._plant.push(duration * pulled)
         self._last = self._plant.step(torques, duration)
@@ -113,12 +112,11 @@ class TwinBody:
         self._force.clear()
         return self._carried(self._twin.reset(state))
 
-    def change(self, friction: Friction, slope: tuple[float, float]) -> None:
+    def change(self, friction: Friction, slope: float) -> None:
         """Go on with other friction and another slope of the floor; the estimator starts at the true position."""
         last, ball = self._last, self.ball()
         self.robot = self.robot.replace(friction=friction)
-        tilt = (math.atan(slope[1]), -math.atan(slope[0]))
-        self._scenario = replace(self._scenario, friction=friction, floor_tilt=tilt)
+        self._scenario = replace(self._scenario, friction=friction, floor_tilt=(0.0, -math.atan(slope)))
         self._build()
         self._turned, self._wheels, self._start = ball, last.wheel_angles, last.t
         state = last.truth if np.isfinite(last.truth).all() else np.zeros(10)  # it may have diverged

@@ -76,7 +76,6 @@ class Settings:
     friction: Annotated[float, Field(ge=0.0, le=4.0)] = 1.0  #: of each robot's driveline, over its own
     rolling: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0  #: C_rr
     slope_x: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0  #: rise of the floor along x [-]
-    slope_y: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
     motion: Literal["hold", "square", "circle", "figure_eight"] = "hold"  #: of the reference
     x: Annotated[float, Field(ge=-20.0, le=20.0)] = 0.0  #: where that motion begins [m]
     y: Annotated[float, Field(ge=-20.0, le=20.0)] = 0.0
@@ -359,11 +358,11 @@ class World:
         if now.compensation != before.compensation:
             for robot in self.robots:
                 robot.compensate(now.compensation)
-        acting = ("friction", "rolling", "slope_x", "slope_y")
+        acting = ("friction", "rolling", "slope_x")
         if any(getattr(now, name) != getattr(before, name) for name in acting):
             for robot in self.robots:
                 scaled = scaled_friction(robot.friction, now.friction)
-                robot.body.change(replace(scaled, rolling=now.rolling), (now.slope_x, now.slope_y))
+                robot.body.change(replace(scaled, rolling=now.rolling), now.slope_x)
 
     def push(self, push: LivePush) -> None:
         """Push one robot or all."""

@@ -30,9 +30,8 @@ Layout = Literal["side", "ghosts"]
 
 #: logs in one replay
 MOST_RUNS = 4
-RunColor = Literal["blue", "orange", "violet", "teal", "ink"]
-#: of the runs, where no figures stand beside them
-RUN_COLORS: tuple[RunColor, ...] = ("blue", "orange", "violet", "teal")
+#: of the runs, in the order in which the figures of reports have them (`ballbot.report.comparison`)
+RUN_COLORS = ("orange", "blue", "teal", "violet")
 #: of every picture, in the order in which they use one another
 _SCRIPTS = ("element", "linear", "meshes", "renderer", "packing", "runs", "camera", "scene", "plots", "view")
 #: length of the arrow of a large force [m], over the ball's radius
@@ -41,7 +40,7 @@ _ARROW = 2.5
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayPart:
-    """A replay to stand within a page: its element with its data, and what the page needs once."""
+    """A replay to stand within a page: its element with its data, and what the page needs once, besides uPlot."""
 
     element: str  #: HTML
     style: str  #: CSS
@@ -54,13 +53,11 @@ def replay_part(
     *,
     layout: Layout = "side",
     autoplay: bool = False,
-    colors: Sequence[RunColor] = RUN_COLORS,
 ) -> ReplayPart:
     """Return a replay of logs as a part of a page.
 
     At most `MOST_RUNS` logs; time counts from each log's start. With an empty mapping the robots stand at rest. The
-    robot is that of all logs, or of each by the log's name. The page can change the layout; the runs have the colours
-    in which the figures beside the replay draw them.
+    robot is that of all logs, or of each by the log's name. The page can change the layout.
 
     InputError if there is no robot or there are too many logs, or one cannot be shown
     (`ballbot.viewer.motion.motion_of`).
@@ -84,7 +81,7 @@ def replay_part(
         "arrow": _arrow([(motions[name], robots[name]) for name in names]),
         "runs": [
             _run(name, motions[name], robots[name], color)
-            for name, color in zip(names, colors[: len(names)], strict=True)
+            for name, color in zip(names, RUN_COLORS, strict=False)
         ],
     }
     return ReplayPart(
@@ -116,7 +113,8 @@ def replay_page(
     '<!doctype html>'
     """
     part = replay_part(logs, robot, layout=layout, autoplay=True)
-    style, script = part.style + web_file("page.css"), _script("replay", "page")
+    style = web_file("uPlot.min.css") + part.style + web_file("page.css")
+    script = plot_script() + _script("replay", "page")
     return _document(
         title,
         lead=lead,
@@ -164,7 +162,7 @@ def live_page(
             "center": robot.body.center_of_mass,
         }
         for (name, robot), row_names, home, color in zip(
-            robots.items(), names, homes, RUN_COLORS[: len(robots)], strict=True
+            robots.items(), names, homes, RUN_COLORS, strict=False
         )
     ]
     data: dict[str, object] = {
@@ -173,10 +171,8 @@ def live_page(
         "runs": runs,
         "notes": [printable_line(note) for note in (*notes, BODY_NOTE)],
     }
-    style, script = (
-        web_file("replay.css") + web_file("live.css") + web_file("page.css"),
-        _script("live", "page"),
-    )
+    style = "".join(map(web_file, ("uPlot.min.css", "replay.css", "live.css", "page.css")))
+    script = plot_script() + _script("live", "page")
     text = _document(title, lead="", body=_element("live", data), style=style, script=script, policy="")
     policy = f"{_policy(style, script)}; img-src data:; base-uri 'none'; form-action 'none'"
     return LivePage(html=text, policy=policy)
@@ -224,6 +220,12 @@ def web_file(name: str, package: str = "ballbot.viewer") -> str:
 
 
 @cache
+def plot_script() -> str:
+    """Return uPlot, which draws time series (MIT licence), with its licence."""
+    return f"/*! uPlot:\n{web_file('uPlot.LICENSE')}*/\n{web_file('uPlot.iife.min.js')}\n"
+
+
+@cache
 def _script(*scripts: str) -> str:
     parts = "\n".join(web_file(f"{name}.js") for name in (*_SCRIPTS, *scripts))
     return f'(() => {{\n"use strict";\n{parts}\n}})();'
@@ -236,7 +238,7 @@ def _check_number(count: int, what: str) -> None:
         raise InputError(f"{count} {what} are given; a view shows at most {MOST_RUNS}.")
 
 
-def _run(name: str, motion: ReplayMotion, robot: Robot, color: RunColor) -> dict[str, object]:
+def _run(name: str, motion: ReplayMotion, robot: Robot, color: str) -> dict[str, object]:
     return {
         "name": printable_line(name),
         "color": color,

@@ -1,4 +1,4 @@
-"""The server of a live view: one page and one web socket, for whoever has the address with the token.
+"""The server of a live view: one page and one web socket on this computer, for whoever has the token of its address.
 
 One loop simulates and serves: a frame each 20 ms to every page, and requests in between.
 
@@ -11,14 +11,11 @@ page that is open in the same browser reaches it.
 """
 
 import asyncio
-import ipaddress
 import logging
 import secrets
-import socket
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -50,63 +47,39 @@ _SECURITY_HEADERS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class Access:
-    """Which requests are allowed."""
-
-    host: str = LOOPBACK  #: the address or name that the server listens on
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(24), repr=False)
-
-    def names_this_machine(self, host: str) -> bool:
-        """Return whether a Host header names this machine: loopback, or what `host` allows."""
-        try:
-            name = (urlsplit(f"//{host}").hostname or "").lower()
-        except ValueError:
-            return False
-        if name in _LOOPBACK_NAMES or name == self.host.lower():
-            return True
-        if not _is_wildcard(self.host):
-            return False
-        with suppress(ValueError):  # an address cannot be rebound as a name can
-            ipaddress.ip_address(name)
-            return True
-        return name == socket.gethostname().lower()
-
-    def refusal(self, path: str, headers: Headers) -> tuple[int, str] | None:
-        """Return the HTTP status and the sentence with which a request is refused, or None."""
-        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-        if len(hosts) != 1 or not self.names_this_machine(hosts[0]):
-            return 403, "This server is reached by its own address only."
-        address = f"http://{hosts[0]}"
-        route, _, query = path.partition("?")  # urlsplit would read "//..." as a host, which may be invalid
-        upgrading = headers.get("Upgrade", "").lower() == "websocket"
-        if route not in ("/", "/live"):
-            return 404, "There is nothing here."
-        given = parse_qs(query).get("token", [])
-        if len(given) != 1 or not secrets.compare_digest(given[0].encode(), self.token.encode()):
-            return 403, "The address lacks its token. Open the one that the terminal shows."
-        if (route == "/live") != upgrading:
-            return 400, "The page is at /, the web socket at /live."
-        if any(origin != address for origin in origins) or (upgrading and len(origins) != 1):
-            return 403, "Another page's requests are refused."
-        return None
+def _is_loopback(host: str) -> bool:
+    """Return whether a Host header names this computer by a loopback name."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").lower() in _LOOPBACK_NAMES
+    except ValueError:
+        return False
 
 
-def _is_wildcard(host: str) -> bool:
-    return host in ("", "0.0.0.0", "::")
-
-
-def address_of(access: Access, port: int) -> str:
-    """Return the address to open."""
-    name = socket.gethostname() if _is_wildcard(access.host) else access.host
-    return f"http://{f'[{name}]' if ':' in name else name}:{port}/?token={access.token}"
+def refusal(token: str, path: str, headers: Headers) -> tuple[int, str] | None:
+    """Return the HTTP status and the sentence with which a request is refused, or None."""
+    hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+    if len(hosts) != 1 or not _is_loopback(hosts[0]):
+        return 403, "This server is reached by its own address only."
+    address = f"http://{hosts[0]}"
+    route, _, query = path.partition("?")  # urlsplit would read "//..." as a host, which may be invalid
+    upgrading = headers.get("Upgrade", "").lower() == "websocket"
+    if route not in ("/", "/live"):
+        return 404, "There is nothing here."
+    given = parse_qs(query).get("token", [])
+    if len(given) != 1 or not secrets.compare_digest(given[0].encode(), token.encode()):
+        return 403, "The address lacks its token. Open the one that the terminal shows."
+    if (route == "/live") != upgrading:
+        return 400, "The page is at /, the web socket at /live."
+    if any(origin != address for origin in origins) or (upgrading and len(origins) != 1):
+        return 403, "Another page's requests are refused."
+    return None
 
 
 async def serve_live(
     page: LivePage,
     world: World,
     *,
-    access: Access,
+    token: str,  # that every request needs
     port: int = 0,  # to listen on; a free one by default
     ready: Callable[[str], None],  # called with the page's address
     until: asyncio.Event | None = None,  # ends it when it is set
@@ -122,7 +95,7 @@ async def serve_live(
     logger.addFilter(_is_own_mistake)
 
     def answer(connection: ServerConnection, request: HttpRequest) -> Response | None:
-        refused = access.refusal(request.path, request.headers)
+        refused = refusal(token, request.path, request.headers)
         if refused is not None:
             return connection.respond(*refused)
         if request.path.partition("?")[0] == "/live":
@@ -138,7 +111,7 @@ async def serve_live(
     try:
         server = await serve(
             pages.handle,
-            access.host or None,
+            LOOPBACK,
             port,
             process_request=answer,
             compression=None,
@@ -146,10 +119,9 @@ async def serve_live(
             logger=logger,
         )
     except OSError as error:
-        where = f"{access.host or 'every address'}, port {port}"
-        raise InputError(f"The live view cannot listen on {where}: {error.strerror or error}.") from None
+        raise InputError(f"The live view cannot listen on port {port}: {error.strerror or error}.") from None
     async with server:
-        ready(address_of(access, next(iter(server.sockets)).getsockname()[1]))
+        ready(f"http://{LOOPBACK}:{next(iter(server.sockets)).getsockname()[1]}/?token={token}")
         await pages.simulate(until)
 
 

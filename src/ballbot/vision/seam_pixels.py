@@ -10,7 +10,7 @@ and uses brightness if it has none.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import cv2
@@ -182,8 +182,6 @@ _LEAST_CURVE = 0.35
 _BEGINS, _WHOLLY = 0.3, 0.7
 #: and begins at least so many standard deviations of the ball's score above zero
 _LEAST_CONTRAST = 3.5
-#: steps of the differences for derivatives by the view: x, y [pixels], logarithm of the radius, closeness
-_CHANGES = np.array([0.5, 0.5, 2e-3, 2e-3])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,7 +197,6 @@ class BallPixels:
     area: NDArray[np.float32]  #: (m,) of the ball's surface in each, relative
     toward: NDArray[np.float32]  #: (3,) direction from the ball's centre to the lens, camera frame
     rim: float  #: points lower than this along `toward` are too near the rim [ball radii]
-    by_view: NDArray[np.float32]  #: (m, 4, 3) derivatives of p by x, y, ln radius and closeness
     index: NDArray[np.intp]  #: (rows * columns,) row in `p` of each pixel of the box, -1 where not used
     inside: Bools  #: (rows, columns) whether the ball's colour is visible
 
@@ -246,20 +243,8 @@ def ball_pixels(view: View, size: tuple[int, int]) -> BallPixels:
         area=(1.0 / facing[indices]).astype(np.float32),
         toward=-view.axis.astype(np.float32),
         rim=float((1.0 - c2 + np.sqrt(c2**2 + c2 * (view.distance**2 - 1.0))) / view.distance),
-        by_view=_by_view(view, pixels[indices]),
         index=index,
         inside=(facing > _LEAST_BALL).reshape(shape),
-    )
-
-
-def moved(view: View, change: Floats) -> View:
-    """Return a view with x, y, the logarithm of the radius and the closeness changed (4,)."""
-    return replace(
-        view,
-        x=view.x + float(change[0]),
-        y=view.y + float(change[1]),
-        radius=view.radius * float(np.exp(change[2])),
-        closeness=view.closeness + float(change[3]),
     )
 
 
@@ -286,11 +271,3 @@ class SeamFinder:
         area = seam[used] * pixels.area[used]
         seen = SeamPoints(p=pixels.p[used], area=area, indices=used, toward=pixels.toward, rim=pixels.rim)
         return seen, seam
-
-
-def _by_view(view: View, pixels: Floats) -> NDArray[np.float32]:
-    derivatives = np.empty((len(pixels), 4, 3), np.float32)
-    for k, change in enumerate(np.diag(_CHANGES)):
-        after, before = moved(view, change).points(pixels)[0], moved(view, -change).points(pixels)[0]
-        derivatives[:, k] = (after - before) / (2.0 * _CHANGES[k])
-    return derivatives

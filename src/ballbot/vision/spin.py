@@ -30,7 +30,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress, in_sta
 from ballbot.results import key, left_out, reported
 from ballbot.robot import Robot
 from ballbot.rounding import digits, percent, plus_minus
-from ballbot.vision.calibration import Calibration, calibrated_view
+from ballbot.vision.calibration import calibrated_view
 from ballbot.vision.seam import Seam, seam_table, thesis_seam
 from ballbot.vision.seam_pixels import SeamColour, SeamFinder, ball_pixels, learn_colour
 from ballbot.vision.tracking import Track, Velocity, angular_velocity, follow
@@ -45,16 +45,11 @@ class Spin:
     video: Video
     seam: Seam
     colour: SeamColour
-    calibration: Calibration
+    view: View  #: how the camera saw the ball
     t: Floats  #: (n,) of the frames [s]
     track: Track
     velocity: Velocity  #: camera frame
     robot_camera: Rotation  #: camera frame to robot frame, by which `log` is turned
-
-    @property
-    def view(self) -> View:
-        """How the camera saw the ball."""
-        return self.calibration.view
 
     @property
     def known(self) -> Bools:
@@ -113,11 +108,9 @@ def measure_spin(
     pixels = ball_pixels(view, video.size)
     colour = learn_colour([pixels.box(frame) for frame in samples], pixels.inside, radius=view.radius)
     table = seam_table(seam)
-    calibration = calibrated_view(
-        video, view, points, colour=colour, table=table, outline_found=circle is None,
-        progress=in_stage(progress, "calibrating"),
-    )  # fmt: skip
-    finder = SeamFinder(pixels=ball_pixels(calibration.view, video.size), colour=colour)
+    calibrating = in_stage(progress, "calibrating")
+    view = calibrated_view(video, view, points, colour=colour, table=table, progress=calibrating)
+    finder = SeamFinder(pixels=ball_pixels(view, video.size), colour=colour)
     track = follow(video.frames(), finder, table, frame_count=video.stated_frames, progress=progress)
     t = frame_times(track.stated, video)
     velocity = angular_velocity(t, track)
@@ -127,7 +120,7 @@ def measure_spin(
             "a velocity needs; the ball may turn too fast for the frame rate, or be covered."
         )
     return Spin(
-        video=video, seam=seam, colour=colour, calibration=calibration, t=t, track=track, velocity=velocity,
+        video=video, seam=seam, colour=colour, view=view, t=t, track=track, velocity=velocity,
         robot_camera=facing(0.0),
     )  # fmt: skip
 

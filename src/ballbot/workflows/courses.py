@@ -15,7 +15,6 @@ from typing import Literal, cast
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
-from ballbot.control.overcompensation import has_friction
 from ballbot.control.references import REFERENCES, Reference, is_reference_file, read_reference
 from ballbot.errors import InputError, about, check_known
 from ballbot.file_formats import take_format
@@ -90,14 +89,9 @@ class RisingPushes(BaseModel):
 
     def pushes(self, direction: float) -> tuple[Push, ...]:
         """Return them in a direction on the floor, from x towards y [rad]."""
-        toward = (math.cos(direction), math.sin(direction))
+        lasts, height = self.duration, self.height
         return tuple(
-            Push(
-                time=(k + 1) * self.every,
-                duration=self.duration,
-                force=(impulse / self.duration * toward[0], impulse / self.duration * toward[1], 0.0),
-                height=self.height,
-            )
+            Push.of_impulse(impulse, direction, time=(k + 1) * self.every, duration=lasts, height=height)
             for k, impulse in enumerate(self.impulses)
         )
 
@@ -121,8 +115,8 @@ class Course:
 
     def with_wheel_friction(self, friction: Friction) -> Course:
         """Return the course with that friction of the wheels on the twin, too; the floor's stays its own."""
-        rolling = self.scenario.friction.rolling if has_friction(friction) else 0.0
-        return replace(self, scenario=replace(self.scenario, friction=replace(friction, rolling=rolling)))
+        friction = replace(friction, rolling=self.scenario.friction.rolling)
+        return replace(self, scenario=replace(self.scenario, friction=friction))
 
     def plant(self, robot: Robot, *, seed: int = 0) -> LoopRobot | TwinRobot:
         """Return the robot to run, by the model with the robot's friction, by the twin with the scenario's."""

@@ -137,7 +137,7 @@ def task(
     coordinates = estimated_parameters(robot, free=("friction",), law=law, bounds=bounds or Bounds())
     scaled, friction = coordinates.scaled(coordinates.nominal), robot.friction
     if not any((*friction.viscous, *friction.coulomb, *friction.stribeck, friction.rolling)):
-        scaled = coordinates.from_search(np.full(len(scaled), 0.5))
+        scaled = np.where(coordinates.nonnegative, 0.25, 0.5)
     fixed = coordinates.scaled(coordinates.lower)
     point = np.where(coordinates.free, np.clip(scaled, _INSIDE, 1.0 - _INSIDE), fixed)
     return ExcitationTask(

@@ -2,7 +2,7 @@
 
 A study, the league, `excite` and the campaigns use it. Runs of Ballbot's controllers on a `LoopRobot` go through the
 compiled loop, many side by side. All others, on the twin or with a controller or plant written in Python, are computed
-one period at a time by workers: processes, threads or a Dask cluster. The answer of a run depends on its controller,
+one period at a time by workers: processes or threads. The answer of a run depends on its controller,
 plant, course and seed only, not on where or in which order it is computed.
 
 Robust design and limits need thousands of short runs and no logs; they call the loop itself: `simulate_batch`.

@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
 from ballbot.control.interface import Feedback
 from ballbot.control.overcompensation import has_friction
 from ballbot.control.source import ControllerLike, as_controller
-from ballbot.errors import InputError
 from ballbot.fitting.run import ALL_CORES, DEFAULT_RUN, Executor, Run
 from ballbot.log import Log
-from ballbot.progress import in_stage
 from ballbot.results import to_results
 from ballbot.robot import Robot, RobotLike, as_robot
 from ballbot.rounding import digits
@@ -45,9 +42,8 @@ class League(Reported):
     controllers: tuple[str, ...]  #: by name; the others are compared with the first
     seeds: tuple[int, ...]
     scores: Mapping[tuple[str, str], tuple[Score, ...]]  #: by course and controller, seed by seed
-    tracks: Mapping[tuple[str, str], Log]  #: the true path with the first seed
+    tracks: Mapping[tuple[str, str], Log]  #: the true path and the reference with the first seed
     friction: str = ""  #: which friction was assumed, in a sentence, if the robot's file has none
-    twin: League | None = None  #: the best two on the twin, if they ran there too
 
     def to_dict(self) -> dict[str, object]:
         """Return the entries of results.json: standings with their intervals, and every run's score."""
@@ -72,26 +68,20 @@ class League(Reported):
             "first": self.controllers[0],
             "overall": {name: overall(self, name) for name in self.controllers},
             "courses": courses,
-            **({"twin": self.twin.to_dict()} if self.twin else {}),
         }
 
 
-#: friction of a robot whose file has none
-AssumedFriction = Literal["nominal", "none"]
-
-
-def with_assumed_friction(robot: RobotLike, assumed: AssumedFriction) -> tuple[Robot, str]:
+def with_assumed_friction(robot: RobotLike) -> tuple[Robot, str]:
     """Return a robot with its own friction or the one assumed, and a sentence on the latter."""
     robot = as_robot(robot)
     if has_friction(robot.friction):
         return robot, ""
-    lacking = f"The robot file of {robot.name} has no friction"
-    if assumed == "none":
-        return robot, f"{lacking}, and the robot runs without any."
     friction = assumed_friction(robot)
     factor = digits(friction.coulomb[0] / Scenario.nominal(robot).friction.coulomb[0], 2)
-    text = f"{lacking}: it runs with the nominal scenario's, the wheels' torques times {factor} for its wheels' load."
-    return robot.replace(friction=friction), f"{text} The controllers know it."
+    return robot.replace(friction=friction), (
+        f"The robot file of {robot.name} has no friction: it runs with the nominal scenario's, the wheels' torques "
+        f"times {factor} for its wheels' load. The controllers know it."
+    )
 
 
 def compare(
@@ -101,8 +91,6 @@ def compare(
     courses: str = "motions",
     plant: PlantName = "model",
     seeds: Sequence[int] = (1, 2, 3),
-    confirm: int = 0,
-    friction: AssumedFriction = "nominal",
     workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> League:
@@ -111,6 +99,7 @@ def compare(
     Parameters
     ----------
     robot : Robot, preset or robot file
+        One whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`).
     controllers : sequence of str, or mapping of str to Controller, controller file or function
         By name, or as `ballbot compare` names them.
     courses : str
@@ -119,10 +108,6 @@ def compare(
         The compiled loop, or the physics engine.
     seeds : sequence of int
         Of the start and of all that is random in the plant.
-    confirm : int
-        If not 0, the best two run on the twin, too, with so many seeds.
-    friction : {"nominal", "none"}
-        Of a robot whose file has none: that of the nominal scenario for its load (`assumed_friction`), or none.
     workers : Executor, optional
         All cores if not given.
     run : Run, optional
@@ -144,28 +129,16 @@ def compare(
     >>> other.peak_position_error < one.peak_position_error
     True
     """
-    if confirm and plant == "twin":
-        raise InputError(
-            "--confirm runs the best two on the twin after the loop; leave it out with --plant twin."
-        )
-    known, assumed = with_assumed_friction(robot, friction)
+    known, assumed = with_assumed_friction(robot)
     if not isinstance(controllers, Mapping):
         controllers = {one.name: one.controller(known) for one in parse_candidates(controllers)}
     by_name = {name: as_controller(source, known) for name, source in controllers.items()}
 
-    def league(on: PlantName, names: Sequence[str], seeds: Sequence[int], run: Run) -> League:
-        chosen = choose_courses(courses, known, on)
-        if assumed:
-            chosen = [course.with_wheel_friction(known.friction) for course in chosen]
-        return run_league(
-            known, {name: by_name[name] for name in names}, chosen, seeds=seeds, workers=workers, run=run
-        )
-
-    found, twin = league(plant, list(by_name), seeds, run), None
-    if confirm:
-        on_twin = replace(run, progress=in_stage(run.progress, "the best two on the twin"))
-        twin = league("twin", best_two(found), range(1, 1 + confirm), on_twin)
-    return replace(found, friction=assumed, twin=twin)
+    chosen = choose_courses(courses, known, plant)
+    if assumed:
+        chosen = [course.with_wheel_friction(known.friction) for course in chosen]
+    found = run_league(known, by_name, chosen, seeds=seeds, workers=workers, run=run)
+    return replace(found, friction=assumed)
 
 
 def run_league(
@@ -227,12 +200,13 @@ def run_league(
 
 
 def _scored(first: int, run: GridRun, log: Log) -> tuple[Score, Log | None]:
-    """Return a run's score, and its true path (t, x, y) if it is of the first seed."""
+    """Return a run's score, and its true path (t, x, y, ref_x, ref_y) if it is of the first seed."""
     if run.condition.seed != first:
         return run.score(log), None
     step = max(1, round(1.0 / (_TRACK_RATE * log.sample_time))) if len(log) > 1 else 1
     truth = true_place(log)
-    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in ("t", "x", "y")}
+    names = ("t", "x", "y", "ref_x", "ref_y")
+    track = {name: np.round(truth[name][::step], _TRACK_DECIMALS) for name in names}
     return run.score(log), Log(track, ended=log.ended)
 
 
@@ -261,17 +235,6 @@ class Overall:
     falls: int
     fall_interval: tuple[float, float]  #: of their probability, 95 %
     ratios: Mapping[str, Estimate]  #: to the first controller, by the names in RATIOS; empty for itself
-
-
-def best_two(league: League) -> tuple[str, ...]:
-    """Return the two controllers, or the only one, with the fewest falls and of these the least RMS error."""
-
-    def rank(name: str) -> tuple[int, float]:
-        of = overall(league, name)
-        ratio = of.ratios["rms_position_error"].mean if of.ratios else 1.0
-        return of.falls, ratio if np.isfinite(ratio) else np.inf
-
-    return tuple(sorted(league.controllers, key=rank)[:2])
 
 
 def standing(league: League, course: str, controller: str) -> Standing:

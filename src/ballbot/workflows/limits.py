@@ -298,6 +298,7 @@ def recovered_shares(controller: Controller) -> Floats:
     """Return the impulses that each other gain of a controller recovers from over those of its own gain.
 
     The least over some directions (gains,), at the centre of mass's height, with unlimited grip and the true state.
+    InputError if its own gain recovers from none in one of them.
     """
     directions = 2.0 * np.pi * np.arange(_COMPARED) / _COMPARED
     robot = controller.robot
@@ -312,6 +313,11 @@ def recovered_shares(controller: Controller) -> Floats:
         )
 
     own = largest(controller)
+    if not own.min() > 0.0:
+        raise InputError(
+            "The controller's own gain recovers from no impulse, so that no other gain can be compared with it. Give "
+            "it other weights or a higher torque limit."
+        )
     return np.array([(largest(other) / own).min() for other in controller.others])
 
 
@@ -350,9 +356,10 @@ def twin_limits(
     def tried(ray: TwinLimit, size: float) -> GridRun:
         start, pushes, duration = leaning_state(ray.direction, size), (), DURATION
         if ray.kind == "impulse":
-            force = size / PUSH_DURATION * np.array([math.cos(ray.direction), math.sin(ray.direction), 0.0])
             height = loop.robot.body.center_of_mass
-            push = Push(time=_PUSH_TIME, duration=PUSH_DURATION, force=(*force.tolist(),), height=height)
+            push = Push.of_impulse(
+                size, ray.direction, time=_PUSH_TIME, duration=PUSH_DURATION, height=height
+            )
             start, pushes, duration = np.zeros(10), (push,), _PUSH_TIME + DURATION
         plant = TwinRobot(robot=loop.robot, scenario=replace(scenario, pushes=pushes), known=loop.robot)
         condition = Condition(plant=plant, reference=hold, duration=duration, seed=run.seed, start=start)

@@ -1,12 +1,10 @@
-"""Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing, a reference.
+"""Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing.
 
-The standard deviations in a robot's file lead to that of its fastest pole by Monte Carlo. The
-faster of two poles that lie together, as those of a symmetric robot's two leans do, is no smooth function of the
-parameters; the delta method would halve the effect of a parameter that moves only one of them. The sources of the
-variance follow from linear propagation to the mean of the unstable poles, which is smooth.
+The standard deviations in a robot's file lead to that of the mean of its unstable poles, which is a smooth function of
+the parameters; the faster of two poles that lie together, as those of a symmetric robot's two leans do, is none.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +15,6 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.control.presets import KINDS
-from ballbot.control.references import as_reference, is_reference_file
 from ballbot.control.source import named_controller
 from ballbot.errors import InputError
 from ballbot.findings import Finding, stop_on_errors
@@ -28,42 +25,7 @@ from ballbot.log.columns import STATE_NAMES, torque_names, unit_of
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import Model
 from ballbot.robot import Robot
-from ballbot.robot.variations import draw_robots, propagate, uncertain
-from ballbot.workflows.reference_check import ReferenceMargins, check_reference
-
-#: relative error of a standard deviation from so many draws: 1 / sqrt(2 N), 2.5 %
-POLE_DRAWS = 800
-
-
-@dataclass(frozen=True, kw_only=True)
-class PoleSpread:
-    """The fastest unstable pole [rad/s] over robots as they may be."""
-
-    standard_deviation: float
-    interval_95: tuple[float, float]  #: 2.5 % of the draws are below, 2.5 % above
-    draws: int
-    variance_shares: Mapping[str, float]  #: by parameter, the largest first
-
-
-def pole_spread(robot: Robot, *, draws: int = POLE_DRAWS) -> PoleSpread:
-    """Return the distribution of a robot's fastest pole about upright by its standard deviations, exact model."""
-
-    def growths(of: Robot) -> Floats:
-        return np.asarray(Model(of).linearize().poles().real, dtype=np.float64)
-
-    def mean_growth(of: Robot) -> Floats:
-        return np.array([growths(of)[growths(of) > 0.0].mean()])
-
-    fastest = [float(growths(drawn).max()) for drawn in draw_robots(robot, draws, seed=0)]
-    lower, upper = np.quantile(fastest, [0.025, 0.975])
-    mean = propagate(robot, mean_growth)
-    return PoleSpread(
-        standard_deviation=float(np.std(fastest, ddof=1)),
-        interval_95=(float(lower), float(upper)),
-        draws=draws,
-        variance_shares=dict(mean.largest(len(mean.parts))),
-    )
-
+from ballbot.robot.variations import Propagated, propagate, uncertain
 
 #: the thesis's names of the matrices, with what each does and the thesis's equation of it
 MATRICES = {
@@ -74,11 +36,6 @@ MATRICES = {
     "T_obw": "the ball's angular velocity from wheel speed (V.3)",
     "T_vgb": "velocity over ground from the ball's angular velocity (II.15)",
 }
-
-#: how long a named reference is examined [s]: the longest of them goes once around
-_DURATION = 40.0
-#: and one in a file beyond its last row
-_BEYOND = 3.0
 
 
 def check_swing(
@@ -107,14 +64,6 @@ def check_swing(
     return swing
 
 
-def follow_reference(robot: Robot, source: str, controller: str) -> ReferenceMargins:
-    """Return how much of the robot's limits a reference takes, with a preset controller or a controller file."""
-    reference = as_reference(source)
-    duration = float(Log.read(source).t[-1]) + _BEYOND if is_reference_file(source) else _DURATION
-    chosen = named_controller(controller, robot)
-    return check_reference(robot, chosen, reference, name=source, duration=duration)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CheckedRobot:
     """A robot with everything that `ballbot check` reports about it."""
@@ -123,7 +72,6 @@ class CheckedRobot:
     findings: tuple[Finding, ...]  #: of the robot, errors first
     controller: str = "nominal"  #: whose margins are stated: "nominal", "precise" or a file
     swing: SwingInertia | None = None
-    following: ReferenceMargins | None = None
 
     @cached_property
     def matrices(self) -> dict[str, Floats]:
@@ -137,9 +85,9 @@ class CheckedRobot:
         return poles[np.argsort(-poles.real)]
 
     @cached_property
-    def spread(self) -> PoleSpread | None:
-        """The fastest pole as the values' standard deviations leave it; None if none has one."""
-        return pole_spread(self.robot) if uncertain(self.robot) else None
+    def spread(self) -> Propagated | None:
+        """The mean of the unstable poles with its standard deviation; None if no value has one."""
+        return propagate(self.robot, _mean_growth) if uncertain(self.robot) else None
 
     @cached_property
     def margins(self) -> Margins | str:
@@ -150,6 +98,11 @@ class CheckedRobot:
             if self.controller not in KINDS:
                 raise
             return str(error)
+
+
+def _mean_growth(robot: Robot) -> Floats:
+    growths = Model(robot).linearize().poles().real
+    return np.asarray(growths[growths > 0.0].mean(), dtype=np.float64)
 
 
 def linearization_results(model: Model) -> dict[str, object]:

@@ -45,7 +45,6 @@ from ballbot.workflows.controller_choice import (
     draw_plants,
 )
 from ballbot.workflows.controller_prediction import MIN_RUNS, ControllerPrediction, predict
-from ballbot.workflows.stiffness import FrictionByStiffness, measure_stiffness
 
 #: robots that candidates can be compared on
 MAX_DRAWS = 10_000
@@ -71,7 +70,6 @@ class StudyOptions:
     duration: float = SQUARE.duration  #: of each run of a candidate [s]
     draws: int = 100  #: robots on which the candidates are compared, `MIN_RUNS` or more
     confirm: bool = True  #: whether the twin confirms the choice, if its engine is installed
-    quick: bool = False  #: whether to leave out where friction matters
 
 
 #: suits most logs
@@ -91,7 +89,6 @@ class Study(Reported):
     scenario: Scenario  #: whose delay, play, noise, sensors and floor the robots had
     choice: ControllerChoice
     confirmation: Confirmation | None  #: of the choice by the twin; None if there was none
-    stiffness: FrictionByStiffness | None  #: where friction matters; None in a quick study
     prediction: ControllerPrediction | None  #: of the chosen controller's next run
     options: StudyOptions
     seed: int
@@ -185,9 +182,6 @@ def study(
         run=_named(run, "comparing controllers"),
     )
     confirmation = confirm(choice, run=_named(run, "confirming on the twin")) if confirmed else None
-    stiffness = None
-    if not options.quick and "precise" in choice.trials:
-        stiffness = measure_stiffness(choice, run=_named(run, "measuring where friction matters"))
     return Study(
         robot=robot,
         logs=studied,
@@ -198,7 +192,6 @@ def study(
         scenario=tried,
         choice=choice,
         confirmation=confirmation,
-        stiffness=stiffness,
         prediction=predict(choice, log_findings=checked.findings),
         options=options,
         seed=run.seed,

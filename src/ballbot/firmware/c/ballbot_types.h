@@ -21,9 +21,9 @@
 /* Speeds of the table of a friction law. */
 #define BALLBOT_TABLE_SPEEDS 32
 /* SHA-256 of names, order, types, lengths and units of everything below. */
-#define BALLBOT_SCHEMA_DIGEST "aec93920f7298f69600c67c76c784295cd98b6970633413b21c2745e45e68073"
+#define BALLBOT_SCHEMA_DIGEST "451aab360773db5ab90920be3112e7879a91cc202074a37d3ecbd1b2a50ed6ba"
 /* The same as 8 numbers of 31 bits, as the parameters hold it. */
-#define BALLBOT_SCHEMA_WORDS { 784939296, 1999212393, 1611425735, 1819820693, 1301853847, 104022331, 566391902, 1172734067 }
+#define BALLBOT_SCHEMA_WORDS { 1159375670, 125033306, 956899518, 823322503, 445762592, 544514941, 1053544882, 621729466 }
 
 /* Every number below has the same width. */
 typedef char ballbot_numbers_are_alike[(sizeof(float) == sizeof(int32_t)) ? 1 : -1];
@@ -430,11 +430,9 @@ struct ballbot_kalman_memory {
     float pivoting; /* [rad/s] */
     float x[14]; /* [state] */
     float rest[14]; /* [state] */
-    float sine; /* [1] */
-    float cosine; /* [1] */
     float P[14][14]; /* [product of two states] */
 };
-typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 236u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_kalman_memory_has_no_padding[(sizeof(struct ballbot_kalman_memory) == 234u * sizeof(float)) ? 1 : -1];
 
 /* All that changes while the robot runs. */
 struct ballbot_state {
@@ -447,7 +445,7 @@ struct ballbot_state {
     struct ballbot_onboard_memory onboard;
     struct ballbot_kalman_memory kalman;
 };
-typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 880u * sizeof(float)) ? 1 : -1];
+typedef char ballbot_state_has_no_padding[(sizeof(struct ballbot_state) == 878u * sizeof(float)) ? 1 : -1];
 
 /* The readings of all sensors at one instant; a value that is missing is NaN. */
 struct ballbot_reading_record {

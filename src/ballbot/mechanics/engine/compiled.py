@@ -30,6 +30,8 @@ _INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper
 
 #: a function that is inlined where it is used
 inlined = njit(fastmath=FAST, forceinline=True, **_INSIDE)
+#: the same, before anything is compiled: for a large function, which by itself would take as long as with its caller
+spliced = njit(fastmath=FAST, inline="always", **_INSIDE)
 
 
 #: packages with compiled sources, each using those before it

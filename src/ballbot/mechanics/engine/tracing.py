@@ -101,7 +101,7 @@ class TracedNumber:
         return 0 - self
 
     def __abs__(self) -> TracedNumber:
-        return _called("llvm.fabs", self)
+        return called("llvm.fabs", self)
 
     def __invert__(self) -> TracedNumber:
         return TracedNumber(_Target.builder.not_(self.value))
@@ -181,7 +181,8 @@ def _kind_of(number: float) -> Any:
     return _WHOLE if isinstance(number, int) else REAL
 
 
-def _called(name: str, *numbers: TracedNumber) -> TracedNumber:
+def called(name: str, *numbers: TracedNumber) -> TracedNumber:
+    """Return the result of an intrinsic function."""
     function = _Target.builder.module.declare_intrinsic(name, [REAL])
     return TracedNumber(_Target.builder.call(function, [_value(number, like=REAL) for number in numbers]))
 
@@ -231,7 +232,7 @@ def _joined(conditions: Sequence, join: Callable):
 
 def root(x):
     """Return the square root."""
-    return _called("llvm.sqrt", x) if isinstance(x, TracedNumber) else np.sqrt(x)
+    return called("llvm.sqrt", x) if isinstance(x, TracedNumber) else np.sqrt(x)
 
 
 FUNCTIONS |= {np.where: where, np.minimum: least, np.maximum: greatest, np.sqrt: root}

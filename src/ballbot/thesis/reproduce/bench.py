@@ -217,6 +217,7 @@ def rounded_friction(robot: Robot) -> Robot:
     values = {
         name: tuple(map(rounded, value)) if isinstance(value, tuple) else rounded(value)
         for name, value in vars(robot.friction).items()
+        if name not in ("law", "own")  # the classical law, without parameters of its own
     }
     return robot.replace(friction=replace(robot.friction, **values))
 

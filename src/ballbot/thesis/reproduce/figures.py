@@ -24,7 +24,7 @@ from ballbot.mechanics.parameters import Formulation
 from ballbot.report.alignment import errors_series
 from ballbot.report.bench import measured_figure, swing_series
 from ballbot.report.blocks import Sheet
-from ballbot.report.comparison import paths_figure, position_error_series
+from ballbot.report.comparison import candidate_name, paths_figure, position_error_series
 from ballbot.report.series import Line, Look, Panel, TimeSeries, together
 from ballbot.report.style import LOOKS, STATE_UNITS, one_panel, thinned
 from ballbot.report.validation import correlation_figure, symbols
@@ -587,7 +587,7 @@ def figure_5_6(bench: Bench) -> Item:
             ),
             check(nearer, from_path, _ratios(ways["none"], ways["full"]), lowest=_CLEARLY),
         ),
-        figure=lambda: paths_figure({kind: bench.changes[kind][0] for kind in _WORDS}),
+        figure=lambda: paths_figure({candidate_name(kind): bench.changes[kind][0] for kind in _WORDS}),
     )
 
 
@@ -631,7 +631,9 @@ def figure_5_8(bench: Bench) -> Item:
             check(less, measured, _ratios(peaks["full"], simulated), lowest=1.0),
         ),
         table=_runs_table(runs, peaks),
-        series=lambda: position_error_series({kind: logs[0] for kind, logs in runs.items()}, ""),
+        series=lambda: position_error_series(
+            {candidate_name(kind): logs[0] for kind, logs in runs.items()}, ""
+        ),
     )
 
 

@@ -5,6 +5,7 @@
 #include "compensated_sum.h"
 #include "estimation/kalman_model.h"
 #include "estimation/known.h"
+#include "estimation/swing.h"
 
 /* Values of `started`. */
 enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
@@ -18,87 +19,17 @@ enum { LOST = -1, NOT_STARTED = 0, RUNNING = 1 };
 /* Largest count of samples without encoders; beyond it a float skips whole numbers */
 #define MOST_MISSED 0x1000000
 
-/* Before a loop: unrolled it is faster, rolled it takes less flash. Other compilers decide by themselves. */
-#if defined(__GNUC__)
-#define UNROLLED _Pragma("GCC unroll 14")
-#define ROLLED _Pragma("GCC unroll 1")
-#else
-#define UNROLLED
-#define ROLLED
-#endif
-
-/* square of a cosine, at least */
-#define LEAST_UPRIGHT_SQUARED 1.0e-6f
-
-/* Return the cosine with this square; beyond 90 degrees, where only noise can take the lean, it is nearly zero. */
-static float root_of(float square)
-{
-    return ballbot_square_root((square > LEAST_UPRIGHT_SQUARED) ? square : LEAST_UPRIGHT_SQUARED);
-}
-
-/* Return C w, component k [m/s]. */
-static float lever_speed(const struct ballbot_kalman_record *record, int32_t k, const float w[3])
-{
-    return record->lever[k][0] * w[0] + record->lever[k][1] * w[1] + record->lever[k][2] * w[2];
-}
-
 /* ---- the motion ---- */
 
-/* Multiply a state's error by a factor. */
-static void fade(float P[STATES][STATES], int32_t state, float factor)
-{
-    for (int32_t i = 0; i <= state; ++i) {
-        P[i][state] *= factor;
-    }
-    for (int32_t i = state; i < STATES; ++i) {
-        P[state][i] *= factor;
-    }
-}
-
-/*
- * Overwrite the covariance P by F P F^T + Q.
- *
- * A sample's gyro noise does what a bias of one sample would: Q = F_b F_b^T gyro_variance + walk, F_b the bias's columns
- * of F, less the bias's own rows. It comes in with the second product if F P is larger by gyro_variance F_b in it.
- * What is forgotten of a state goes first, and is not in f. What lies below P's diagonal is filled in, and wrong after it.
- */
+/* Overwrite the covariance P by F P F^T + Q, less what is forgotten. */
 static void propagate(const struct ballbot_kalman_record *record, const float f[F_ENTRIES], float P[STATES][STATES])
 {
     float FP[STATES][STATES];
-    if ((P[PSI][PSI] > FORGOTTEN_ABOVE) || (P[X][X] > FORGOTTEN_ABOVE) || (P[Y][Y] > FORGOTTEN_ABOVE)) {
-        fade(P, PSI, REMEMBERED);
-        fade(P, X, REMEMBERED);
-        fade(P, Y, REMEMBERED);
+    faded(record->forgotten, P);
+    for (int32_t j = 0; j < STATES; ++j) {
+        carried(f, P[j], FP[j]);
     }
-    fade(P, A_X, 1.0f - record->forgotten);
-    fade(P, A_Y, 1.0f - record->forgotten);
-    UNROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        UNROLLED
-        for (int32_t j = 0; j < i; ++j) {
-            P[i][j] = P[j][i];
-        }
-    }
-    ROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        carried(f, P[i], &FP[0][i], STATES);
-    }
-    for (int32_t i = 0; i < DRIVEN; ++i) {
-        for (int32_t j = DRIVEN; j < STATES; ++j) {
-            P[i][j] = FP[j][i];
-        }
-        P[i][i] += record->walk[i];
-    }
-    shaken(f, record->gyro_variance, FP);
-    UNROLLED
-    for (int32_t i = DRIVEN; i < STATES; ++i) {
-        float row[STATES];
-        carried(f, FP[i], row, 1);
-        for (int32_t j = i; j < STATES; ++j) {
-            P[i][j] = row[j];
-        }
-        P[i][i] += record->walk[i];
-    }
+    propagated(record, f, FP, P);
 }
 
 /* Move the state on by a sample and give the mean of v (2) [m/s] over it. */
@@ -106,12 +37,7 @@ static void advance(const struct ballbot_kalman_record *record, struct ballbot_k
                     const float gyro[3], float velocity[2])
 {
     float change[STATES];
-    float s;
-    float c;
     moved(record, memory->x, gyro, change, velocity);
-    ballbot_sine_cosine(memory->x[PSI] + 0.5f * change[PSI], &s, &c);
-    change[X] = record->sample_time * (c * velocity[0] - s * velocity[1]);
-    change[Y] = record->sample_time * (s * velocity[0] + c * velocity[1]);
     for (int32_t i = 0; i < STATES; ++i) {
         ballbot_add(&memory->x[i], &memory->rest[i], change[i]);
     }
@@ -135,19 +61,10 @@ static void take_in(float P[STATES][STATES], struct seen *seen, int32_t number)
     float spread;
     float known;
     projected(number, P, seen->h, seen->change, q, &spread, &known);
-    const float residual = seen->residual[number] - known;
     spread = (spread > 0.0f) ? spread : 0.0f; /* but for rounding */
     const float inverse = 1.0f / (spread + seen->variance[number]);
     seen->kept *= seen->variance[number] * inverse;
-    UNROLLED
-    for (int32_t i = 0; i < STATES; ++i) {
-        const float gain = q[i] * inverse;
-        seen->change[i] += gain * residual;
-        UNROLLED
-        for (int32_t j = i; j < STATES; ++j) {
-            P[i][j] -= gain * q[j];
-        }
-    }
+    corrected(q, seen->residual[number] - known, inverse, P, seen->change);
 }
 
 /* Take in all that was seen, one number after the other. A number that is missing, or does not count, changes nothing. */
@@ -184,26 +101,9 @@ static void absorb(const struct ballbot_kalman_record *record, struct ballbot_ka
 
 /* ---- a sample ---- */
 
-/*
- * Give x and y of the AHRS's upward direction g = R^T e_z and return its heading [rad], with the turns of psi.
- *
- * heading = psi + 2 atan(tan(theta/2) tan(phi/2))
- */
-static float lean_and_heading(const float attitude[3], float lean[2])
-{
-    float s1, c1, s2, c2, s3, c3;
-    ballbot_sine_cosine(attitude[0], &s1, &c1);
-    ballbot_sine_cosine(attitude[1], &s2, &c2);
-    ballbot_sine_cosine(attitude[2], &s3, &c3);
-    const float forward = -c1 * s2; /* before the turn by psi */
-    lean[0] = c3 * forward + s3 * s1;
-    lean[1] = c3 * s1 - s3 * forward;
-    return attitude[2] + 2.0f * ballbot_arctangent(s1 * s2, (1.0f + c1) * (1.0f + c2));
-}
-
 /* Begin at the first whole reading: its attitude, v = 0. */
 static void start(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, const float gyro[3],
-                  const float attitude[3])
+                  struct ballbot_swing shown)
 {
     const float position[2] = {memory->x[X], memory->x[Y]};
     for (int32_t i = 0; i < STATES; ++i) {
@@ -217,15 +117,10 @@ static void start(const struct ballbot_kalman_record *record, struct ballbot_kal
     for (int32_t k = 0; k < 3; ++k) {
         memory->P[TOGETHER[k][0]][TOGETHER[k][1]] = record->start_covariances[k];
     }
-    for (int32_t k = 0; k < 2; ++k) {
-        memory->x[X + k] = position[k];
-        memory->x[G_X + k] = attitude[k];
-        memory->x[S_X + k] = lever_speed(record, k, gyro);
-    }
-    memory->x[PSI] = attitude[2];
-    memory->x[SHOWN_PSI] = attitude[2];
+    memory->x[X] = position[0];
+    memory->x[Y] = position[1];
+    ballbot_begin_filter(record->lever, shown, gyro, memory->x);
     memory->pivoting = 0.0f;
-    memory->missed = 0;
 }
 
 /* Give the ball's mean turning relative to the body (3) [rad/s] since the encoders last had all counts. */
@@ -270,9 +165,10 @@ static void fix_of(const struct ballbot_kalman_memory *memory, const struct ball
  * v [m/s].
  */
 static void see(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory,
-                const struct ballbot_reading_record *reading, const float wheels[3], const float attitude[3],
-                const float gyro[3], const float velocity[2])
+                const struct ballbot_reading_record *reading, const float wheels[3],
+                struct ballbot_swing shown, const float gyro[3], const float velocity[2])
 {
+    const float attitude[3] = {shown.g_x, shown.g_y, shown.heading};
     struct seen seen;
     float fix[3];
     for (int32_t k = 0; k < FIX; ++k) {
@@ -291,58 +187,19 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
 
 /* Predict the state over a sample, and correct it by what is seen. */
 static void sample(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory,
-                   const struct ballbot_reading_record *reading, const float wheels[3], const float attitude[3],
-                   const float gyro[3])
+                   const struct ballbot_reading_record *reading, const float wheels[3],
+                   struct ballbot_swing shown, const float gyro[3])
 {
-    const float turn[2] = {memory->sine, memory->cosine};
     float mean[3];
     float f[F_ENTRIES];
     float velocity[2];
     for (int32_t k = 0; k < 3; ++k) {
         mean[k] = 0.5f * (memory->gyro[k] + gyro[k]);
     }
-    linearized(record, memory->x, mean, turn, f);
+    linearized(record, memory->x, mean, f);
     advance(record, memory, mean, velocity);
     propagate(record, f, memory->P);
-    see(record, memory, reading, wheels, attitude, mean, velocity);
-}
-
-/* Give the state (10) that the robot is controlled by, and remember the heading's sine and cosine for the next sample. */
-static void give(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, float state[10])
-{
-    const float *const x = memory->x;
-    float w[3];
-    for (int32_t k = 0; k < 3; ++k) {
-        w[k] = memory->gyro[k] - x[B_X + k];
-    }
-    const float g_x = x[G_X];
-    const float g_y = x[G_Y];
-    const float g_z = root_of((1.0f - g_x * g_x) - g_y * g_y);
-    const float share = 1.0f / (1.0f + g_z);
-    const float v_x = x[S_X] - lever_speed(record, 0, w);
-    const float v_y = x[S_Y] - lever_speed(record, 1, w);
-    float s;
-    float c;
-    ballbot_sine_cosine(x[PSI], &s, &c);
-    memory->sine = s;
-    memory->cosine = c;
-    /* of R = Rz(psi_s) M: its last column is (s2, -s1 c2, c1 c2), its first row (c2 c3, -c2 s3, s2) */
-    const float s1_c2 = s * g_x + c * g_y;
-    const float s2 = s * g_y - c * g_x;
-    const float c2 = root_of((1.0f - s2) * (1.0f + s2));
-    const float m_12 = -share * g_x * g_y;
-    const float c2_c3 = c * (1.0f - share * g_x * g_x) - s * m_12;
-    const float c2_s3 = s * (1.0f - share * g_y * g_y) - c * m_12;
-    state[0] = x[X];
-    state[1] = x[Y];
-    state[2] = ballbot_arctangent(s1_c2, g_z);
-    state[3] = ballbot_arctangent(s2, c2);
-    state[4] = x[PSI] - 2.0f * ballbot_arctangent(s1_c2 * s2, (c2 + g_z) * (1.0f + c2));
-    state[5] = c * v_x - s * v_y;
-    state[6] = s * v_x + c * v_y;
-    state[7] = (c2_c3 * w[0] - c2_s3 * w[1]) / (c2 * c2);
-    state[8] = (c2_s3 * w[0] + c2_c3 * w[1]) / c2;
-    state[9] = w[2] - s2 * state[7];
+    see(record, memory, reading, wheels, shown, mean, velocity);
 }
 
 void ballbot_kalman_reset(struct ballbot_kalman_memory *memory, const float position[2])
@@ -360,7 +217,7 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
     const int32_t turned = (reading->encoders_valid != 0) ? 1 : 0;
     int32_t whole = leans & turned;
     float wheels[3] = {unknown, unknown, unknown};
-    float attitude[3] = {unknown, unknown, unknown};
+    struct ballbot_swing shown = {unknown, unknown, unknown};
     float gyro[3];
     for (int32_t k = 0; k < 3; ++k) {
         const int32_t known = ballbot_known(reading->gyro[k]);
@@ -369,17 +226,17 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
     }
     if ((memory->started == RUNNING) || ((memory->started == NOT_STARTED) && (whole != 0))) {
         if (leans != 0) {
-            attitude[2] = lean_and_heading(reading->attitude, attitude);
+            shown = ballbot_swing_of(reading->attitude[0], reading->attitude[1], reading->attitude[2]);
         }
         if (memory->started == RUNNING) {
             if (turned != 0) {
                 ball_rate_of(record, memory, wheel_count, reading->wheel_counts, wheels);
             }
-            sample(record, memory, reading, wheels, attitude, gyro);
+            sample(record, memory, reading, wheels, shown, gyro);
         } else {
-            start(record, memory, gyro, attitude);
+            start(record, memory, gyro, shown);
             const float at_rest[2] = {0.0f, 0.0f};
-            see(record, memory, reading, wheels, attitude, gyro, at_rest);
+            see(record, memory, reading, wheels, shown, gyro, at_rest);
             memory->started = RUNNING;
         }
         memory->missed = (turned != 0) ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
@@ -391,7 +248,7 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
         }
     }
     if (memory->started == RUNNING) {
-        give(record, memory, state);
+        ballbot_robot_state(record->lever, memory->x, memory->gyro, state);
     } else {
         for (int32_t k = 0; k < 10; ++k) {
             state[k] = unknown;

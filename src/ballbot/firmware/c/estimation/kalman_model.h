@@ -24,16 +24,12 @@ enum { F_ENTRIES = 34, H_ENTRIES = 13 };
 /* Omega_z, which does not count while the ball pivots. */
 enum { PIVOTING_SEEN = 2 };
 
-/* Variance of psi [rad^2], x or y [m^2] above which a sample multiplies the errors of all three by REMEMBERED */
-#define FORGOTTEN_ABOVE 0.04f
-#define REMEMBERED 0.9999962f
-
 /* Pairs of states that are known from the start only together. */
 static const int32_t TOGETHER[3][2] = {{A_X, G_X}, {A_Y, G_Y}, {PSI, SHOWN_PSI}};
 
-/* Give what a sample adds to the states before the place, and the mean of v (2) [m/s] over it. */
+/* Give what a sample adds to the state, and the mean of v (2) [m/s] over it. */
 static inline void moved(const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3], float
-        change[X], float velocity[2])
+        change[STATES], float velocity[2])
 {
     const float t0 = gyro[0] - x[B_X];
     const float t1 = gyro[1] - x[B_Y];
@@ -51,29 +47,38 @@ static inline void moved(const struct ballbot_kalman_record *record, const float
         x[G_Y])))))) - ((record->pull[0][0] * t6) + (record->pull[0][1] * t7))) * record->sample_time;
     const float t13 = ((t11 * (x[S_X] + (t5 * ((t10 * x[S_Y]) - ((record->pull[0][0] * x[G_X]) + (record->pull[0][1] *
         x[G_Y])))))) - ((record->pull[1][0] * t6) + (record->pull[1][1] * t7))) * record->sample_time;
-    const float t14 = -record->forgotten;
-    change[0] = 0.0f;
-    change[1] = 0.0f;
-    change[2] = 0.0f;
-    change[3] = 0.0f;
-    change[4] = x[A_X] * t14;
-    change[5] = x[A_Y] * t14;
-    change[6] = ((t7 * t2) - (t9 * t1)) * record->sample_time;
-    change[7] = ((t9 * t0) - (t6 * t2)) * record->sample_time;
-    change[8] = t12;
-    change[9] = t13;
-    change[10] = record->sample_time * t10;
-    change[11] = record->sample_time * (t10 + x[DRIFT]);
-    velocity[0] = (x[S_X] + (0.5f * t12)) - (((record->lever[0][0] * t0) + (record->lever[0][1] * t1)) +
+    const float t14 = (x[S_X] + (0.5f * t12)) - (((record->lever[0][0] * t0) + (record->lever[0][1] * t1)) +
         (record->lever[0][2] * t2));
-    velocity[1] = (x[S_Y] + (0.5f * t13)) - (((record->lever[1][0] * t0) + (record->lever[1][1] * t1)) +
+    const float t15 = (x[S_Y] + (0.5f * t13)) - (((record->lever[1][0] * t0) + (record->lever[1][1] * t1)) +
         (record->lever[1][2] * t2));
+    const float t16 = -record->forgotten;
+    const float t17 = record->sample_time * t10;
+    float turn[2];
+    ballbot_sine_cosine((x[PSI] + (0.5f * t17)), &turn[0], &turn[1]);
+    change[B_X] = 0.0f;
+    change[B_Y] = 0.0f;
+    change[B_Z] = 0.0f;
+    change[DRIFT] = 0.0f;
+    change[A_X] = x[A_X] * t16;
+    change[A_Y] = x[A_Y] * t16;
+    change[G_X] = ((t7 * t2) - (t9 * t1)) * record->sample_time;
+    change[G_Y] = ((t9 * t0) - (t6 * t2)) * record->sample_time;
+    change[S_X] = t12;
+    change[S_Y] = t13;
+    change[PSI] = t17;
+    change[SHOWN_PSI] = record->sample_time * (t10 + x[DRIFT]);
+    change[X] = ((turn[1] * t14) - (turn[0] * t15)) * record->sample_time;
+    change[Y] = ((turn[0] * t14) + (turn[1] * t15)) * record->sample_time;
+    velocity[0] = t14;
+    velocity[1] = t15;
 }
 
-/* Give the entries of F; `turn` are sine and cosine of the heading. */
+/* Give the entries of F. */
 static inline void linearized(const struct ballbot_kalman_record *record, const float x[STATES], const float gyro[3],
-        const float turn[2], float f[F_ENTRIES])
+        float f[F_ENTRIES])
 {
+    float turn[2];
+    ballbot_sine_cosine(x[PSI], &turn[0], &turn[1]);
     const float t0 = gyro[0] - x[B_X];
     const float t1 = gyro[1] - x[B_Y];
     const float t2 = gyro[2] - x[B_Z];
@@ -131,48 +136,324 @@ static inline void linearized(const struct ballbot_kalman_record *record, const 
     f[33] = (record->lever[0][2] * t11) + (record->lever[1][2] * t12);
 }
 
-/* Give the elements from DRIVEN on of F times a column; the result's lie `apart`. */
-static inline void carried(const float f[F_ENTRIES], const float column[STATES], float *result, int32_t apart)
+/* Take from P what is forgotten of states' errors, and fill in what lies below its diagonal. */
+static inline void faded(float forgotten, float P[STATES][STATES])
+{
+    const float t0 = (((P[PSI][PSI] > 0.04f) || (P[X][X] > 0.04f)) || (P[Y][Y] > 0.04f)) ? 0.9999962f : 1.0f;
+    const float t1 = 1.0f - forgotten;
+    P[B_X][A_X] = P[B_X][A_X] * t1;
+    P[B_Y][A_X] = P[B_Y][A_X] * t1;
+    P[B_Z][A_X] = P[B_Z][A_X] * t1;
+    P[DRIFT][A_X] = P[DRIFT][A_X] * t1;
+    P[A_X][A_X] = (P[A_X][A_X] * t1) * t1;
+    P[B_X][A_Y] = P[B_X][A_Y] * t1;
+    P[B_Y][A_Y] = P[B_Y][A_Y] * t1;
+    P[B_Z][A_Y] = P[B_Z][A_Y] * t1;
+    P[DRIFT][A_Y] = P[DRIFT][A_Y] * t1;
+    P[A_X][A_Y] = (P[A_X][A_Y] * t1) * t1;
+    P[A_Y][A_Y] = (P[A_Y][A_Y] * t1) * t1;
+    P[A_X][G_X] = P[A_X][G_X] * t1;
+    P[A_Y][G_X] = P[A_Y][G_X] * t1;
+    P[A_X][G_Y] = P[A_X][G_Y] * t1;
+    P[A_Y][G_Y] = P[A_Y][G_Y] * t1;
+    P[A_X][S_X] = P[A_X][S_X] * t1;
+    P[A_Y][S_X] = P[A_Y][S_X] * t1;
+    P[A_X][S_Y] = P[A_X][S_Y] * t1;
+    P[A_Y][S_Y] = P[A_Y][S_Y] * t1;
+    P[B_X][PSI] = P[B_X][PSI] * t0;
+    P[B_Y][PSI] = P[B_Y][PSI] * t0;
+    P[B_Z][PSI] = P[B_Z][PSI] * t0;
+    P[DRIFT][PSI] = P[DRIFT][PSI] * t0;
+    P[A_X][PSI] = (P[A_X][PSI] * t0) * t1;
+    P[A_Y][PSI] = (P[A_Y][PSI] * t0) * t1;
+    P[G_X][PSI] = P[G_X][PSI] * t0;
+    P[G_Y][PSI] = P[G_Y][PSI] * t0;
+    P[S_X][PSI] = P[S_X][PSI] * t0;
+    P[S_Y][PSI] = P[S_Y][PSI] * t0;
+    P[PSI][PSI] = (P[PSI][PSI] * t0) * t0;
+    P[A_X][SHOWN_PSI] = P[A_X][SHOWN_PSI] * t1;
+    P[A_Y][SHOWN_PSI] = P[A_Y][SHOWN_PSI] * t1;
+    P[PSI][SHOWN_PSI] = P[PSI][SHOWN_PSI] * t0;
+    P[B_X][X] = P[B_X][X] * t0;
+    P[B_Y][X] = P[B_Y][X] * t0;
+    P[B_Z][X] = P[B_Z][X] * t0;
+    P[DRIFT][X] = P[DRIFT][X] * t0;
+    P[A_X][X] = (P[A_X][X] * t0) * t1;
+    P[A_Y][X] = (P[A_Y][X] * t0) * t1;
+    P[G_X][X] = P[G_X][X] * t0;
+    P[G_Y][X] = P[G_Y][X] * t0;
+    P[S_X][X] = P[S_X][X] * t0;
+    P[S_Y][X] = P[S_Y][X] * t0;
+    P[PSI][X] = (P[PSI][X] * t0) * t0;
+    P[SHOWN_PSI][X] = P[SHOWN_PSI][X] * t0;
+    P[X][X] = (P[X][X] * t0) * t0;
+    P[B_X][Y] = P[B_X][Y] * t0;
+    P[B_Y][Y] = P[B_Y][Y] * t0;
+    P[B_Z][Y] = P[B_Z][Y] * t0;
+    P[DRIFT][Y] = P[DRIFT][Y] * t0;
+    P[A_X][Y] = (P[A_X][Y] * t0) * t1;
+    P[A_Y][Y] = (P[A_Y][Y] * t0) * t1;
+    P[G_X][Y] = P[G_X][Y] * t0;
+    P[G_Y][Y] = P[G_Y][Y] * t0;
+    P[S_X][Y] = P[S_X][Y] * t0;
+    P[S_Y][Y] = P[S_Y][Y] * t0;
+    P[PSI][Y] = (P[PSI][Y] * t0) * t0;
+    P[SHOWN_PSI][Y] = P[SHOWN_PSI][Y] * t0;
+    P[X][Y] = (P[X][Y] * t0) * t0;
+    P[Y][Y] = (P[Y][Y] * t0) * t0;
+    P[B_Y][B_X] = P[B_X][B_Y];
+    P[B_Z][B_X] = P[B_X][B_Z];
+    P[B_Z][B_Y] = P[B_Y][B_Z];
+    P[DRIFT][B_X] = P[B_X][DRIFT];
+    P[DRIFT][B_Y] = P[B_Y][DRIFT];
+    P[DRIFT][B_Z] = P[B_Z][DRIFT];
+    P[A_X][B_X] = P[B_X][A_X];
+    P[A_X][B_Y] = P[B_Y][A_X];
+    P[A_X][B_Z] = P[B_Z][A_X];
+    P[A_X][DRIFT] = P[DRIFT][A_X];
+    P[A_Y][B_X] = P[B_X][A_Y];
+    P[A_Y][B_Y] = P[B_Y][A_Y];
+    P[A_Y][B_Z] = P[B_Z][A_Y];
+    P[A_Y][DRIFT] = P[DRIFT][A_Y];
+    P[A_Y][A_X] = P[A_X][A_Y];
+    P[G_X][B_X] = P[B_X][G_X];
+    P[G_X][B_Y] = P[B_Y][G_X];
+    P[G_X][B_Z] = P[B_Z][G_X];
+    P[G_X][DRIFT] = P[DRIFT][G_X];
+    P[G_X][A_X] = P[A_X][G_X];
+    P[G_X][A_Y] = P[A_Y][G_X];
+    P[G_Y][B_X] = P[B_X][G_Y];
+    P[G_Y][B_Y] = P[B_Y][G_Y];
+    P[G_Y][B_Z] = P[B_Z][G_Y];
+    P[G_Y][DRIFT] = P[DRIFT][G_Y];
+    P[G_Y][A_X] = P[A_X][G_Y];
+    P[G_Y][A_Y] = P[A_Y][G_Y];
+    P[G_Y][G_X] = P[G_X][G_Y];
+    P[S_X][B_X] = P[B_X][S_X];
+    P[S_X][B_Y] = P[B_Y][S_X];
+    P[S_X][B_Z] = P[B_Z][S_X];
+    P[S_X][DRIFT] = P[DRIFT][S_X];
+    P[S_X][A_X] = P[A_X][S_X];
+    P[S_X][A_Y] = P[A_Y][S_X];
+    P[S_X][G_X] = P[G_X][S_X];
+    P[S_X][G_Y] = P[G_Y][S_X];
+    P[S_Y][B_X] = P[B_X][S_Y];
+    P[S_Y][B_Y] = P[B_Y][S_Y];
+    P[S_Y][B_Z] = P[B_Z][S_Y];
+    P[S_Y][DRIFT] = P[DRIFT][S_Y];
+    P[S_Y][A_X] = P[A_X][S_Y];
+    P[S_Y][A_Y] = P[A_Y][S_Y];
+    P[S_Y][G_X] = P[G_X][S_Y];
+    P[S_Y][G_Y] = P[G_Y][S_Y];
+    P[S_Y][S_X] = P[S_X][S_Y];
+    P[PSI][B_X] = P[B_X][PSI];
+    P[PSI][B_Y] = P[B_Y][PSI];
+    P[PSI][B_Z] = P[B_Z][PSI];
+    P[PSI][DRIFT] = P[DRIFT][PSI];
+    P[PSI][A_X] = P[A_X][PSI];
+    P[PSI][A_Y] = P[A_Y][PSI];
+    P[PSI][G_X] = P[G_X][PSI];
+    P[PSI][G_Y] = P[G_Y][PSI];
+    P[PSI][S_X] = P[S_X][PSI];
+    P[PSI][S_Y] = P[S_Y][PSI];
+    P[SHOWN_PSI][B_X] = P[B_X][SHOWN_PSI];
+    P[SHOWN_PSI][B_Y] = P[B_Y][SHOWN_PSI];
+    P[SHOWN_PSI][B_Z] = P[B_Z][SHOWN_PSI];
+    P[SHOWN_PSI][DRIFT] = P[DRIFT][SHOWN_PSI];
+    P[SHOWN_PSI][A_X] = P[A_X][SHOWN_PSI];
+    P[SHOWN_PSI][A_Y] = P[A_Y][SHOWN_PSI];
+    P[SHOWN_PSI][G_X] = P[G_X][SHOWN_PSI];
+    P[SHOWN_PSI][G_Y] = P[G_Y][SHOWN_PSI];
+    P[SHOWN_PSI][S_X] = P[S_X][SHOWN_PSI];
+    P[SHOWN_PSI][S_Y] = P[S_Y][SHOWN_PSI];
+    P[SHOWN_PSI][PSI] = P[PSI][SHOWN_PSI];
+    P[X][B_X] = P[B_X][X];
+    P[X][B_Y] = P[B_Y][X];
+    P[X][B_Z] = P[B_Z][X];
+    P[X][DRIFT] = P[DRIFT][X];
+    P[X][A_X] = P[A_X][X];
+    P[X][A_Y] = P[A_Y][X];
+    P[X][G_X] = P[G_X][X];
+    P[X][G_Y] = P[G_Y][X];
+    P[X][S_X] = P[S_X][X];
+    P[X][S_Y] = P[S_Y][X];
+    P[X][PSI] = P[PSI][X];
+    P[X][SHOWN_PSI] = P[SHOWN_PSI][X];
+    P[Y][B_X] = P[B_X][Y];
+    P[Y][B_Y] = P[B_Y][Y];
+    P[Y][B_Z] = P[B_Z][Y];
+    P[Y][DRIFT] = P[DRIFT][Y];
+    P[Y][A_X] = P[A_X][Y];
+    P[Y][A_Y] = P[A_Y][Y];
+    P[Y][G_X] = P[G_X][Y];
+    P[Y][G_Y] = P[G_Y][Y];
+    P[Y][S_X] = P[S_X][Y];
+    P[Y][S_Y] = P[S_Y][Y];
+    P[Y][PSI] = P[PSI][Y];
+    P[Y][SHOWN_PSI] = P[SHOWN_PSI][Y];
+    P[Y][X] = P[X][Y];
+}
+
+/* Give the elements from DRIVEN on of F times a column. */
+static inline void carried(const float f[F_ENTRIES], const float column[STATES], float product[STATES])
 {
     const float t0 = ((((f[16] * column[G_X]) + (f[17] * column[G_Y])) + (f[18] * column[B_X])) + (f[19] *
         column[B_Y])) + (f[20] * column[B_Z]);
-    result[G_X * apart] = column[G_X] + ((((f[0] * column[G_X]) + (f[1] * column[G_Y])) + (f[4] * column[B_Y])) +
-        (f[5] * column[B_Z]));
-    result[G_Y * apart] = column[G_Y] + ((((f[2] * column[G_X]) + (f[3] * column[G_Y])) + (f[6] * column[B_X])) +
-        (f[7] * column[B_Z]));
-    result[S_X * apart] = column[S_X] + ((((f[8] * column[S_Y]) + (f[9] * column[G_X])) + (f[10] * column[G_Y])) +
-        (f[11] * column[B_Z]));
-    result[S_Y * apart] = column[S_Y] + ((((f[12] * column[S_X]) + (f[13] * column[G_X])) + (f[14] * column[G_Y])) +
-        (f[15] * column[B_Z]));
-    result[PSI * apart] = column[PSI] + t0;
-    result[SHOWN_PSI * apart] = column[SHOWN_PSI] + (t0 + (f[21] * column[DRIFT]));
-    result[X * apart] = column[X] + ((((((f[22] * column[PSI]) + (f[23] * column[S_X])) + (f[24] * column[S_Y])) +
-        (f[25] * column[B_X])) + (f[26] * column[B_Y])) + (f[27] * column[B_Z]));
-    result[Y * apart] = column[Y] + ((((((f[28] * column[PSI]) + (f[29] * column[S_X])) + (f[30] * column[S_Y])) +
-        (f[31] * column[B_X])) + (f[32] * column[B_Y])) + (f[33] * column[B_Z]));
+    product[G_X] = column[G_X] + ((((f[0] * column[G_X]) + (f[1] * column[G_Y])) + (f[4] * column[B_Y])) + (f[5] *
+        column[B_Z]));
+    product[G_Y] = column[G_Y] + ((((f[2] * column[G_X]) + (f[3] * column[G_Y])) + (f[6] * column[B_X])) + (f[7] *
+        column[B_Z]));
+    product[S_X] = column[S_X] + ((((f[8] * column[S_Y]) + (f[9] * column[G_X])) + (f[10] * column[G_Y])) + (f[11] *
+        column[B_Z]));
+    product[S_Y] = column[S_Y] + ((((f[12] * column[S_X]) + (f[13] * column[G_X])) + (f[14] * column[G_Y])) + (f[15] *
+        column[B_Z]));
+    product[PSI] = column[PSI] + t0;
+    product[SHOWN_PSI] = column[SHOWN_PSI] + (t0 + (f[21] * column[DRIFT]));
+    product[X] = column[X] + ((((((f[22] * column[PSI]) + (f[23] * column[S_X])) + (f[24] * column[S_Y])) + (f[25] *
+        column[B_X])) + (f[26] * column[B_Y])) + (f[27] * column[B_Z]));
+    product[Y] = column[Y] + ((((((f[28] * column[PSI]) + (f[29] * column[S_X])) + (f[30] * column[S_Y])) + (f[31] *
+        column[B_X])) + (f[32] * column[B_Y])) + (f[33] * column[B_Z]));
 }
 
-/* Add to F P, in the columns of the bias, what a sample's noise of the gyro adds as if it were bias. */
-static inline void shaken(const float f[F_ENTRIES], float gyro_variance, float FP[STATES][STATES])
+/* Overwrite P by F P F^T + Q, of the columns of F P; what lies below its diagonal is wrong after it. */
+static inline void propagated(const struct ballbot_kalman_record *record, const float f[F_ENTRIES], float
+        FP[STATES][STATES], float P[STATES][STATES])
 {
-    FP[G_X][B_Y] = FP[G_X][B_Y] + (gyro_variance * f[4]);
-    FP[G_X][B_Z] = FP[G_X][B_Z] + (gyro_variance * f[5]);
-    FP[G_Y][B_X] = FP[G_Y][B_X] + (gyro_variance * f[6]);
-    FP[G_Y][B_Z] = FP[G_Y][B_Z] + (gyro_variance * f[7]);
-    FP[S_X][B_Z] = FP[S_X][B_Z] + (gyro_variance * f[11]);
-    FP[S_Y][B_Z] = FP[S_Y][B_Z] + (gyro_variance * f[15]);
-    FP[PSI][B_X] = FP[PSI][B_X] + (gyro_variance * f[18]);
-    FP[SHOWN_PSI][B_X] = FP[SHOWN_PSI][B_X] + (gyro_variance * f[18]);
-    FP[PSI][B_Y] = FP[PSI][B_Y] + (gyro_variance * f[19]);
-    FP[SHOWN_PSI][B_Y] = FP[SHOWN_PSI][B_Y] + (gyro_variance * f[19]);
-    FP[PSI][B_Z] = FP[PSI][B_Z] + (gyro_variance * f[20]);
-    FP[SHOWN_PSI][B_Z] = FP[SHOWN_PSI][B_Z] + (gyro_variance * f[20]);
-    FP[X][B_X] = FP[X][B_X] + (gyro_variance * f[25]);
-    FP[X][B_Y] = FP[X][B_Y] + (gyro_variance * f[26]);
-    FP[X][B_Z] = FP[X][B_Z] + (gyro_variance * f[27]);
-    FP[Y][B_X] = FP[Y][B_X] + (gyro_variance * f[31]);
-    FP[Y][B_Y] = FP[Y][B_Y] + (gyro_variance * f[32]);
-    FP[Y][B_Z] = FP[Y][B_Z] + (gyro_variance * f[33]);
+    const float t0 = FP[B_Z][G_Y] + (record->gyro_variance * f[7]);
+    const float t1 = FP[B_Z][S_X] + (record->gyro_variance * f[11]);
+    const float t2 = FP[B_Z][S_Y] + (record->gyro_variance * f[15]);
+    const float t3 = record->gyro_variance * f[18];
+    const float t4 = FP[B_X][PSI] + t3;
+    const float t5 = record->gyro_variance * f[19];
+    const float t6 = FP[B_Y][PSI] + t5;
+    const float t7 = record->gyro_variance * f[20];
+    const float t8 = FP[B_Z][PSI] + t7;
+    const float t9 = FP[B_X][SHOWN_PSI] + t3;
+    const float t10 = FP[B_Y][SHOWN_PSI] + t5;
+    const float t11 = FP[B_Z][SHOWN_PSI] + t7;
+    const float t12 = ((((f[16] * FP[G_X][SHOWN_PSI]) + (f[17] * FP[G_Y][SHOWN_PSI])) + (f[18] * t9)) + (f[19] * t10))
+        + (f[20] * t11);
+    const float t13 = FP[B_X][X] + (record->gyro_variance * f[25]);
+    const float t14 = FP[B_Y][X] + (record->gyro_variance * f[26]);
+    const float t15 = FP[B_Z][X] + (record->gyro_variance * f[27]);
+    const float t16 = ((((f[16] * FP[G_X][X]) + (f[17] * FP[G_Y][X])) + (f[18] * t13)) + (f[19] * t14)) + (f[20] *
+        t15);
+    const float t17 = FP[B_X][Y] + (record->gyro_variance * f[31]);
+    const float t18 = FP[B_Y][Y] + (record->gyro_variance * f[32]);
+    const float t19 = FP[B_Z][Y] + (record->gyro_variance * f[33]);
+    const float t20 = ((((f[16] * FP[G_X][Y]) + (f[17] * FP[G_Y][Y])) + (f[18] * t17)) + (f[19] * t18)) + (f[20] *
+        t19);
+    P[B_X][B_X] = P[B_X][B_X] + record->walk[0];
+    P[B_Y][B_Y] = P[B_Y][B_Y] + record->walk[1];
+    P[B_Z][B_Z] = P[B_Z][B_Z] + record->walk[2];
+    P[DRIFT][DRIFT] = P[DRIFT][DRIFT] + record->walk[3];
+    P[A_X][A_X] = P[A_X][A_X] + record->walk[4];
+    P[A_Y][A_Y] = P[A_Y][A_Y] + record->walk[5];
+    P[B_X][G_X] = FP[B_X][G_X];
+    P[B_Y][G_X] = FP[B_Y][G_X];
+    P[B_Z][G_X] = FP[B_Z][G_X];
+    P[DRIFT][G_X] = FP[DRIFT][G_X];
+    P[A_X][G_X] = FP[A_X][G_X];
+    P[A_Y][G_X] = FP[A_Y][G_X];
+    P[G_X][G_X] = (FP[G_X][G_X] + ((((f[0] * FP[G_X][G_X]) + (f[1] * FP[G_Y][G_X])) + (f[4] * (FP[B_Y][G_X] +
+        (record->gyro_variance * f[4])))) + (f[5] * (FP[B_Z][G_X] + (record->gyro_variance * f[5]))))) +
+        record->walk[6];
+    P[B_X][G_Y] = FP[B_X][G_Y];
+    P[B_Y][G_Y] = FP[B_Y][G_Y];
+    P[B_Z][G_Y] = FP[B_Z][G_Y];
+    P[DRIFT][G_Y] = FP[DRIFT][G_Y];
+    P[A_X][G_Y] = FP[A_X][G_Y];
+    P[A_Y][G_Y] = FP[A_Y][G_Y];
+    P[G_X][G_Y] = FP[G_X][G_Y] + ((((f[0] * FP[G_X][G_Y]) + (f[1] * FP[G_Y][G_Y])) + (f[4] * FP[B_Y][G_Y])) + (f[5] *
+        t0));
+    P[G_Y][G_Y] = (FP[G_Y][G_Y] + ((((f[2] * FP[G_X][G_Y]) + (f[3] * FP[G_Y][G_Y])) + (f[6] * (FP[B_X][G_Y] +
+        (record->gyro_variance * f[6])))) + (f[7] * t0))) + record->walk[7];
+    P[B_X][S_X] = FP[B_X][S_X];
+    P[B_Y][S_X] = FP[B_Y][S_X];
+    P[B_Z][S_X] = FP[B_Z][S_X];
+    P[DRIFT][S_X] = FP[DRIFT][S_X];
+    P[A_X][S_X] = FP[A_X][S_X];
+    P[A_Y][S_X] = FP[A_Y][S_X];
+    P[G_X][S_X] = FP[G_X][S_X] + ((((f[0] * FP[G_X][S_X]) + (f[1] * FP[G_Y][S_X])) + (f[4] * FP[B_Y][S_X])) + (f[5] *
+        t1));
+    P[G_Y][S_X] = FP[G_Y][S_X] + ((((f[2] * FP[G_X][S_X]) + (f[3] * FP[G_Y][S_X])) + (f[6] * FP[B_X][S_X])) + (f[7] *
+        t1));
+    P[S_X][S_X] = (FP[S_X][S_X] + ((((f[8] * FP[S_Y][S_X]) + (f[9] * FP[G_X][S_X])) + (f[10] * FP[G_Y][S_X])) + (f[11]
+        * t1))) + record->walk[8];
+    P[B_X][S_Y] = FP[B_X][S_Y];
+    P[B_Y][S_Y] = FP[B_Y][S_Y];
+    P[B_Z][S_Y] = FP[B_Z][S_Y];
+    P[DRIFT][S_Y] = FP[DRIFT][S_Y];
+    P[A_X][S_Y] = FP[A_X][S_Y];
+    P[A_Y][S_Y] = FP[A_Y][S_Y];
+    P[G_X][S_Y] = FP[G_X][S_Y] + ((((f[0] * FP[G_X][S_Y]) + (f[1] * FP[G_Y][S_Y])) + (f[4] * FP[B_Y][S_Y])) + (f[5] *
+        t2));
+    P[G_Y][S_Y] = FP[G_Y][S_Y] + ((((f[2] * FP[G_X][S_Y]) + (f[3] * FP[G_Y][S_Y])) + (f[6] * FP[B_X][S_Y])) + (f[7] *
+        t2));
+    P[S_X][S_Y] = FP[S_X][S_Y] + ((((f[8] * FP[S_Y][S_Y]) + (f[9] * FP[G_X][S_Y])) + (f[10] * FP[G_Y][S_Y])) + (f[11]
+        * t2));
+    P[S_Y][S_Y] = (FP[S_Y][S_Y] + ((((f[12] * FP[S_X][S_Y]) + (f[13] * FP[G_X][S_Y])) + (f[14] * FP[G_Y][S_Y])) +
+        (f[15] * t2))) + record->walk[9];
+    P[B_X][PSI] = FP[B_X][PSI];
+    P[B_Y][PSI] = FP[B_Y][PSI];
+    P[B_Z][PSI] = FP[B_Z][PSI];
+    P[DRIFT][PSI] = FP[DRIFT][PSI];
+    P[A_X][PSI] = FP[A_X][PSI];
+    P[A_Y][PSI] = FP[A_Y][PSI];
+    P[G_X][PSI] = FP[G_X][PSI] + ((((f[0] * FP[G_X][PSI]) + (f[1] * FP[G_Y][PSI])) + (f[4] * t6)) + (f[5] * t8));
+    P[G_Y][PSI] = FP[G_Y][PSI] + ((((f[2] * FP[G_X][PSI]) + (f[3] * FP[G_Y][PSI])) + (f[6] * t4)) + (f[7] * t8));
+    P[S_X][PSI] = FP[S_X][PSI] + ((((f[8] * FP[S_Y][PSI]) + (f[9] * FP[G_X][PSI])) + (f[10] * FP[G_Y][PSI])) + (f[11]
+        * t8));
+    P[S_Y][PSI] = FP[S_Y][PSI] + ((((f[12] * FP[S_X][PSI]) + (f[13] * FP[G_X][PSI])) + (f[14] * FP[G_Y][PSI])) +
+        (f[15] * t8));
+    P[PSI][PSI] = (FP[PSI][PSI] + (((((f[16] * FP[G_X][PSI]) + (f[17] * FP[G_Y][PSI])) + (f[18] * t4)) + (f[19] * t6))
+        + (f[20] * t8))) + record->walk[10];
+    P[B_X][SHOWN_PSI] = FP[B_X][SHOWN_PSI];
+    P[B_Y][SHOWN_PSI] = FP[B_Y][SHOWN_PSI];
+    P[B_Z][SHOWN_PSI] = FP[B_Z][SHOWN_PSI];
+    P[DRIFT][SHOWN_PSI] = FP[DRIFT][SHOWN_PSI];
+    P[A_X][SHOWN_PSI] = FP[A_X][SHOWN_PSI];
+    P[A_Y][SHOWN_PSI] = FP[A_Y][SHOWN_PSI];
+    P[G_X][SHOWN_PSI] = FP[G_X][SHOWN_PSI] + ((((f[0] * FP[G_X][SHOWN_PSI]) + (f[1] * FP[G_Y][SHOWN_PSI])) + (f[4] *
+        t10)) + (f[5] * t11));
+    P[G_Y][SHOWN_PSI] = FP[G_Y][SHOWN_PSI] + ((((f[2] * FP[G_X][SHOWN_PSI]) + (f[3] * FP[G_Y][SHOWN_PSI])) + (f[6] *
+        t9)) + (f[7] * t11));
+    P[S_X][SHOWN_PSI] = FP[S_X][SHOWN_PSI] + ((((f[8] * FP[S_Y][SHOWN_PSI]) + (f[9] * FP[G_X][SHOWN_PSI])) + (f[10] *
+        FP[G_Y][SHOWN_PSI])) + (f[11] * t11));
+    P[S_Y][SHOWN_PSI] = FP[S_Y][SHOWN_PSI] + ((((f[12] * FP[S_X][SHOWN_PSI]) + (f[13] * FP[G_X][SHOWN_PSI])) + (f[14]
+        * FP[G_Y][SHOWN_PSI])) + (f[15] * t11));
+    P[PSI][SHOWN_PSI] = FP[PSI][SHOWN_PSI] + t12;
+    P[SHOWN_PSI][SHOWN_PSI] = (FP[SHOWN_PSI][SHOWN_PSI] + (t12 + (f[21] * FP[DRIFT][SHOWN_PSI]))) + record->walk[11];
+    P[B_X][X] = FP[B_X][X];
+    P[B_Y][X] = FP[B_Y][X];
+    P[B_Z][X] = FP[B_Z][X];
+    P[DRIFT][X] = FP[DRIFT][X];
+    P[A_X][X] = FP[A_X][X];
+    P[A_Y][X] = FP[A_Y][X];
+    P[G_X][X] = FP[G_X][X] + ((((f[0] * FP[G_X][X]) + (f[1] * FP[G_Y][X])) + (f[4] * t14)) + (f[5] * t15));
+    P[G_Y][X] = FP[G_Y][X] + ((((f[2] * FP[G_X][X]) + (f[3] * FP[G_Y][X])) + (f[6] * t13)) + (f[7] * t15));
+    P[S_X][X] = FP[S_X][X] + ((((f[8] * FP[S_Y][X]) + (f[9] * FP[G_X][X])) + (f[10] * FP[G_Y][X])) + (f[11] * t15));
+    P[S_Y][X] = FP[S_Y][X] + ((((f[12] * FP[S_X][X]) + (f[13] * FP[G_X][X])) + (f[14] * FP[G_Y][X])) + (f[15] * t15));
+    P[PSI][X] = FP[PSI][X] + t16;
+    P[SHOWN_PSI][X] = FP[SHOWN_PSI][X] + (t16 + (f[21] * FP[DRIFT][X]));
+    P[X][X] = (FP[X][X] + ((((((f[22] * FP[PSI][X]) + (f[23] * FP[S_X][X])) + (f[24] * FP[S_Y][X])) + (f[25] * t13)) +
+        (f[26] * t14)) + (f[27] * t15))) + record->walk[12];
+    P[B_X][Y] = FP[B_X][Y];
+    P[B_Y][Y] = FP[B_Y][Y];
+    P[B_Z][Y] = FP[B_Z][Y];
+    P[DRIFT][Y] = FP[DRIFT][Y];
+    P[A_X][Y] = FP[A_X][Y];
+    P[A_Y][Y] = FP[A_Y][Y];
+    P[G_X][Y] = FP[G_X][Y] + ((((f[0] * FP[G_X][Y]) + (f[1] * FP[G_Y][Y])) + (f[4] * t18)) + (f[5] * t19));
+    P[G_Y][Y] = FP[G_Y][Y] + ((((f[2] * FP[G_X][Y]) + (f[3] * FP[G_Y][Y])) + (f[6] * t17)) + (f[7] * t19));
+    P[S_X][Y] = FP[S_X][Y] + ((((f[8] * FP[S_Y][Y]) + (f[9] * FP[G_X][Y])) + (f[10] * FP[G_Y][Y])) + (f[11] * t19));
+    P[S_Y][Y] = FP[S_Y][Y] + ((((f[12] * FP[S_X][Y]) + (f[13] * FP[G_X][Y])) + (f[14] * FP[G_Y][Y])) + (f[15] * t19));
+    P[PSI][Y] = FP[PSI][Y] + t20;
+    P[SHOWN_PSI][Y] = FP[SHOWN_PSI][Y] + (t20 + (f[21] * FP[DRIFT][Y]));
+    P[X][Y] = FP[X][Y] + ((((((f[22] * FP[PSI][Y]) + (f[23] * FP[S_X][Y])) + (f[24] * FP[S_Y][Y])) + (f[25] * t17)) +
+        (f[26] * t18)) + (f[27] * t19));
+    P[Y][Y] = (FP[Y][Y] + ((((((f[28] * FP[PSI][Y]) + (f[29] * FP[S_X][Y])) + (f[30] * FP[S_Y][Y])) + (f[31] * t17)) +
+        (f[32] * t18)) + (f[33] * t19))) + record->walk[13];
 }
 
 /* Give the residuals of all that the sensors show, and the entries of H that vary; wrong where it is missing. */
@@ -456,6 +737,145 @@ static inline void projected(int32_t number, float P[STATES][STATES], const floa
         break;
     }
     }
+}
+
+/* Overwrite P by P - q q^T / s, and the changes of the state; `inverse` is 1 / s. */
+static inline void corrected(const float q[STATES], float residual, float inverse, float P[STATES][STATES], float
+        change[STATES])
+{
+    const float t0 = q[B_X] * inverse;
+    const float t1 = q[B_Y] * inverse;
+    const float t2 = q[B_Z] * inverse;
+    const float t3 = q[DRIFT] * inverse;
+    const float t4 = q[A_X] * inverse;
+    const float t5 = q[A_Y] * inverse;
+    const float t6 = q[G_X] * inverse;
+    const float t7 = q[G_Y] * inverse;
+    const float t8 = q[S_X] * inverse;
+    const float t9 = q[S_Y] * inverse;
+    const float t10 = q[PSI] * inverse;
+    const float t11 = q[SHOWN_PSI] * inverse;
+    const float t12 = q[X] * inverse;
+    const float t13 = q[Y] * inverse;
+    P[B_X][B_X] = P[B_X][B_X] - (t0 * q[B_X]);
+    P[B_X][B_Y] = P[B_X][B_Y] - (t1 * q[B_X]);
+    P[B_Y][B_Y] = P[B_Y][B_Y] - (t1 * q[B_Y]);
+    P[B_X][B_Z] = P[B_X][B_Z] - (t2 * q[B_X]);
+    P[B_Y][B_Z] = P[B_Y][B_Z] - (t2 * q[B_Y]);
+    P[B_Z][B_Z] = P[B_Z][B_Z] - (t2 * q[B_Z]);
+    P[B_X][DRIFT] = P[B_X][DRIFT] - (t3 * q[B_X]);
+    P[B_Y][DRIFT] = P[B_Y][DRIFT] - (t3 * q[B_Y]);
+    P[B_Z][DRIFT] = P[B_Z][DRIFT] - (t3 * q[B_Z]);
+    P[DRIFT][DRIFT] = P[DRIFT][DRIFT] - (t3 * q[DRIFT]);
+    P[B_X][A_X] = P[B_X][A_X] - (t4 * q[B_X]);
+    P[B_Y][A_X] = P[B_Y][A_X] - (t4 * q[B_Y]);
+    P[B_Z][A_X] = P[B_Z][A_X] - (t4 * q[B_Z]);
+    P[DRIFT][A_X] = P[DRIFT][A_X] - (t4 * q[DRIFT]);
+    P[A_X][A_X] = P[A_X][A_X] - (t4 * q[A_X]);
+    P[B_X][A_Y] = P[B_X][A_Y] - (t5 * q[B_X]);
+    P[B_Y][A_Y] = P[B_Y][A_Y] - (t5 * q[B_Y]);
+    P[B_Z][A_Y] = P[B_Z][A_Y] - (t5 * q[B_Z]);
+    P[DRIFT][A_Y] = P[DRIFT][A_Y] - (t5 * q[DRIFT]);
+    P[A_X][A_Y] = P[A_X][A_Y] - (t5 * q[A_X]);
+    P[A_Y][A_Y] = P[A_Y][A_Y] - (t5 * q[A_Y]);
+    P[B_X][G_X] = P[B_X][G_X] - (t6 * q[B_X]);
+    P[B_Y][G_X] = P[B_Y][G_X] - (t6 * q[B_Y]);
+    P[B_Z][G_X] = P[B_Z][G_X] - (t6 * q[B_Z]);
+    P[DRIFT][G_X] = P[DRIFT][G_X] - (t6 * q[DRIFT]);
+    P[A_X][G_X] = P[A_X][G_X] - (t6 * q[A_X]);
+    P[A_Y][G_X] = P[A_Y][G_X] - (t6 * q[A_Y]);
+    P[G_X][G_X] = P[G_X][G_X] - (t6 * q[G_X]);
+    P[B_X][G_Y] = P[B_X][G_Y] - (t7 * q[B_X]);
+    P[B_Y][G_Y] = P[B_Y][G_Y] - (t7 * q[B_Y]);
+    P[B_Z][G_Y] = P[B_Z][G_Y] - (t7 * q[B_Z]);
+    P[DRIFT][G_Y] = P[DRIFT][G_Y] - (t7 * q[DRIFT]);
+    P[A_X][G_Y] = P[A_X][G_Y] - (t7 * q[A_X]);
+    P[A_Y][G_Y] = P[A_Y][G_Y] - (t7 * q[A_Y]);
+    P[G_X][G_Y] = P[G_X][G_Y] - (t7 * q[G_X]);
+    P[G_Y][G_Y] = P[G_Y][G_Y] - (t7 * q[G_Y]);
+    P[B_X][S_X] = P[B_X][S_X] - (t8 * q[B_X]);
+    P[B_Y][S_X] = P[B_Y][S_X] - (t8 * q[B_Y]);
+    P[B_Z][S_X] = P[B_Z][S_X] - (t8 * q[B_Z]);
+    P[DRIFT][S_X] = P[DRIFT][S_X] - (t8 * q[DRIFT]);
+    P[A_X][S_X] = P[A_X][S_X] - (t8 * q[A_X]);
+    P[A_Y][S_X] = P[A_Y][S_X] - (t8 * q[A_Y]);
+    P[G_X][S_X] = P[G_X][S_X] - (t8 * q[G_X]);
+    P[G_Y][S_X] = P[G_Y][S_X] - (t8 * q[G_Y]);
+    P[S_X][S_X] = P[S_X][S_X] - (t8 * q[S_X]);
+    P[B_X][S_Y] = P[B_X][S_Y] - (t9 * q[B_X]);
+    P[B_Y][S_Y] = P[B_Y][S_Y] - (t9 * q[B_Y]);
+    P[B_Z][S_Y] = P[B_Z][S_Y] - (t9 * q[B_Z]);
+    P[DRIFT][S_Y] = P[DRIFT][S_Y] - (t9 * q[DRIFT]);
+    P[A_X][S_Y] = P[A_X][S_Y] - (t9 * q[A_X]);
+    P[A_Y][S_Y] = P[A_Y][S_Y] - (t9 * q[A_Y]);
+    P[G_X][S_Y] = P[G_X][S_Y] - (t9 * q[G_X]);
+    P[G_Y][S_Y] = P[G_Y][S_Y] - (t9 * q[G_Y]);
+    P[S_X][S_Y] = P[S_X][S_Y] - (t9 * q[S_X]);
+    P[S_Y][S_Y] = P[S_Y][S_Y] - (t9 * q[S_Y]);
+    P[B_X][PSI] = P[B_X][PSI] - (t10 * q[B_X]);
+    P[B_Y][PSI] = P[B_Y][PSI] - (t10 * q[B_Y]);
+    P[B_Z][PSI] = P[B_Z][PSI] - (t10 * q[B_Z]);
+    P[DRIFT][PSI] = P[DRIFT][PSI] - (t10 * q[DRIFT]);
+    P[A_X][PSI] = P[A_X][PSI] - (t10 * q[A_X]);
+    P[A_Y][PSI] = P[A_Y][PSI] - (t10 * q[A_Y]);
+    P[G_X][PSI] = P[G_X][PSI] - (t10 * q[G_X]);
+    P[G_Y][PSI] = P[G_Y][PSI] - (t10 * q[G_Y]);
+    P[S_X][PSI] = P[S_X][PSI] - (t10 * q[S_X]);
+    P[S_Y][PSI] = P[S_Y][PSI] - (t10 * q[S_Y]);
+    P[PSI][PSI] = P[PSI][PSI] - (t10 * q[PSI]);
+    P[B_X][SHOWN_PSI] = P[B_X][SHOWN_PSI] - (t11 * q[B_X]);
+    P[B_Y][SHOWN_PSI] = P[B_Y][SHOWN_PSI] - (t11 * q[B_Y]);
+    P[B_Z][SHOWN_PSI] = P[B_Z][SHOWN_PSI] - (t11 * q[B_Z]);
+    P[DRIFT][SHOWN_PSI] = P[DRIFT][SHOWN_PSI] - (t11 * q[DRIFT]);
+    P[A_X][SHOWN_PSI] = P[A_X][SHOWN_PSI] - (t11 * q[A_X]);
+    P[A_Y][SHOWN_PSI] = P[A_Y][SHOWN_PSI] - (t11 * q[A_Y]);
+    P[G_X][SHOWN_PSI] = P[G_X][SHOWN_PSI] - (t11 * q[G_X]);
+    P[G_Y][SHOWN_PSI] = P[G_Y][SHOWN_PSI] - (t11 * q[G_Y]);
+    P[S_X][SHOWN_PSI] = P[S_X][SHOWN_PSI] - (t11 * q[S_X]);
+    P[S_Y][SHOWN_PSI] = P[S_Y][SHOWN_PSI] - (t11 * q[S_Y]);
+    P[PSI][SHOWN_PSI] = P[PSI][SHOWN_PSI] - (t11 * q[PSI]);
+    P[SHOWN_PSI][SHOWN_PSI] = P[SHOWN_PSI][SHOWN_PSI] - (t11 * q[SHOWN_PSI]);
+    P[B_X][X] = P[B_X][X] - (t12 * q[B_X]);
+    P[B_Y][X] = P[B_Y][X] - (t12 * q[B_Y]);
+    P[B_Z][X] = P[B_Z][X] - (t12 * q[B_Z]);
+    P[DRIFT][X] = P[DRIFT][X] - (t12 * q[DRIFT]);
+    P[A_X][X] = P[A_X][X] - (t12 * q[A_X]);
+    P[A_Y][X] = P[A_Y][X] - (t12 * q[A_Y]);
+    P[G_X][X] = P[G_X][X] - (t12 * q[G_X]);
+    P[G_Y][X] = P[G_Y][X] - (t12 * q[G_Y]);
+    P[S_X][X] = P[S_X][X] - (t12 * q[S_X]);
+    P[S_Y][X] = P[S_Y][X] - (t12 * q[S_Y]);
+    P[PSI][X] = P[PSI][X] - (t12 * q[PSI]);
+    P[SHOWN_PSI][X] = P[SHOWN_PSI][X] - (t12 * q[SHOWN_PSI]);
+    P[X][X] = P[X][X] - (t12 * q[X]);
+    P[B_X][Y] = P[B_X][Y] - (t13 * q[B_X]);
+    P[B_Y][Y] = P[B_Y][Y] - (t13 * q[B_Y]);
+    P[B_Z][Y] = P[B_Z][Y] - (t13 * q[B_Z]);
+    P[DRIFT][Y] = P[DRIFT][Y] - (t13 * q[DRIFT]);
+    P[A_X][Y] = P[A_X][Y] - (t13 * q[A_X]);
+    P[A_Y][Y] = P[A_Y][Y] - (t13 * q[A_Y]);
+    P[G_X][Y] = P[G_X][Y] - (t13 * q[G_X]);
+    P[G_Y][Y] = P[G_Y][Y] - (t13 * q[G_Y]);
+    P[S_X][Y] = P[S_X][Y] - (t13 * q[S_X]);
+    P[S_Y][Y] = P[S_Y][Y] - (t13 * q[S_Y]);
+    P[PSI][Y] = P[PSI][Y] - (t13 * q[PSI]);
+    P[SHOWN_PSI][Y] = P[SHOWN_PSI][Y] - (t13 * q[SHOWN_PSI]);
+    P[X][Y] = P[X][Y] - (t13 * q[X]);
+    P[Y][Y] = P[Y][Y] - (t13 * q[Y]);
+    change[B_X] = change[B_X] + (t0 * residual);
+    change[B_Y] = change[B_Y] + (t1 * residual);
+    change[B_Z] = change[B_Z] + (t2 * residual);
+    change[DRIFT] = change[DRIFT] + (t3 * residual);
+    change[A_X] = change[A_X] + (t4 * residual);
+    change[A_Y] = change[A_Y] + (t5 * residual);
+    change[G_X] = change[G_X] + (t6 * residual);
+    change[G_Y] = change[G_Y] + (t7 * residual);
+    change[S_X] = change[S_X] + (t8 * residual);
+    change[S_Y] = change[S_Y] + (t9 * residual);
+    change[PSI] = change[PSI] + (t10 * residual);
+    change[SHOWN_PSI] = change[SHOWN_PSI] + (t11 * residual);
+    change[X] = change[X] + (t12 * residual);
+    change[Y] = change[Y] + (t13 * residual);
 }
 
 #endif
