@@ -6,6 +6,7 @@ The commands of bring_up.md run here, those of the tutorial when the site is bui
 import pytest
 
 from ballbot.cli.main import main
+from ballbot.file_formats import read_results
 from ballbot.firmware.build import compilers
 from ballbot.log import Log
 from ballbot.robot import Robot
@@ -33,4 +34,9 @@ def test_every_command_of_the_page_runs(tmp_path, monkeypatch, capsys):
     assert found.coulomb == pytest.approx((0.11, 0.09, 0.12), rel=0.05)
     assert found.viscous == pytest.approx((0.014, 0.016, 0.013), rel=0.05)
     assert len(Log.read("square/log.csv")) == 40 / 0.005
+    compared = read_results("compared/results.json")
+    assert [one["recommendation"] for one in (compared, *compared["verdicts"])] == 3 * ["keep"]
+    # without compensation the robot wanders by tenths of a metre, with the precise gain by millimetres
+    gain = compared["gains"]["peak_error"]
+    assert gain["low"] < gain["factor"] < gain["high"] < 0.2
     assert "After over before, the drift removed" in capsys.readouterr().out

@@ -21,28 +21,6 @@ from tests.test_summary import RESULTS
 ROBOT = alten(FRICTION)
 
 
-def test_values_are_replaced_by_dotted_name():
-    changed = ROBOT.replace(
-        {"body.mass": 9.0, "friction.coulomb": 0.2, "friction.viscous": [0.01, 0.02, 0.03]}
-    )
-    assert changed.body.mass == 9.0
-    assert changed.friction.coulomb == (0.2, 0.2, 0.2)
-    assert changed.friction.viscous == (0.01, 0.02, 0.03)
-    assert changed.friction.stribeck == FRICTION.stribeck
-    assert changed.ball == ROBOT.ball
-    assert "body.mass" not in changed.sources
-    assert changed.sources["ball.mass"] == ROBOT.sources["ball.mass"]
-
-
-def test_a_function_is_a_controller():
-    nominal = nominal_controller(ROBOT)
-    by_function = simulate(Model(ROBOT), nominal.update, "hold", duration=1.0, seed=3)
-    assert by_function.ended is None
-    assert by_function.sample_time == pytest.approx(ROBOT.sensors.sample_time)
-    by_object = simulate(Model(ROBOT), nominal, "hold", duration=1.0, seed=3)
-    np.testing.assert_array_equal(by_function.states, by_object.states)
-
-
 def test_functions_of_commands_take_names_and_own_controllers(tmp_path):
     course = '[mine.short]\nreference = "hold"\nduration = 7.0\n'
     (tmp_path / "courses.toml").write_text(course)

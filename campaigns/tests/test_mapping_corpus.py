@@ -14,10 +14,10 @@ from ballbot.identification.identify import IdentificationOptions
 from ballbot.log.columns import torque_names
 from ballbot.log.formats import is_foreign
 from ballbot.robot.components import Friction
-from campaigns.mapping_corpus import judged
+from campaigns.mapping_corpus import draw, judged
 from campaigns.mapping_recordings import FirmwareDeadBand
 from tests.support.foreign_log_examples import small_robot, swaying_log
-from tests.support.foreign_logs import STYLES, Habits, columns_of, commands, draw, write
+from tests.support.foreign_logs import STYLES, Habits, columns_of, commands, write
 
 SEEDS = range(12)
 #: enough for the numbers themselves

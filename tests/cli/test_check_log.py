@@ -1,44 +1,11 @@
-"""`ballbot check-log`: the table, the findings, results.json, and what exits with which error."""
+"""`ballbot check-log` on a log of angles without their rates."""
 
-import json
-
-import numpy as np
 import pytest
 
-from ballbot.cli.check_log import check_log
 from ballbot.cli.main import main
-from ballbot.errors import InputError
 from ballbot.log import Log
-from ballbot.robot import Robot
 from ballbot.robot.file import robot_text
 from tests.support.foreign_log_examples import small_robot, swaying_log
-from tests.support.log_examples import smooth_log, with_wheels
-
-
-def test_a_clean_log_shows_its_columns_and_writes_results(tmp_path, capsys):
-    path = tmp_path / "log.csv"
-    with_wheels(smooth_log(), Robot.load("alten")).write(path)
-    check_log(path, robot="alten", out=tmp_path / "out")
-    shown = capsys.readouterr().out
-    assert "1998 rows" in shown
-    assert "200 Hz" in shown
-    assert "theta_dot" in shown
-    results = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert results["rows"] == 1998
-    assert results["wheels"]["order"] == [1, 2, 3]
-    by_name = {column["name"]: column for column in results["columns"]}
-    assert by_name["theta"]["unit"] == "rad"
-    assert by_name["theta"]["greatest"] == pytest.approx(0.02, rel=1e-3)  # the sine's amplitude
-
-
-def test_an_error_ends_in_one_sentence_after_the_table(tmp_path, capsys):
-    log = smooth_log()
-    log.with_columns({"psi": np.degrees(log["psi"])}).write(tmp_path / "log.csv")
-    with pytest.raises(InputError, match="psi is in degrees, not in radians"):
-        check_log(tmp_path / "log.csv", out=tmp_path)
-    assert "psi_dot" in capsys.readouterr().out
-    results = json.loads((tmp_path / "results.json").read_text())
-    assert results["findings"][0]["code"] == "degrees"
 
 
 @pytest.mark.parametrize(

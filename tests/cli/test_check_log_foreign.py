@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ballbot.cli.main import main
+from ballbot.log import Log
 from ballbot.log.mapping import dead_band_findings
 from ballbot.robot.file import robot_text
 from tests.support.foreign_log_examples import COURSE, foreign_columns, small_robot, write_foreign
@@ -40,8 +41,12 @@ def test_a_log_whose_mapping_is_certain_suggests_the_next_command(folder, capsys
     (results,) = json.loads((out / "results.json").read_text())["files"]
     assert results["questions"] == []
     assert results["confidence"] > 0.9
-    assert (out / "log.csv").exists()
     mapping = out / "mapping.toml"
+    log = Log.read(out / "log.csv")
+    log.require("t", "u1", "u2", "u3", "x", "y", "theta", "phi", "psi", "wheel1_dot")
+    # rows by the mapping alone are those of the log written
+    again = Log.read(folder / "run.txt", mapping=mapping, robot=folder / "robot.toml")
+    np.testing.assert_allclose(again["theta"], log["theta"])
     assert "complete" not in mapping.read_text()
     # a dead band that nobody states: commands say so, and no longer once it is stated
     (finding,) = dead_band_findings([mapping, None])

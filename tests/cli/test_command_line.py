@@ -10,13 +10,15 @@ from ballbot.cli.main import main
 from ballbot.robot import Robot
 from tests.support.log_examples import smooth_log
 
+OVER = "design alten --set friction.coulomb=0.1 --compensation full --out out"
 REFUSALS = [
     # words, values and files of every kind of command
     ("zzz", "Available commands: study, demo, new, check"),
     ("studdy alten", "'study'"),
     ("check alten too much", "ballbot check --help"),
     ("check alten --swinng log.csv", "--swing"),
-    ("check altn", "'alten'"),
+    ("check altn", "did you mean the preset 'alten'"),
+    ("check nowhere/robot.toml", "the presets are alten"),
     ("simulate alten", "--out"),
     ("simulate", "ROBOT"),
     ("study alten --out out", "LOGS"),
@@ -24,6 +26,11 @@ REFUSALS = [
     ("study alten log.csv --draws 1.5 --out out", "whole number"),
     ("identify alten log.csv --law stribek --out out", "'stribeck'"),
     ("identify-geometry alten log.csv --out out", "log.csv"),
+    ("identify-geometry alten --out out", "geometry needs a log"),
+    ("identify-geometry alten --balancing log.csv --out out", "given 1 time and --motion-capture 0 times"),
+    ("convert log.csv log.csv", "already exists"),
+    ("convert log.csv log.xls", ".parquet"),
+    ("reproduce --only Table --out out", "no 'Table' to reproduce; there are Figure 3.1, "),
     ("validate alten log.csv", "--out is missing"),
     ("validate alten log.csv --against thessis --out out", "'thesis'"),
     ("validate rezero log.csv --seed -1 --out out", "The seed is -1"),
@@ -36,6 +43,17 @@ REFUSALS = [
     ("design alten --kind precize --out out", "'precise'"),
     ("design alten --q 1,2,many --out out", "--q is '1,2,many'"),
     ("design alten --r -1 --out out", "R is not positive definite"),
+    ("design alten --set body.mass --out out", "--set body.mass"),
+    ("design alten --set body.mass=heavy --out out", "--set body.mass"),
+    ("design alten --set body.mas=9.0 --out out", "did you mean 'body.mass'"),
+    (f"{OVER} --compensation-gain 1.2", "120 % of its friction"),
+    (f"{OVER} --compensation-gain 1.2", "--allow-overcompensation"),
+    (f"{OVER} --compensation-gain=-1", "--compensation-gain"),
+    ("design alten --delay 0 --out out", "The prediction: delay is 0 s; it must be above zero"),
+    ("design alten --delay 0.3 --out out", "it can be at most 0.1 s"),
+    ("design alten --notch 200 --out out", "A notch at 200 Hz needs a sample time below 0.0023 s"),
+    # it turns the phase at the loop's own frequency
+    ("design alten --notch 1.0 --out out", "does not stabilise"),
     ("simulate alten --controller precice --out out", "'precise'"),
     ("simulate alten --controller nowhere.toml --out out", "'nowhere.toml'"),
     ("record nominal --controller log.csv --out out", "log.csv"),
@@ -62,6 +80,7 @@ REFUSALS = [
     ("run /dev/ttyACM9 --emulated", "Give the robot's port"),
     ("run /dev/ttyACM9", "The serial port /dev/ttyACM9 cannot be opened"),
     ("run --emulated --duration -1", "--duration. It must be above 0."),
+    ("run --emulated --reference /dev/input/js99", "keyboard"),
     ("run --emulated --reference sqare", "There is no reference 'sqare'"),
     ("run /dev/ttyACM9 --controller none.toml", "give --robot"),
     ("run compare --emulated --prediction none.json --out out", "none.json"),

@@ -48,31 +48,6 @@ def test_torque_limit_rises_with_the_ramp(tmp_path, capsys):
     assert largest.max() > 0.0
 
 
-@pytest.mark.slow
-def test_sweep_and_upside_down_are_read_by_their_identification(tmp_path):
-    assert run("sweep --duration 0.5", tmp_path / "sweep") == 0
-    sweep = Log.read(tmp_path / "sweep" / "log.csv")
-    assert "theta" not in sweep
-    np.testing.assert_allclose(sweep["u2"][2:], np.sin(2 * np.pi * sweep.t[2:] / 62.83), atol=1e-6)
-    assert run("upside-down --duration 2", tmp_path / "ball") == 0
-    ball = Log.read(tmp_path / "ball" / "log.csv")
-    omega = np.column_stack([ball[f"ball_omega_{axis}"] for axis in "xyz"])
-    # the wheels do not slip: their speeds are A times the ball's, but for the camera's noise and the counts' steps
-    from ballbot.mechanics.geometry import transforms
-
-    left = ball.wheel_speeds - omega @ transforms(Robot.load("alten")).T_owb.T
-    assert np.abs(omega).max() > 0.5
-    assert np.sqrt(np.mean(left**2)) < 0.15
-
-
-def test_wiring_passes_and_writes_what_it_measured(tmp_path):
-    assert run("wiring", tmp_path / "wiring") == 0
-    found = results(tmp_path / "wiring")
-    assert found["passed"] is True
-    assert len(found["turns"]) == 3
-    assert "The wiring is right." in (tmp_path / "wiring" / "report.html").read_text(encoding="utf-8")
-
-
 def test_a_run_and_a_monitor_stream_their_rows_and_events(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1_000_000)

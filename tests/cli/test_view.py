@@ -1,6 +1,5 @@
 """`ballbot view`: which robot a log has, labels, parts of a log, what it refuses."""
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -25,17 +24,6 @@ opened: list[str] = []
 def refused(capsys, *words):
     assert main(["view", *words]) == 2
     return capsys.readouterr().err
-
-
-@pytest.mark.usefixtures("folder")
-def test_saved_page_has_the_logs_by_their_labels(capsys):
-    shutil.copy("log.csv", "other.csv")
-    assert main(["view", "with=log.csv", "other.csv", "--robot", "alten", "--save", "out/replay.html"]) == 0
-    page = Path("out/replay.html").read_text(encoding="utf-8")
-    assert '"name":"with"' in page
-    assert '"name":"other"' in page
-    assert "out/replay.html" in capsys.readouterr().out
-    assert opened == []
 
 
 @pytest.mark.usefixtures("folder")

@@ -8,12 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ballbot.cli.main import main
-from ballbot.control.file import read_controller
-from ballbot.control.overcompensation import cautious_friction, certain_friction, stated_covariance
+from ballbot.control.overcompensation import cautious_friction
 from ballbot.mechanics.friction import wheel_friction
 from ballbot.robot import Friction
-from tests.support.control_examples import FRICTION, alten
+from tests.support.control_examples import FRICTION
 
 SPEEDS = np.array([0.05, 0.3, 1.0, 4.0])
 
@@ -108,22 +106,3 @@ def test_an_unknown_error_costs_what_its_interval_allows():
     # a parameter at its lower bound is at its lowest already
     none = replace(FRICTION, stribeck=(0.05, 0.0, 0.06))
     assert cautious_friction(none, covariance).coulomb == FRICTION.coulomb
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_design_compensates_what_is_certain_by_the_robots_file(tmp_path):
-    robot = alten(FRICTION).annotated(standard_deviations={"friction.coulomb": (0.01, 0.0, 0.03)})
-    covariance = stated_covariance(robot)
-    assert covariance is not None
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance))[3:6], [0.01, 0.0, 0.03])
-    assert stated_covariance(alten(FRICTION)) is None
-    assert certain_friction(alten(FRICTION)) == FRICTION
-    robot.write(tmp_path / "found.toml")
-    words = ["design", str(tmp_path / "found.toml"), "--compensation", "full"]
-    assert main([*words, "--out", str(tmp_path)]) == 0
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Only the friction that is certain is compensated" in page
-    compensated = read_controller(tmp_path / "controller.toml", robot).robot.friction
-    assert compensated == cautious_friction(FRICTION, covariance)
-    assert compensated.coulomb[1] == FRICTION.coulomb[1]
-    assert compensated.coulomb[2] < 0.7 * FRICTION.coulomb[2]

@@ -95,7 +95,6 @@ def file_of_every_part() -> str:
         ("robot =", "robot ==", "not valid TOML"),
         ("frequency = 4.0", "frequency = 0.0", "shaping: frequency is 0 rad/s; it must be at least 1e-12"),
         ("depth = 0.2", "depth = 2", "The notch: depth is 2; it must be at most 1"),
-        ("[lean_limit]", "[lean_bound]", "lean_bound: call it lean_limit"),
     ],
 )
 def test_invalid_controller_file_ends_in_one_sentence(tmp_path, good, bad, sentence):

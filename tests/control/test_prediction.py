@@ -7,7 +7,6 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from ballbot import Controller, Model, Robot
-from ballbot.cli.main import main
 from ballbot.control.lqr import held
 from ballbot.control.parts import Parts
 from ballbot.control.parts.disturbance_observer import DisturbanceObserver
@@ -141,18 +140,3 @@ def test_observer_uses_the_torque_that_acted(delay):
         back = max(back, float(np.abs(controller.memory["disturbance_observer"]["estimate"][0, :3]).max()))
     # of torques of 0.6 N m; a sample too late or too early makes it 0.06, and linearising leaves 0.003
     assert back < 0.01
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        (["--delay", "0"], "The prediction: delay is 0 s; it must be above zero"),
-        (["--delay", "0.3"], "it can be at most 0.1 s"),
-        (["--notch", "200"], "A notch at 200 Hz needs a sample time below 0.0023 s"),
-        (["--notch", "1.0"], "does not stabilise"),  # it turns the phase at the loop's own frequency
-    ],
-)
-def test_design_refuses_in_a_sentence(options, sentence, tmp_path, capsys):
-    assert main(["design", "alten", *options, "--out", str(tmp_path / "out")]) == 2
-    assert sentence in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()

@@ -5,12 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ballbot.cli.main import main
 from ballbot.control.controller import Controller, catching_torque_limit, grip_torque_limit
-from ballbot.control.file import read_controller
 from ballbot.control.linear import refuse_without_margin
-from ballbot.control.parts.notch import Notch
-from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import KINDS, design_gain, nominal_controller, precise_controller
 from ballbot.control.references import hold
 from ballbot.control.source import NAMED_CONTROLLERS, named_controller
@@ -99,14 +95,3 @@ def test_soft_gain_is_refused_where_the_back_emf_makes_it_unstable():
         for tried in (without, fitted, nominal_controller(by_duty, compensation="full"))
     ]
     assert [bool(batch.survived[0]) for batch in kept] == [False, True, True]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_design_writes_the_requested_parts(tmp_path):
-    alten(FRICTION).write(tmp_path / "robot.toml")
-    options = ["--kind", "precise", "--delay", "0.016", "--notch", "27", "--out", str(tmp_path)]
-    assert main(["design", str(tmp_path / "robot.toml"), *options]) == 0
-    parts = read_controller(tmp_path / "controller.toml", alten(FRICTION)).parts
-    assert parts.prediction == DelayPrediction(delay=0.016)
-    assert parts.notch == Notch(frequency=27.0)

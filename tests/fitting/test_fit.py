@@ -43,6 +43,20 @@ def test_fit_ends_at_a_bound_and_gives_no_error_there():
     assert_allclose(found.values[1], X[:, 1] @ (values - 0.2 * X[:, 0]) / (X[:, 1] @ X[:, 1]), atol=1e-6)
 
 
+def test_a_wide_interval_is_a_profile_which_is_that_of_the_error_where_the_model_is_linear():
+    made, _, _ = line(11, bounds=(0.285, 0.315))
+    found = fit(made, made.coordinates.scaled(np.array([0.3, 0.0])))
+    of = found.uncertainty.intervals
+    # the half width of a is a third of its bounds' width, that of b a thousandth
+    assert (of["a"].method, of["b"].method) == ("profile", "clustered")
+    half = found.quantile * found.errors
+    assert_allclose([of["b"].lower, of["b"].upper], found.values[1] + half[1] * np.array([-1.0, 1.0]))
+    # a limit is accepted if the rise, the square of the distance, is right to a fifth
+    assert_allclose(
+        [of["a"].lower, of["a"].upper], found.values[0] + half[0] * np.array([-1.0, 1.0]), atol=0.1 * half[0]
+    )
+
+
 def test_part_of_an_experiment_is_the_experiment_of_these_blocks():
     made, X, values = line(13)
     part = made.part(np.arange(100, 300)).part(np.arange(50, 150))

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from ballbot.findings import texts
-from ballbot.fitting.intervals import Errors, Interval, between, truncated_reach
+from ballbot.fitting.intervals import Interval, between, truncated_reach
 from ballbot.fitting.uncertainty import WindowEquations, covariance, leverage_corrected
 from ballbot.identification.quantities import scale_between
 from ballbot.identification.result_findings import correlation_findings, interval_findings
@@ -20,24 +20,6 @@ LABELS = COORDINATES.labels
 
 def place(label: str) -> int:
     return LABELS.index(label)
-
-
-def errors(**scaled: tuple[float, float, float]) -> Errors:
-    """Return errors of parameters by label: where it stands, clustered, bootstrap; scaled."""
-    found = np.full((3, len(LABELS)), np.nan)
-    for label, numbers in scaled.items():
-        found[:, place(label)] = numbers
-    return Errors(point=np.nan_to_num(found[0]), clustered=found[1], bootstrap=found[2], quantile=2.0)
-
-
-def test_the_larger_error_makes_the_interval_in_si_units():
-    found = errors(c1=(0.2, 0.01, 0.012), b1=(0.5, 0.02, 0.01)).intervals(COORDINATES, {})
-    assert set(found) == {"c1", "b1"}
-    # c is estimated between 0 and 0.5 N m, b between 0 and 0.1 N m s/rad
-    assert (found["c1"].lower, found["c1"].upper) == (pytest.approx(0.088), pytest.approx(0.112))
-    assert found["c1"].method == "bootstrap"
-    assert (found["b1"].lower, found["b1"].upper) == (pytest.approx(0.046), pytest.approx(0.054))
-    assert found["b1"].method == "clustered"
 
 
 @pytest.mark.parametrize(
@@ -52,17 +34,6 @@ def test_the_larger_error_makes_the_interval_in_si_units():
 def test_bounds_are_not_interval_limits_except_zero_of_an_amount(label, limits, expected):
     found = between(COORDINATES, place(label), *limits, method="profile")
     assert (found.lower, found.upper) == pytest.approx(expected)
-
-
-def test_doubtful_errors_are_profiled_the_worst_first():
-    doubtful = errors(
-        c1=(0.2, 0.01, 0.011), c2=(0.2, 0.01, 0.02), v_s=(0.5, 0.2, 0.2), s1=(0.1, 0.004, 0.013)
-    )
-    assert [LABELS[i] for i in doubtful.doubtful] == ["s1", "c2", "v_s"]
-    limits: tuple[float, None] = (0.15, None)
-    found = doubtful.intervals(COORDINATES, dict.fromkeys(doubtful.doubtful[:2].tolist(), limits))
-    assert [found[label].method for label in ("s1", "c2", "v_s")] == ["profile", "profile", "clustered"]
-    assert (found["s1"].lower, found["s1"].upper) == (pytest.approx(0.075), math.inf)
 
 
 def test_scores_without_leverage_make_the_jackknife_over_windows():

@@ -143,9 +143,9 @@ CASES: tuple[Case, ...] = (
     _command(
         "run", f"run --emulated --robot {_ROBOT} --reference files/reference.csv --duration 2", sampled=True
     ),
-    _command("run_wiring", f"run wiring --emulated --robot {_ROBOT} --seed 2"),
-    _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2"),
-    _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2"),
+    _command("run_wiring", f"run wiring --emulated --robot {_ROBOT} --seed 2", sampled=True),
+    _command("run_sweep", f"run sweep --emulated --robot {_ROBOT} --duration 2", sampled=True),
+    _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2", sampled=True),
     _command("plan", f"plan {_ROBOT} --to 0.5 0.2 0.5 --runs 2", sampled=True, alone=True),
     _command("limits", f"limits {_ROBOT} none {_FULL}"),
     _command(

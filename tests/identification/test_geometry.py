@@ -215,17 +215,6 @@ class TestStandIn:
 
 
 class TestRefusals:
-    @pytest.mark.parametrize(
-        ("words", "sentence"),
-        [
-            ([], "geometry needs a log"),
-            (["--balancing", "run.csv"], "--balancing is given 1 time and --motion-capture 0 times"),
-        ],
-    )
-    def test_no_log_and_a_run_without_a_film(self, tmp_path, capsys, words, sentence):
-        assert main(["identify-geometry", "alten", *words, "--out", str(tmp_path)]) == 2
-        assert sentence in capsys.readouterr().err
-
     def test_a_short_log(self):
         with pytest.raises(InputError, match="log for longer"):
             survey_geometry(ALTEN, upside_down=[upside_down_log(ALTEN, seed=22, duration=6.0)])

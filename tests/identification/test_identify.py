@@ -25,7 +25,7 @@ from tests.workflows.test_excite import assert_errors_are_those_expected
 
 #: a fit that ended in another basin would be off the truth by more than the 4 standard errors that the tests allow;
 #: an inner step of 2.5 ms changes a cost by 1e-4, and takes 2.5 times less work; profiles have tests of their own
-#: (test_balancing.py, tests/fitting/test_intervals.py)
+#: (test_balancing.py, tests/fitting/test_fit.py)
 BRIEF = IdentificationOptions(search_windows=24, step=2.5e-3, most_profiles=0)
 #: v_s and delta held at the truth where others are looked at: the search follows their long valley in half of its steps
 HELD = Bounds({"stribeck_speed": (0.6, 0.6), "stribeck_exponent": (1.1, 1.1)})

@@ -88,13 +88,6 @@ def test_every_quantity_can_be_given_bounds():
         Bounds({"rolls": (0.0, 1.0)})
 
 
-def test_group_names_expand_and_misspellings_are_reported():
-    assert names_in(["torque", "coulomb"]) == ("coulomb", "torque_gain", "torque_offset", "delay")
-    assert names_in("torque, coulomb") == names_in(["torque", "coulomb"])
-    with pytest.raises(InputError, match=r"'torqe_gain' is not a quantity .* did you mean 'torque_gain'\?"):
-        names_in(["torqe_gain"])
-
-
 def test_missing_parameter_scale_is_requested():
     robot = alten()
     without = robot.replace(wheels=replace(robot.wheels, inertia=0.0))

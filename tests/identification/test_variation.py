@@ -52,7 +52,6 @@ def uncertainty(coordinates: Coordinates, errors: NDArray[np.float64], values=VA
         coordinates=coordinates,
         point=point,
         covariance=np.where(known, np.diag(errors**2), np.nan),
-        bootstrap=errors,
         intervals=AT_BOUND | intervals,
     )
 
@@ -186,7 +185,7 @@ def test_each_wheels_error_contains_by_how_much_motors_differ():
         "b1": Interval(lower=0.0, upper=0.02, method="at bound"),
     }
     C = R * np.outer(scaled, scaled)
-    common = Uncertainty(coordinates=space, point=point, covariance=C, bootstrap=scaled, intervals=intervals)
+    common = Uncertainty(coordinates=space, point=point, covariance=C, intervals=intervals)
     found = uncertainty_of_each(space, common)
     apart = WHEELS_APART * values[3]
     np.testing.assert_allclose(found.standard_errors[3:6], np.hypot(0.01, apart))

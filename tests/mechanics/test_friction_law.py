@@ -125,9 +125,7 @@ def test_identified_terms_stand_in_the_robot(tmp_path):
     coordinates = scale_between(alten(), bounds=bounds)
     point = coordinates.scaled(values)
     sizes = 0.001 / coordinates.slopes(point)
-    estimate = Uncertainty(
-        coordinates=coordinates, point=point, covariance=np.diag(sizes**2), bootstrap=sizes, intervals={}
-    )
+    estimate = Uncertainty(coordinates=coordinates, point=point, covariance=np.diag(sizes**2), intervals={})
     robot = found_robot(alten(Friction.none(3)), coordinates.layout, estimate, log_count=1, asymmetric=True)
     np.testing.assert_allclose(robot.friction.load, LOAD)
     np.testing.assert_allclose(robot.friction.coulomb, FRICTION.coulomb)

@@ -46,7 +46,6 @@ def _found() -> Identification:
             coordinates=coordinates,
             point=point,
             covariance=correlation * np.outer(sizes, sizes),
-            bootstrap=sizes,
             intervals={},
         ),
         unknown=np.zeros(12, dtype=bool),

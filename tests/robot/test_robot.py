@@ -6,7 +6,6 @@ import pickle
 import numpy as np
 import pytest
 
-from ballbot.errors import InputError
 from ballbot.robot import Robot
 
 
@@ -38,10 +37,3 @@ def test_robots_can_be_sent_to_other_processes_and_used_as_keys(alten: Robot) ->
     assert sent == alten
     assert sent.sources == alten.sources
     assert {alten: "found"}[sent] == "found"
-
-
-def test_loading_an_unknown_preset_lists_the_presets() -> None:
-    with pytest.raises(InputError, match="did you mean the preset 'alten'"):
-        Robot.load("altne")
-    with pytest.raises(InputError, match="the presets are alten"):
-        Robot.load("/nowhere/robot.toml")

@@ -49,11 +49,6 @@ class TestFile:
         [
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = -1', "it must be zero or more"),
             ('0.393, unit = "m"', '0.393, unit = "m", standard_deviation = "1"', "be a number or a list"),
-            (
-                '0.393, unit = "m"',
-                '0.393, unit = "m", standard_deviaton = 1',
-                "is not a key of a parameter; did",
-            ),
             ('240.0], unit = "deg"', '240.0], unit = "deg", standard_deviation = [1]', "it needs 3 of them"),
             ("rows = { value = 2,", "rows = { value = 2, standard_deviation = 1,", "number and cannot have"),
         ],

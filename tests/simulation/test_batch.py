@@ -74,10 +74,11 @@ def test_lanes_end_as_runs_do():
     model = Model(alten())
     controller = Controller(model.robot, np.zeros((3, 10)))
     thrown = leaning(0.5)
-    thrown[7] = 9.0
+    thrown[7] = 9.0  # centripetal acceleration of the centre of mass: l 81 cos(0.5) > g (m_b + m_r)/m_r
     starts = np.array([leaning(0.0), leaning(0.01), leaning(0.3, 0.2), thrown])
     batch = simulate_batch(model, controller, hold(), duration=3.0, initial_states=starts)
     np.testing.assert_array_equal(batch.survived, [True, False, False, False])
+    np.testing.assert_array_equal(batch.lifted, [False, False, False, True])
     for lane in (1, 2, 3):
         log = simulate(model, controller, hold(), duration=3.0, initial_state=starts[lane])
         assert log.ended is not None

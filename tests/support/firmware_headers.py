@@ -1,8 +1,9 @@
-"""The headers that lie beside the firmware's C sources: the structs of every record, and the Kalman filter's equations.
+"""The C that is written from Python: the structs of every record, the law, and the Kalman filter's equations.
 
     c/ballbot_types.h            a struct for each schema: same names, order, units and array lengths
     c/estimation/kalman_model.h  see `tests.support.kalman_header`
-    c/decide.c, c/parts/*        the control law and its parts, see `tests.support.firmware_law`
+    c/decide.c, c/parts/*        the control law and its parts but the policy, and c/estimation/{heading,swing}.*:
+                                 see `tests.support.firmware_law`
     c/ballbot_policy_weights.h   the header of a controller without a policy
 
 A member is 4 bytes wide, `float` or `int32_t`. A struct therefore has no padding, and the bytes of a NumPy record of
@@ -11,7 +12,7 @@ compiles only if it is right, and so are the offsets then.
 
 Structs and numbers hold the digest of all schemas. `ballbot_init` refuses parameters with another one.
 
-If a record changes, the C code that reads it must change too. Then write the headers anew:
+If a record changes, the C by hand that reads it must change too. Then write these files anew:
 
     python -m tests.support.firmware_headers
 """

@@ -1,7 +1,7 @@
 """The C of the control law and of attitudes: which functions of Python it is written from, and into which files.
 
     c/parts/part.h       what the parts share: `ballbot.control.parts.part`
-    c/parts/steps.h      the steps of all parts
+    c/parts/steps.h      the steps of these parts
     c/parts/NAME.c       a part, from the file of that name
     c/parts/tuning.c, c/decide.c, c/estimation/heading.c, swing.c     from `tuning`, `law`, `heading` and `swing`
 
@@ -26,10 +26,11 @@ from ballbot.control.parts import (
     prediction,
     reference_shaping,
 )
+from ballbot.errors import InputError
 from ballbot.estimation import heading, swing
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
-from ballbot.mechanics.friction import decay
+from ballbot.mechanics.friction import decay, with_stribeck
 from tests.support.python_to_c import NOTHING, REAL, TRUTH, WHOLE, External, Program, Type, record, values
 
 #: functions of C that are written by hand
@@ -40,6 +41,7 @@ EXTERNALS = {
     rolling_brake: External("{0} / ballbot_larger({1}, 1e-30f)"),
     math.atan2: External("ballbot_arctangent"),
     decay: External("ballbot_exponential(-ballbot_power({0}, {1}))"),
+    with_stribeck: External("({0} + {1} * {2})"),
     policy.act.py_func: External("ballbot_act", NOTHING, written=(1,)),
     policy.within_policy.py_func: External("ballbot_within_policy", TRUTH),
     policy.with_policy.py_func: External("ballbot_with_policy"),
@@ -55,7 +57,7 @@ NAMES = {
     "S": "S_X",
     **{name: name for name in ("PSI", "SHOWN_PSI", "X")},
 }
-#: in the order of the steps
+#: the parts that are written; not the policy
 PARTS = (tuning, disturbance_observer, prediction, reference_shaping, feed_forward, lean_limit, integral, compensation,
          notch)  # fmt: skip
 _NUMBERS, _GYRO = Type("float", ("10",)), Type("float", ("3",))
@@ -77,7 +79,7 @@ def program() -> Program:
     ]
     made.add(law.decide, arguments)
     made.add(swing.swing_of, [REAL] * 3)
-    made.add(swing.begin_filter, [_LEVER, values(swing.Swing), _GYRO, _STATES])
+    made.add(swing.begin_filter, [_LEVER, values(swing.SwingTwist), _GYRO, _STATES])
     made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
     return made
 
@@ -101,6 +103,9 @@ def _file(modules: tuple[ModuleType, ...], comment: str, body: str, guard: str =
 def law_files() -> dict[str, str]:
     """Return the text of each file, by its path in the sources."""
     made = program()
+    if unknown := {one.module for one in made.functions.values()} - {part, heading, swing, law, *PARTS}:
+        names = ", ".join(sorted(one.__name__ for one in unknown))
+        raise InputError(f"{names}: name it in PARTS, so that its C is written.")
     own = "".join(f'#include "{name}.h"\n' for name in ("ballbot_math", "ballbot_types", "compensated_sum"))
     shared = f"#include <stdbool.h>\n\n{own}\n"
     steps = "\n".join(made.declarations(one) for one in PARTS)
@@ -110,7 +115,7 @@ def law_files() -> dict[str, str]:
             f"{shared}{made.sources(part, inline=True)}", "BALLBOT_PART_H",
         ),
         "parts/steps.h": _file(
-            PARTS, "The steps of the parts, in the order of the law.",
+            PARTS, "The steps of the parts.",
             f'#include "parts/part.h"\n\n{steps}', "BALLBOT_STEPS_H",
         ),
         "estimation/heading.c": _file(

@@ -1,13 +1,13 @@
 """Logs as other teams write them, made from recorded ones whose truth is known: names, units, signs, order, delays.
 
-A `Habits` value is drawn from a seed. It says how a team writes its logs, and makes the file's columns from a log. The
-IMU is turned about the vertical, may have a reversed axis, and its roll and pitch may be tilts that do not turn with
-the heading; the wheels are permuted, with signs of their own; sensors and commands are late; the commands are torques,
-currents or duties.
+A `Habits` value says how a team writes its logs (`campaigns.mapping_corpus` draws it from a seed), and makes the file's
+columns from a log. The IMU is turned about the vertical, may have a reversed axis, and its roll and pitch may be tilts
+that do not turn with the heading; the wheels are permuted, with signs of their own; sensors and commands are late; the
+commands are torques, currents or duties.
 """
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -105,92 +105,6 @@ class Habits:
     messages: float = 0.0
     extras: bool = False
     seed: int = 1
-
-
-def draw(seed: int, robot: Robot, *, dead_band: bool, whole: float, longest: float = 60.0) -> Habits:
-    """Return the habits of a seed for a log of `whole` seconds; stretches of 5 s to `longest`."""
-    random = np.random.default_rng([16, seed])
-    n = robot.wheel_count
-    duration = float(np.exp(random.uniform(np.log(5.0), np.log(longest))))
-    layouts: tuple[Layout, ...] = (
-        *("comma", "comma", "semicolon", "tab", "blanks", "decimal_comma", "json", "mat"),
-        *("no_header", "given_columns"),
-    )  # fmt: skip
-    command, unit, scale = _command(random, duty=dead_band)
-    names = STYLES[random.integers(len(STYLES))]
-    layout = layouts[random.integers(len(layouts))]
-    reversed_axis = random.random() < 0.15
-    drawn = Habits(
-        start=float(random.uniform(0.0, whole - duration)),
-        duration=duration,
-        names=names,
-        layout=layout,
-        time_unit=("s", "s", "ms", "us")[random.integers(4)]
-        if names.units
-        else ("s", "s", "s", "ms")[random.integers(4)],
-        time_offset=float(random.choice([0.0, random.uniform(1.0, 3000.0)])),
-        order=tuple(random.permutation(n).tolist()) if random.random() < 0.5 else tuple(range(n)),
-        signs=_signs(random, n),
-        command_order=tuple(random.permutation(n).tolist()) if random.random() < 0.2 else (),
-        command_signs=_signs(random, n),
-        turn=_turn(random),
-        pitch_sign=-1 if reversed_axis else 1,
-        yaw_sign=-1 if random.random() < 0.05 else 1,
-        swapped=random.random() < 0.08,
-        lean_unit=("rad", "deg")[random.integers(2)],
-        wheel_unit=("rad", "rad", "deg", "counts", "counts", "turn")[random.integers(6)],
-        gyro_unit=(None, None, "rad/s", "rad/s", "deg/s")[random.integers(5)],
-        yaw=random.random() < 0.8,
-        command=command,
-        command_unit=unit,
-        command_scale=scale,
-        sensor_delay=float(random.choice([0.0, random.uniform(0.0, 0.02)])),
-        command_delay=float(random.choice([0.0, random.uniform(0.0, 0.015)])),
-        noise=float(random.choice([0.0, random.uniform(1e-4, 1e-3)])),
-        interval=float(random.choice([0.0, 0.0, 0.01, POLLED])),
-        extras=random.random() < 0.5,
-        seed=seed,
-    )
-    if drawn.interval == POLLED:
-        drawn = replace(drawn, messages=0.005)
-    if random.random() < 0.15:  # tilts need the heading that they do not turn with
-        drawn = replace(drawn, tilts=True, yaw=True)
-    if random.random() < 0.1:  # the first two wheels' cables are exchanged
-        drawn = replace(drawn, order=(1, 0, *range(2, n)), turn=0.0)
-    return drawn
-
-
-def _command(random: np.random.Generator, *, duty: bool) -> tuple[Command, str, float]:
-    others: tuple[tuple[Command, str, float], ...] = (
-        ("torque", "N m", 1.0),
-        ("torque", "mN m", 1e3),
-        ("current", "A", 1.0),
-        ("current", "mA", 1e3),
-    )
-    if not duty and random.random() < 0.45:
-        return others[random.choice(4, p=[0.5, 0.15, 0.25, 0.1])]
-    if not duty and random.random() < 0.1:
-        return ("voltage", "V", 1.0)
-    full = float(random.choice([1.0, 100.0, 255.0, 1000.0], p=[0.5, 0.2, 0.2, 0.1]))
-    return ("duty", "%" if full == 100.0 else "", full)
-
-
-def _signs(random: np.random.Generator, n: int) -> tuple[int, ...]:
-    kind = random.random()
-    if kind < 0.5:
-        return (1,) * n
-    if kind < 0.75:
-        return (-1,) * n
-    return tuple(int(sign) for sign in random.choice([-1, 1], n))
-
-
-def _turn(random: np.random.Generator) -> float:
-    kind = random.random()
-    if kind < 0.4:
-        return 0.0
-    if kind < 0.8:
-        return float(np.radians(random.choice([30.0, 45.0, 60.0, 90.0, 180.0, -30.0, -45.0, -90.0, -120.0])))
-    return float(random.uniform(-np.pi, np.pi))
 
 
 def columns_of(log: Log, habits: Habits, robot: Robot, *, dead_band: float) -> Columns:

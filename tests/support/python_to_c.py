@@ -1,6 +1,6 @@
 """The law and its parts as C: their compiled Python, statement by statement, in single precision.
 
-    Program([...]).files()         the text of each C file, from functions of Python and the types they are called with
+`Program.add` takes a function of Python and the types it is called with, `Program.sources` gives a file's text.
 
 The functions are the restricted Python that Numba compiles: numbers, records (`ballbot.control.records`), named tuples
 and loops. A function becomes one of C with its name, comments, branches and loops, a record's field a member of its

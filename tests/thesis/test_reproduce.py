@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from ballbot.cli.main import main
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.references import hold
 from ballbot.mechanics.model import Model
@@ -186,11 +185,3 @@ def test_page_and_results_have_every_verdict(bench: Bench) -> None:
     results = json.loads(results_text(reproduction_report(made).to_dict()))
     assert [one["verdict"] for one in results["items"]] == ["agrees", "does not agree"]
     assert results["mistakes"][0]["proven"] is True
-
-
-def test_an_unknown_figure_is_refused_with_the_names(tmp_path, capsys):
-    assert main(["reproduce", "--only", "Table 4.9", "--out", str(tmp_path / "out")]) == 2
-    refusal = capsys.readouterr().err
-    assert "There is no 'Table 4.9' to reproduce; there are Figure 3.1, " in refusal
-    assert "Table 4.1" in refusal
-    assert not (tmp_path / "out").exists()

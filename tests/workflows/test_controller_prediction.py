@@ -1,7 +1,7 @@
 """Predicted performance: intervals that hold, files that read back, verdicts on logs whose truth is known."""
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,38 +9,43 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ballbot import Robot
 from ballbot.control.file import controller_text, write_controller
-from ballbot.control.presets import nominal_controller
+from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.errors import InputError
 from ballbot.estimation import named_estimator
 from ballbot.files import write_text
 from ballbot.findings import warning
 from ballbot.log import Log
+from ballbot.mechanics.model import Model
 from ballbot.report.study import previous_controller_text
 from ballbot.results import as_json
 from ballbot.robot.components import scaled_friction
 from ballbot.simulation.run import simulate
+from ballbot.simulation.sensed_plant import SensedPlant
 from ballbot.twin import Scenario, Twin
 from ballbot.twin.faults import Timing
-from ballbot.workflows.controller_choice import PlantDraw, choose_controller
+from ballbot.twin.imperfections import imperfections_of
+from ballbot.workflows.controller_choice import NamedCourse, PlantDraw, choose_controller
 from ballbot.workflows.controller_prediction import (
     ControllerPrediction,
     ControllerVerdict,
+    checksum_of,
     course_of,
     evaluate_log,
     lognormal_interval,
+    performance_intervals,
     predict,
     read_prediction,
 )
-from tests.support.prediction_examples import (
-    ALTEN,
-    CONTROLLER,
-    COURSE,
-    KNOWN,
-    SCENARIO,
-    known_prediction,
-    predicted_log,
-)
+from ballbot.workflows.metrics import QUANTITIES, LogScore
+
+ALTEN = Robot.load("alten")
+SCENARIO = Scenario.nominal(ALTEN)
+KNOWN = ALTEN.replace(friction=SCENARIO.friction)
+CONTROLLER = precise_controller(KNOWN)
+#: half of the square: with less motion the parts of the torque cannot be separated
+COURSE = NamedCourse(name="square", duration=24.0)
 
 # most need a run around the square with every part, whose forms are compiled first
 pytestmark = pytest.mark.slow
@@ -48,12 +53,34 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return predicted_log()
+    """Return the log of a simulated run of the precise controller."""
+    plant = SensedPlant(Model(KNOWN), imperfections_of(SCENARIO, known=KNOWN), estimator=CONTROLLER.estimator)
+    reference = COURSE.reference_spec.reference()
+    return simulate(plant, CONTROLLER, reference, duration=COURSE.duration, seed=1).without_truth()
 
 
 @pytest.fixture(scope="module")
-def prediction() -> ControllerPrediction:
-    return known_prediction()
+def prediction(log: Log) -> ControllerPrediction:
+    """Return a prediction about what that log shows, and without compensation forty times its errors."""
+    seen = LogScore.of(log, torque_limit=CONTROLLER.torque_limit)
+    random = np.random.default_rng(0)
+    numbers = np.array(list(asdict(seen).values())) * np.exp(0.1 * random.standard_normal((20, 5)))
+    similar = [LogScore(**dict(zip(QUANTITIES, each, strict=True))) for each in numbers.tolist()]
+    without = [
+        replace(one, peak_error=40.0 * one.peak_error, rms_error=40.0 * one.rms_error) for one in similar
+    ]
+    factor = dict.fromkeys(QUANTITIES, (0.6, 1.7))
+    return ControllerPrediction(
+        course=COURSE,
+        controller="precise",
+        checksum=checksum_of(CONTROLLER),
+        torque_limit=CONTROLLER.torque_limit,
+        scenario="nominal",
+        draws=20,
+        chosen=performance_intervals(similar, discrepancy=factor),
+        none=performance_intervals(without, discrepancy=factor),
+        log_findings=("short",),
+    )
 
 
 @settings(max_examples=20, deadline=None)

@@ -74,7 +74,6 @@ def test_a_fall_is_counted_and_nothing_else_of_it(league):
 @pytest.mark.slow
 def test_league_fits_a_screen_and_is_drawn(league):
     assert_fits_a_screen(league)
-    assert "<svg" in league.plot()._repr_svg_()
 
 
 def test_differences_are_seed_by_seed(league):

@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from ballbot.cli import study as study_command
 from ballbot.cli.main import main
 from ballbot.control.file import read_controller
-from ballbot.control.overcompensation import certain_friction
 from ballbot.errors import InputError
 from ballbot.file_formats import results_text
 from ballbot.files import write_text
@@ -92,15 +91,6 @@ def test_holdout_is_a_quarter_of_the_log_in_separate_intervals(duration, first):
 def test_study_and_what_it_holds_fit_a_screen(small: Study):
     for result in (small, small.found, small.validation):
         assert_fits_a_screen(result)
-
-
-def test_a_design_for_the_robot_found_compensates_what_the_study_does(small: Study, tmp_path):
-    small.found.robot.write(tmp_path / "robot.toml")
-    designed = certain_friction(Robot.load(tmp_path / "robot.toml"))
-    studied = certain_friction(small.found.robot)
-    for name in ("viscous", "coulomb", "stribeck", "rolling"):
-        # the file's digits
-        np.testing.assert_allclose(getattr(designed, name), getattr(studied, name), rtol=2e-3)
 
 
 def test_the_friction_found_is_near_the_truth(small: Study):

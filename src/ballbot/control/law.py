@@ -2,13 +2,15 @@
 
     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
 
+A policy scales these torques and adds its own before they are limited.
+
 S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
 psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts in order; the steps of a missing part
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
 updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
-firmware's C is written from this file and those of the parts (`tests.support.firmware_law`).
+firmware's C, decide.c and parts/, is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
 from dataclasses import dataclass, field
@@ -27,7 +29,7 @@ from ballbot.control.parts.integral import add_integral, learn_integral
 from ballbot.control.parts.lean_limit import limit_error
 from ballbot.control.parts.notch import notched
 from ballbot.control.parts.part import (
-    Followed,
+    FollowedMotion,
     LawSettings,
     Pose,
     RobotState,
@@ -139,7 +141,7 @@ def _followed(law, memory, pose, ahead, reference, wanted):
         restart_shaping(memory, wanted)
         return planned(law, memory, ahead.a, reference, asked)
     if law.shaping.on == 0:
-        return Followed(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
+        return FollowedMotion(_at_rest(asked.x), _at_rest(asked.y), _at_rest(asked.psi))
     return shape(law, memory, pose, ahead, wanted)
 
 

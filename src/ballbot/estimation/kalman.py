@@ -50,13 +50,13 @@ from ballbot.estimation.kalman_model import (
     sample,
     take_fix,
 )
-from ballbot.estimation.swing import Swing, begin_state, fill_state, swing
+from ballbot.estimation.swing import SwingTwist, begin_state, fill_state, swing
 from ballbot.mechanics.engine.lanes import LANES
 from ballbot.mechanics.geometry import transforms
 from ballbot.mechanics.model import contact_momentum
 from ballbot.robot import Robot
 
-_NO_SWING = Swing(math.nan, math.nan, math.nan)
+_NO_SWING = SwingTwist(math.nan, math.nan, math.nan)
 #: where the work array has the covariance
 _TRIANGLE = slice(COVARIANCE, COVARIANCE + len(LOWER_TRIANGLE[0]))
 

@@ -20,7 +20,7 @@ from ballbot.mechanics.engine.elementary import sine_cosine
 _LEAST_SQUARE = 1e-6
 
 
-class Swing(NamedTuple):
+class SwingTwist(NamedTuple):
     """An attitude as lean and heading."""
 
     g_x: float
@@ -28,7 +28,7 @@ class Swing(NamedTuple):
     heading: float  # psi_s [rad], with the turns of psi
 
 
-class Attitude(NamedTuple):
+class AttitudeAngles(NamedTuple):
     """An attitude as angles, and what their rates need of them."""
 
     theta: float  # [rad]
@@ -48,7 +48,7 @@ def swing_of(theta, phi, psi):
     s3, c3 = sine_cosine(psi)
     forward = -c1 * s2  # before the turn by psi
     heading = psi + 2.0 * math.atan2(s1 * s2, (1.0 + c1) * (1.0 + c2))
-    return Swing(c3 * forward + s3 * s1, c3 * s1 - s3 * forward, heading)
+    return SwingTwist(c3 * forward + s3 * s1, c3 * s1 - s3 * forward, heading)
 
 
 @inlined
@@ -69,7 +69,7 @@ def attitude_of(g_x, g_y, heading):
     c2 = _root_of((1.0 - s2) * (1.0 + s2))
     m_12 = -share * g_x * g_y
     psi = heading - 2.0 * math.atan2(s1_c2 * s2, (c2 + g_z) * (1.0 + c2))
-    return Attitude(
+    return AttitudeAngles(
         math.atan2(s1_c2, g_z),
         math.atan2(s2, c2),
         psi,
@@ -116,7 +116,7 @@ def robot_state(lever, x, gyro, state):
 
 @compiled
 def swing(theta, phi, psi):
-    """Return the `Swing` of theta, phi, psi [rad]."""
+    """Return the `SwingTwist` of theta, phi, psi [rad]."""
     return swing_of(theta, phi, psi)
 
 

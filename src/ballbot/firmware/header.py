@@ -5,10 +5,10 @@
 
 The headers that are the same for every controller are kept beside the C sources that are written for them:
 c/ballbot_types.h has a struct for each schema, c/estimation/kalman_model.h the Kalman filter's equations, and
-c/link/ballbot_messages.h the messages. If a record or the filter's model changes, the C code that reads it must change
-too. Then write them anew:
+c/link/ballbot_messages.h the messages. If a record or the filter's model changes, the C by hand that reads it must
+change too. Then write them anew:
 
-    python -m tests.support.firmware_headers        records and filter
+    python -m tests.support.firmware_headers        records, law and filter
     python -m tests.support.link_header             messages
 """
 

@@ -34,20 +34,11 @@ from ballbot.arrays import Bools, Floats, Ints
 from ballbot.errors import InputError
 from ballbot.fitting.between_logs import LogEstimates, log_estimates
 from ballbot.fitting.experiment import BlockErrors, Experiment, IterateT, Residuals
-from ballbot.fitting.intervals import (
-    CONFIDENCE,
-    MOST_PROFILES,
-    Errors,
-    Interval,
-    Uncertainty,
-    between,
-    truncated_reach,
-)
+from ballbot.fitting.intervals import CONFIDENCE, Interval, Uncertainty, between, truncated_reach
 from ballbot.fitting.run import DEFAULT_RUN, Run, Threads
 from ballbot.fitting.uncertainty import (
     Discrepancy,
     WindowEquations,
-    bootstrap,
     covariance,
     deviations,
     discrepancy,
@@ -209,8 +200,7 @@ class FitOptions:
     """Options of a fit; InputError if a count is too small."""
 
     most_steps: int = 30  #: of each descent by Gauss-Newton
-    #: parameters with doubtful errors whose intervals are profiled, at most
-    most_profiles: int = MOST_PROFILES
+    most_profiles: int = 2  #: wide intervals that are profiled, at most; each costs a dozen linearisations
 
     def __post_init__(self) -> None:
         for name, least in (("most_steps", 1), ("most_profiles", 0)):
@@ -276,7 +266,7 @@ class Fit(Generic[IterateT]):
     other: OtherOptimum | None  #: another optimum, if there is one near
     groups: Ints  #: (w,), of blocks that should agree, from 0
     most_profiles: int  #: see `FitOptions`
-    run: Run  #: its seed is the bootstrap's
+    run: Run  #: its seed is that of `discrepancy`
 
     @property
     def values(self) -> Floats:
@@ -316,33 +306,28 @@ class Fit(Generic[IterateT]):
     def uncertainty(self) -> Uncertainty:
         """Errors and 95 % intervals, widened where groups of blocks disagree; the stage "intervals" is reported."""
         finished, widen = self.finished, self.discrepancy.factor
-        shifts = bootstrap(finished.equations, self.estimated, seed=self.run.seed)
-        errors = Errors(
-            point=finished.point,
-            clustered=deviations(widen**2 * self.scaled_covariance),
-            bootstrap=widen * shifts.std(axis=0, ddof=1),
-            quantile=self.quantile,
-        )
-        chosen = errors.doubtful[: self.most_profiles].tolist()
-        within, profiled = np.flatnonzero(self.estimated), {}
+        coordinates, scaled = finished.experiment.coordinates, widen**2 * self.scaled_covariance
+        half = self.quantile * deviations(scaled)
+        ends = np.stack([finished.point - half, finished.point + half], axis=1)
+        intervals = {
+            coordinates.labels[index]: between(coordinates, index, *ends[index].tolist(), method="clustered")
+            for index in np.flatnonzero(np.isfinite(half)).tolist()
+        }
+        widest = np.argsort(-half, kind="stable")
+        chosen = widest[half[widest] > _WIDEST][: self.most_profiles].tolist()
+        within = np.flatnonzero(self.estimated)
         for done, index in enumerate(chosen, start=1):
             inverse = np.linalg.pinv(finished.equations.matrix[np.ix_(within, within)], hermitian=True)
-            rise = errors.clustered[index] ** 2 / inverse.diagonal()[within == index][0] * errors.quantile**2
-            profiled[index] = profile(
-                finished,
-                index,
-                free=self.estimated | self.at_bound,
-                error=float(errors.half_width[index]),
-                rise=float(rise),
-            )
+            rise = float(half[index] ** 2 / inverse.diagonal()[within == index][0])
+            free = self.estimated | self.at_bound
+            limits = profile(finished, index, free=free, error=float(half[index]), rise=rise)
+            intervals[coordinates.labels[index]] = between(coordinates, index, *limits, method="profile")
             self.run.progress(Progress(stage="intervals", done=done, total=len(chosen)))
-        coordinates = finished.experiment.coordinates
         return Uncertainty(
             coordinates=coordinates,
             point=finished.point,
-            covariance=widen**2 * self.scaled_covariance,
-            bootstrap=errors.bootstrap,
-            intervals=errors.intervals(coordinates, profiled) | _intervals_at_bounds(self, widen),
+            covariance=scaled,
+            intervals=intervals | _intervals_at_bounds(self, widen),
         )
 
     @cached_property
@@ -541,6 +526,8 @@ def _quantile(blocks: int, parameters: int) -> float:
     return float(special.stdtrit(max(blocks - parameters, 1), 0.5 + 0.5 * CONFIDENCE))
 
 
+#: an interval is profiled if its half width is more than this share of the bounds' width, over which no model is linear
+_WIDEST = 0.25
 #: fits of the other parameters on each side at most, and steps of each fit
 _MOST_FITS, _STEPS = 4, 3
 #: a limit is accepted if the rise differs from lambda t^2 by this share of it: lambda is not known better

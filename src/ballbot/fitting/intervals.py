@@ -1,7 +1,4 @@
-"""95 % intervals of a least-squares estimate, from clustered and bootstrap errors and from likelihood profiles.
-
-Parameters whose two errors disagree, or whose interval is wide, get a profile (`ballbot.fitting.fit`).
-"""
+"""Uncertainty and 95 % intervals of a least-squares estimate, by clustered errors or by a likelihood's profile."""
 
 from __future__ import annotations
 
@@ -13,7 +10,7 @@ from typing import Literal
 import numpy as np
 from scipy import special
 
-from ballbot.arrays import Floats, Ints
+from ballbot.arrays import Floats
 from ballbot.fitting.parameter import ParameterSpace
 from ballbot.fitting.uncertainty import correlation, deviations
 from ballbot.results import key
@@ -22,7 +19,7 @@ CONFIDENCE = 0.95
 #: half width of a 95 % interval of a normal variable, in standard deviations
 HALF_WIDTH = 1.96
 #: how an interval was obtained
-Method = Literal["clustered", "bootstrap", "profile", "at bound", "between logs"]
+Method = Literal["clustered", "profile", "at bound", "between logs"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +52,6 @@ class Uncertainty:
     coordinates: ParameterSpace
     point: Floats  #: (p,), the estimate, scaled
     covariance: Floats  #: (p, p), clustered, scaled; NaN for parameters without a standard error
-    bootstrap: Floats  #: (p,), bootstrap standard errors, scaled
     intervals: Mapping[str, Interval]  #: of 95 %, by label
 
     @property
@@ -91,49 +87,6 @@ class Uncertainty:
                 reach = abs(space.scaled_one(index, end) - middle)
                 ends.append(float(middle + sign * np.hypot(reach, more)) if np.isfinite(end) else None)
             intervals[label] = between(space, index, ends[0], ends[1], method=own.method)
-        return intervals
-
-
-#: a parameter is profiled if its clustered and bootstrap errors differ by more than this factor, or if the half width
-#: of its interval is more than this share of the bounds' width, over which no model is linear
-LARGEST_RATIO, WIDEST = 1.5, 0.25
-#: profiles at most; each costs a dozen linearisations
-MOST_PROFILES = 2
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Errors:
-    """Two standard errors of each parameter (p,), scaled; NaN for parameters that are not estimated."""
-
-    point: Floats  #: the estimate
-    clustered: Floats
-    bootstrap: Floats
-    quantile: float  #: t, Student's for 95 %
-
-    @property
-    def half_width(self) -> Floats:
-        """Half widths of the intervals (p,), by the larger error."""
-        return self.quantile * np.fmax(self.clustered, self.bootstrap)
-
-    @property
-    def doubtful(self) -> Ints:
-        """The indices of parameters to profile, the most doubtful first."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            apart = np.abs(np.log(self.bootstrap / self.clustered)) / math.log(LARGEST_RATIO)
-        worst = np.nan_to_num(np.fmax(apart, self.half_width / WIDEST), nan=0.0, posinf=np.inf)
-        return np.array([i for i in np.argsort(-worst, kind="stable") if worst[i] > 1.0], dtype=np.int64)
-
-    def intervals(
-        self, coordinates: ParameterSpace, profiled: Mapping[int, tuple[float | None, float | None]]
-    ) -> dict[str, Interval]:
-        """Return the interval of each parameter with errors, by label; `profiled` has limits by index."""
-        intervals = {}
-        for index in np.flatnonzero(np.isfinite(self.half_width)).tolist():
-            half, z = float(self.half_width[index]), float(self.point[index])
-            method: Method = "bootstrap" if self.bootstrap[index] > self.clustered[index] else "clustered"
-            lower, upper = profiled.get(index, (z - half, z + half))
-            method = "profile" if index in profiled else method
-            intervals[coordinates.labels[index]] = between(coordinates, index, lower, upper, method=method)
         return intervals
 
 

@@ -45,7 +45,7 @@ def gain_between(squares: Floats, others: Floats, groups: Sequence[Ints]) -> Gai
     `squares` and `others` (w, k) are sums of squared errors of each window and state, of this model and of the other;
     `groups` are the windows of each block.
     """
-    counts = resamples(len(groups), block=1, repeats=DRAWS, seed=_SEED)
+    counts = resamples(len(groups), repeats=DRAWS, seed=_SEED)
     ours, theirs = (np.stack([table[rows].sum(axis=0) for rows in groups]) for table in (squares, others))
     with np.errstate(invalid="ignore"):  # a prediction without a value has no gain
         draws = 1.0 - _error_ratio(counts @ ours, counts @ theirs)

@@ -122,8 +122,8 @@ def policy_of(actor: Layers, lanes: TaskLanes, *, torque_scale: float, residual:
 def acting_share(controller: Controller, loop: LoopRobot) -> float:
     """Return the share of the largest lean and speed up to which a controller's policy acts on a robot.
 
-    It is the largest one with which the robot recovers from 35 and 70 % of the largest push from which it does without
-    the policy, or the least one that is tried if there is none.
+    It is the largest share tried with which the robot recovers from 35 and 70 % of the largest push that it recovers
+    from without the policy; if it recovers with none of them, the smallest share tried.
     """
     parts = controller.parts
     assert parts.policy is not None

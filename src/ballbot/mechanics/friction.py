@@ -121,11 +121,17 @@ _LARGEST_EXPONENT = 9.5
 
 
 @traced
+def with_stribeck(constant, stribeck, E):
+    """Return c + s E, or d + e E: a part of the friction that stays with the speed and one that decays."""
+    return constant + stribeck * E
+
+
+@traced
 def dry_friction(wheel, speed):
     """Return the size of the friction, the mean of both directions: c + s exp(-|w/v_s|^delta)."""
     if isinstance(wheel, OwnWheel):
         return wheel.dry(speed)
-    return wheel.c + wheel.s * decay(abs(speed) * wheel.inv_vs, wheel.delta)
+    return with_stribeck(wheel.c, wheel.s, decay(abs(speed) * wheel.inv_vs, wheel.delta))
 
 
 def decay_exponent(wheel, speed):
@@ -148,7 +154,7 @@ def with_decay(wheel, power, direction):
     """Return the size of the friction in a direction (1, -1; 0 for the mean of both), E being 2^-power."""
     E = power_of_two(-power)
     d, e = wheel.terms.coulomb_asymmetry, wheel.terms.stribeck_asymmetry
-    return wheel.c + direction * d + (wheel.s + direction * e) * E
+    return with_stribeck(wheel.c + direction * d, wheel.s + direction * e, E)
 
 
 @traced
@@ -164,8 +170,10 @@ def friction_shift(wheel, speed):
     """Return d + e E: the torque about which the dry friction is the same in both directions."""
     if isinstance(wheel, OwnWheel):
         return wheel.coulomb_asymmetry
-    E = decay(abs(speed) * wheel.inv_vs, wheel.delta)
-    return wheel.terms.coulomb_asymmetry + wheel.terms.stribeck_asymmetry * E
+    terms = wheel.terms
+    return with_stribeck(
+        terms.coulomb_asymmetry, terms.stribeck_asymmetry, decay(abs(speed) * wheel.inv_vs, wheel.delta)
+    )
 
 
 @traced

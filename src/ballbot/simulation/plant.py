@@ -1,7 +1,8 @@
 """The seam between a plant and everything that drives one.
 
 A plant is anything that takes wheel torques and gives measurements: the exact model, the MuJoCo twin, a
-user's own simulator, a robot on a wire. Simulation, recording and firmware tests use only this interface.
+user's own simulator, a robot on a wire. `simulation.run` and what is built on it use only this interface; the compiled
+loop (`simulation.loop`) has robots of its own.
 """
 
 from dataclasses import dataclass

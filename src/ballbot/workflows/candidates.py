@@ -1,4 +1,4 @@
-"""Candidates: the controllers of a comparison, as the command line names them.
+"""Controllers as `compare`, `limits` and `view` name them on the command line; a study's are in `controller_choice`.
 
 found/controller.toml          a controller as `ballbot.control.source` reads it
 adaptive=mine.py:Mine          any under another name

@@ -1,7 +1,7 @@
 """Everything that `ballbot check` reports about a robot: derived quantities, matrices, poles, a swing.
 
-The standard deviations in a robot's file lead to that of the mean of its unstable poles, which is a smooth function of
-the parameters; the faster of two poles that lie together, as those of a symmetric robot's two leans do, is none.
+The standard deviations in a robot's file are propagated to the mean of its unstable poles. The mean is a smooth
+function of the parameters; the faster of two nearly equal poles, as a symmetric robot has for its two leans, is not.
 """
 
 from collections.abc import Collection

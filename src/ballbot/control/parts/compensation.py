@@ -30,7 +30,7 @@ from ballbot.control.tuning import compensated_share
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
-from ballbot.mechanics.friction import decay, friction_terms
+from ballbot.mechanics.friction import decay, friction_terms, with_stribeck
 from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 
@@ -174,12 +174,12 @@ def _wheel_friction(own, i, relative, torque):
     axle = own.axles[i]
     speed = axle[0] * relative.x + axle[1] * relative.y + axle[2] * relative.z
     ramp, E = clipped(speed * own.steepness, 1.0), decay(abs(speed) * own.inv_vs, own.delta)
-    friction = own.viscous[i] * speed + (own.coulomb[i] + own.stribeck[i] * E) * ramp
+    friction = own.viscous[i] * speed + with_stribeck(own.coulomb[i], own.stribeck[i], E) * ramp
     if own.tabulated > 0.0:
         friction += _tabulated(own, i, abs(speed)) * ramp
     if own.directed > 0.0:
         # the difference to the mean of both directions: added forward, subtracted backward
-        friction += (own.coulomb_asymmetry[i] + own.stribeck_asymmetry[i] * E) * abs(ramp)
+        friction += with_stribeck(own.coulomb_asymmetry[i], own.stribeck_asymmetry[i], E) * abs(ramp)
         friction += own.load[i] * abs(torque + friction) * ramp
     return friction
 

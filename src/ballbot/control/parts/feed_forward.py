@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import (
-    Followed,
+    FollowedMotion,
     LawSettings,
     Part,
     RobotState,
@@ -119,7 +119,7 @@ def planned(law, memory, a, reference, asked):
     y = SmoothReference(asked.y + ahead.y, reference[6] + ahead_rate.y, second.y, third.y, fourth.y)
     psi = SmoothReference(asked.psi, reference[9], changes[2], 0.0, 0.0)
     ahead_by = own.delay + memory.feed_forward.age / own.rate
-    return Followed(_after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, psi))
+    return FollowedMotion(_after(ahead_by, x), _after(ahead_by, y), _after(ahead_by, psi))
 
 
 @inlined

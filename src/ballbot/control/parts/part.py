@@ -27,7 +27,9 @@ compiled code `law.NAME` is its record and `memory.NAME` its state, NAME being i
    without in `needs`.
 7. The disturbance observer takes `acting` of the history, the filtered and limited command, as the motors' torque; the
    prediction takes it less both compensations.
-8. Have its C written: `docs/architecture.md` says how, and `tests/firmware/test_law.py` compares both.
+8. Have its C written: name it in `PARTS` of `tests/support/firmware_law.py` and run
+   `python -m tests.support.firmware_headers`; `tests/firmware/test_law.py` compares both. A function that C has by
+   hand is in `EXTERNALS` there.
 9. Write `tests/control/test_NAME.py` for what is particular to the part. The tests of files, records, batches and
    missing samples, and damaged controller files, run with `example_parts` of
    `tests/support/control_examples.py`.
@@ -102,7 +104,7 @@ class SmoothReference(NamedTuple):
     fourth: float
 
 
-class Followed(NamedTuple):
+class FollowedMotion(NamedTuple):
     """The motion that is followed, relative to the measured pose."""
 
     x: SmoothReference
@@ -118,7 +120,7 @@ class Sample(NamedTuple):
 
     a: HeadingFrame  # of the state
     state: RobotState  # that is fed back
-    to: Followed
+    to: FollowedMotion
     e: RobotState  # error, heading frame
 
 

@@ -36,7 +36,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import (
-    Followed,
+    FollowedMotion,
     LawSettings,
     Pair,
     Part,
@@ -166,7 +166,7 @@ def shape(law, memory, pose, ahead, wanted):
     place_after = _moved(own, place, place_before, Pair(wanted.x, wanted.y), away)
     turn_after = _moved(own, heading, turn_before, Pair(wanted.psi, 0.0), turn)
     _keep(state, place_after, turn_after)
-    return Followed(
+    return FollowedMotion(
         _lagged(place, state, 0, h * state.velocity[0], pose.x),
         _lagged(place, state, 1, h * state.velocity[1], pose.y),
         _lagged(heading, state, 2, h * state.velocity[2], pose.psi),

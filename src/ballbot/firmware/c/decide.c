@@ -5,13 +5,15 @@
  *
  *     u = K S(psi) (r_s - x) + parts' torques + friction compensation,  filtered and limited
  *
+ * A policy scales these torques and adds its own before they are limited.
+ *
  * S(psi) turns the pairs (x y), (theta phi) of the error and their rates by -psi into the heading frame: K is designed at
  * psi = 0 and the wheels turn with the body. decide calls the steps of the parts in order; the steps of a missing part
  * have no effect.
  *
  * A controller's numbers are one record (LAW), so that every robot in a batch can have its own law; its memory between
  * updates is another (MEMORY). Both are derived from the parts' dataclasses (ballbot.control.records). The
- * firmware's C is written from this file and those of the parts (tests.support.firmware_law).
+ * firmware's C, decide.c and parts/, is written from this file and those of the parts (tests.support.firmware_law).
  */
 #include "law.h"
 
@@ -26,7 +28,7 @@ static struct ballbot_smooth_reference at_rest(float value)
 }
 
 /* Return the motion that is followed: a plan as it is, or the shaped motion to the pose that is asked for. */
-static struct ballbot_followed followed(const struct ballbot_law *law, struct ballbot_memory *memory,
+static struct ballbot_followed_motion followed(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, const float reference[10],
         struct ballbot_pose wanted)
 {
@@ -37,14 +39,14 @@ static struct ballbot_followed followed(const struct ballbot_law *law, struct ba
         return ballbot_planned(law, memory, ahead->a, reference, asked);
     }
     if (law->shaping.on == 0) {
-        return (struct ballbot_followed){ at_rest(asked.x), at_rest(asked.y), at_rest(asked.psi) };
+        return (struct ballbot_followed_motion){ at_rest(asked.x), at_rest(asked.y), at_rest(asked.psi) };
     }
     return ballbot_shape(law, memory, pose, ahead, wanted);
 }
 
 /* Return S(psi) (r_s - x). */
 static struct ballbot_robot_state heading_error(struct ballbot_heading_frame a,
-        const struct ballbot_robot_state *state, const struct ballbot_followed *to)
+        const struct ballbot_robot_state *state, const struct ballbot_followed_motion *to)
 {
     const struct ballbot_robot_state error = { to->x.value - state->x, to->y.value - state->y, -state->theta,
         -state->phi, to->psi.value - state->psi, to->x.rate - state->x_dot, to->y.rate - state->y_dot,
@@ -103,7 +105,7 @@ void ballbot_decide(const struct ballbot_law *law, struct ballbot_memory *memory
     ballbot_observe(law, memory, a, &seen, n);
     ballbot_act(law, memory, a, &seen, pose, wanted);
     const struct ballbot_predicted ahead = ballbot_predict(law, memory, a, &seen, n);
-    const struct ballbot_followed to = followed(law, memory, pose, &ahead, reference, wanted);
+    const struct ballbot_followed_motion to = followed(law, memory, pose, &ahead, reference, wanted);
     const struct ballbot_robot_state error = heading_error(ahead.a, &ahead.state, &to);
     const struct ballbot_robot_state error_with_lean = ballbot_lean_error(law, ahead.a, &to, &error);
     const struct ballbot_limited_error less = ballbot_limit_error(law, memory, &error_with_lean);

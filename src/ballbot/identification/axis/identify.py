@@ -478,7 +478,7 @@ def _widened(fit: AxisEstimate) -> tuple[AxisEstimate, list[Finding]]:
 def _expected(squares: Floats) -> tuple[float, float, float]:
     """Return the error [m] of held-out windows with mean squares (w,), and its 95 % interval on a similar record."""
     means = np.array([squares[block].mean() for block in blocks_of(len(squares))])
-    drawn = np.sqrt(resamples(len(means), block=1, repeats=_DRAWS, seed=_SEED) @ means / len(means))
+    drawn = np.sqrt(resamples(len(means), repeats=_DRAWS, seed=_SEED) @ means / len(means))
     middle = float(np.sqrt(squares.mean()))
     # the mean of this record varies as much as that of the other
     factor = float(np.exp(1.96 * np.sqrt(2.0) * np.std(np.log(np.maximum(drawn, 1e-300)))))

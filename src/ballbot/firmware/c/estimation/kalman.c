@@ -103,7 +103,7 @@ static void absorb(const struct ballbot_kalman_record *record, struct ballbot_ka
 
 /* Begin at the first whole reading: its attitude, v = 0. */
 static void start(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory, const float gyro[3],
-                  struct ballbot_swing shown)
+                  struct ballbot_swing_twist shown)
 {
     const float position[2] = {memory->x[X], memory->x[Y]};
     for (int32_t i = 0; i < STATES; ++i) {
@@ -166,7 +166,7 @@ static void fix_of(const struct ballbot_kalman_memory *memory, const struct ball
  */
 static void see(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory,
                 const struct ballbot_reading_record *reading, const float wheels[3],
-                struct ballbot_swing shown, const float gyro[3], const float velocity[2])
+                struct ballbot_swing_twist shown, const float gyro[3], const float velocity[2])
 {
     const float attitude[3] = {shown.g_x, shown.g_y, shown.heading};
     struct seen seen;
@@ -188,7 +188,7 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
 /* Predict the state over a sample, and correct it by what is seen. */
 static void sample(const struct ballbot_kalman_record *record, struct ballbot_kalman_memory *memory,
                    const struct ballbot_reading_record *reading, const float wheels[3],
-                   struct ballbot_swing shown, const float gyro[3])
+                   struct ballbot_swing_twist shown, const float gyro[3])
 {
     float mean[3];
     float f[F_ENTRIES];
@@ -217,7 +217,7 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
     const int32_t turned = (reading->encoders_valid != 0) ? 1 : 0;
     int32_t whole = leans & turned;
     float wheels[3] = {unknown, unknown, unknown};
-    struct ballbot_swing shown = {unknown, unknown, unknown};
+    struct ballbot_swing_twist shown = {unknown, unknown, unknown};
     float gyro[3];
     for (int32_t k = 0; k < 3; ++k) {
         const int32_t known = ballbot_known(reading->gyro[k]);

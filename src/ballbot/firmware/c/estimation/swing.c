@@ -15,7 +15,7 @@
 #define LEAST_SQUARE 1e-06f
 
 /* Return lean and heading of the angles of R = Rx(theta) Ry(phi) Rz(psi). */
-struct ballbot_swing ballbot_swing_of(float theta, float phi, float psi)
+struct ballbot_swing_twist ballbot_swing_of(float theta, float phi, float psi)
 {
     float s1;
     float c1;
@@ -32,7 +32,7 @@ struct ballbot_swing ballbot_swing_of(float theta, float phi, float psi)
     const float forward = -c1 * s2; /* before the turn by psi */
     const float heading = psi + 2.0f * ballbot_arctangent(s1 * s2, (1.0f + c1) * (1.0f + c2));
 
-    return (struct ballbot_swing){ c3 * forward + s3 * s1, c3 * s1 - s3 * forward, heading };
+    return (struct ballbot_swing_twist){ c3 * forward + s3 * s1, c3 * s1 - s3 * forward, heading };
 }
 
 /* Return C w, component k [m/s]. */
@@ -42,7 +42,8 @@ static float lever_speed(const float lever[2][3], int32_t k, float w_x, float w_
 }
 
 /* Let a filter's state x (14) begin with an attitude, at rest: v = 0. */
-void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing swing, const float gyro[3], float x[STATES])
+void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing_twist swing, const float gyro[3],
+        float x[STATES])
 {
     x[G_X] = swing.g_x;
     x[G_X + 1] = swing.g_y;
@@ -59,7 +60,7 @@ static float root_of(float square)
 }
 
 /* Return the angles of a lean and a heading. */
-struct ballbot_attitude ballbot_attitude_of(float g_x, float g_y, float heading)
+struct ballbot_attitude_angles ballbot_attitude_of(float g_x, float g_y, float heading)
 {
     float s;
     float c;
@@ -74,7 +75,7 @@ struct ballbot_attitude ballbot_attitude_of(float g_x, float g_y, float heading)
     const float m_12 = -share * g_x * g_y;
     const float psi = heading - 2.0f * ballbot_arctangent(s1_c2 * s2, (c2 + g_z) * (1.0f + c2));
 
-    return (struct ballbot_attitude){ ballbot_arctangent(s1_c2, g_z), ballbot_arctangent(s2, c2), psi, s2, c2,
+    return (struct ballbot_attitude_angles){ ballbot_arctangent(s1_c2, g_z), ballbot_arctangent(s2, c2), psi, s2, c2,
         c * (1.0f - share * g_x * g_x) - s * m_12, s * (1.0f - share * g_y * g_y) - c * m_12 };
 }
 
@@ -86,7 +87,7 @@ void ballbot_robot_state(const float lever[2][3], const float x[STATES], const f
     const float w_z = gyro[2] - x[B_X + 2];
     const float v_x = x[S_X] - lever_speed(lever, 0, w_x, w_y, w_z);
     const float v_y = x[S_X + 1] - lever_speed(lever, 1, w_x, w_y, w_z);
-    const struct ballbot_attitude a = ballbot_attitude_of(x[G_X], x[G_X + 1], x[PSI]);
+    const struct ballbot_attitude_angles a = ballbot_attitude_of(x[G_X], x[G_X + 1], x[PSI]);
     float s;
     float c;
 

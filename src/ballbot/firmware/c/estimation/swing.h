@@ -9,14 +9,14 @@
 #include "estimation/kalman_model.h"
 
 /* An attitude as lean and heading. */
-struct ballbot_swing {
+struct ballbot_swing_twist {
     float g_x;
     float g_y;
     float heading; /* psi_s [rad], with the turns of psi */
 };
 
 /* An attitude as angles, and what their rates need of them. */
-struct ballbot_attitude {
+struct ballbot_attitude_angles {
     float theta; /* [rad] */
     float phi; /* [rad] */
     float psi; /* [rad], with the turns of psi_s */
@@ -27,13 +27,14 @@ struct ballbot_attitude {
 };
 
 /* Return lean and heading of the angles of R = Rx(theta) Ry(phi) Rz(psi). */
-struct ballbot_swing ballbot_swing_of(float theta, float phi, float psi);
+struct ballbot_swing_twist ballbot_swing_of(float theta, float phi, float psi);
 
 /* Let a filter's state x (14) begin with an attitude, at rest: v = 0. */
-void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing swing, const float gyro[3], float x[STATES]);
+void ballbot_begin_filter(const float lever[2][3], struct ballbot_swing_twist swing, const float gyro[3],
+        float x[STATES]);
 
 /* Return the angles of a lean and a heading. */
-struct ballbot_attitude ballbot_attitude_of(float g_x, float g_y, float heading);
+struct ballbot_attitude_angles ballbot_attitude_of(float g_x, float g_y, float heading);
 
 /* Fill the state (10) that the robot is controlled by, from a filter's (14) and the gyro's reading (3) [rad/s]. */
 void ballbot_robot_state(const float lever[2][3], const float x[STATES], const float gyro[3], float state[10]);

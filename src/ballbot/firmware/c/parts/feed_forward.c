@@ -86,7 +86,7 @@ static struct ballbot_smooth_reference after(float delay, struct ballbot_smooth_
 }
 
 /* Return a planned reference, of which asked is the pose relative to the measured one; after follows_plan. */
-struct ballbot_followed ballbot_planned(const struct ballbot_law *law, const struct ballbot_memory *memory,
+struct ballbot_followed_motion ballbot_planned(const struct ballbot_law *law, const struct ballbot_memory *memory,
         struct ballbot_heading_frame a, const float reference[10], struct ballbot_pose asked)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
@@ -103,12 +103,12 @@ struct ballbot_followed ballbot_planned(const struct ballbot_law *law, const str
     const struct ballbot_smooth_reference psi = { asked.psi, reference[9], changes[2], 0.0f, 0.0f };
     const float ahead_by = own->delay + (float)memory->feed_forward.age / own->rate;
 
-    return (struct ballbot_followed){ after(ahead_by, x), after(ahead_by, y), after(ahead_by, psi) };
+    return (struct ballbot_followed_motion){ after(ahead_by, x), after(ahead_by, y), after(ahead_by, psi) };
 }
 
 /* Return the error with respect to the lean and the position that the motion needs; see the module's docstring. */
 struct ballbot_robot_state ballbot_lean_error(const struct ballbot_law *law, struct ballbot_heading_frame a,
-        const struct ballbot_followed *to, const struct ballbot_robot_state *e)
+        const struct ballbot_followed_motion *to, const struct ballbot_robot_state *e)
 {
     const struct ballbot_feed_forward_record *own = &law->feed_forward;
 

@@ -55,7 +55,7 @@ struct ballbot_smooth_reference {
 };
 
 /* The motion that is followed, relative to the measured pose. */
-struct ballbot_followed {
+struct ballbot_followed_motion {
     struct ballbot_smooth_reference x;
     struct ballbot_smooth_reference y;
     struct ballbot_smooth_reference psi;
@@ -68,7 +68,7 @@ struct ballbot_followed {
 struct ballbot_sample {
     struct ballbot_heading_frame a; /* of the state */
     struct ballbot_robot_state state; /* that is fed back */
-    struct ballbot_followed to;
+    struct ballbot_followed_motion to;
     struct ballbot_robot_state e; /* error, heading frame */
 };
 

@@ -271,7 +271,7 @@ static struct ballbot_smooth_reference lagged(const struct limits *lags, struct 
 }
 
 /* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */
-struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
+struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted)
 {
     const struct ballbot_shaping_record *own = &law->shaping;
@@ -301,8 +301,8 @@ struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ball
         turn);
 
     keep(state, &place_after, &turn_after);
-    return (struct ballbot_followed){ lagged(&place, state, 0, h * state->velocity[0], pose.x), lagged(&place, state,
-        1, h * state->velocity[1], pose.y), lagged(&heading, state, 2, h * state->velocity[2], pose.psi) };
+    return (struct ballbot_followed_motion){ lagged(&place, state, 0, h * state->velocity[0], pose.x), lagged(&place,
+        state, 1, h * state->velocity[1], pose.y), lagged(&heading, state, 2, h * state->velocity[2], pose.psi) };
 }
 
 /* Leave motions the least acceleration: the robot needs its torque to catch itself. */

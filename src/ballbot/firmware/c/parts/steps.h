@@ -1,7 +1,7 @@
 /* Generated from ballbot/control by
  * `python -m tests.support.firmware_headers`; do not edit.
  *
- * The steps of the parts, in the order of the law.
+ * The steps of the parts.
  */
 #ifndef BALLBOT_STEPS_H
 #define BALLBOT_STEPS_H
@@ -42,7 +42,7 @@ struct ballbot_predicted ballbot_predict(const struct ballbot_law *law, struct b
 void ballbot_restart_shaping(struct ballbot_memory *memory, struct ballbot_pose wanted);
 
 /* Return the shaped motion to a pose, relative to the measured one, and advance the memory. */
-struct ballbot_followed ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
+struct ballbot_followed_motion ballbot_shape(const struct ballbot_law *law, struct ballbot_memory *memory,
         struct ballbot_pose pose, const struct ballbot_predicted *ahead, struct ballbot_pose wanted);
 
 /* Leave motions the least acceleration: the robot needs its torque to catch itself. */
@@ -52,12 +52,12 @@ void ballbot_slow_motion(const struct ballbot_law *law, struct ballbot_memory *m
 bool ballbot_follows_plan(const struct ballbot_law *law, struct ballbot_memory *memory, const float reference[10]);
 
 /* Return a planned reference, of which asked is the pose relative to the measured one; after follows_plan. */
-struct ballbot_followed ballbot_planned(const struct ballbot_law *law, const struct ballbot_memory *memory,
+struct ballbot_followed_motion ballbot_planned(const struct ballbot_law *law, const struct ballbot_memory *memory,
         struct ballbot_heading_frame a, const float reference[10], struct ballbot_pose asked);
 
 /* Return the error with respect to the lean and the position that the motion needs; see the module's docstring. */
 struct ballbot_robot_state ballbot_lean_error(const struct ballbot_law *law, struct ballbot_heading_frame a,
-        const struct ballbot_followed *to, const struct ballbot_robot_state *e);
+        const struct ballbot_followed_motion *to, const struct ballbot_robot_state *e);
 
 /* Add the torques for the second and fourth derivative of s, heading frame, and the second of psi. */
 void ballbot_add_feed_forward(const struct ballbot_law *law, const struct ballbot_sample *now, float torques[],
