@@ -136,11 +136,12 @@ def study(
 
     Examples
     --------
-    On two short logs of a simulated robot, and few robots drawn from what they leave open:
+    On two short logs of a simulated robot with friction, and few robots drawn from what the logs leave open:
 
-    >>> from ballbot import simulate
+    >>> from ballbot import Robot, simulate
+    >>> rubbing = Robot.load("alten").replace({"friction.coulomb": 0.15})
     >>> courses = ("square", "circle")
-    >>> logs = [simulate("alten", "nominal", course, duration=10.0, scenario="nominal") for course in courses]
+    >>> logs = [simulate(rubbing, "nominal", course, duration=10.0, scenario="nominal") for course in courses]
     >>> whole = study("alten", logs, options=StudyOptions(draws=6, confirm=False))
     >>> bool(0.1 < max(whole.found.robot.friction.breakaway) < 0.3)
     True
