@@ -17,12 +17,12 @@ import numpy as np
 
 from ballbot.control.controller import Controller
 from ballbot.control.presets import nominal_controller
-from ballbot.control.records import Schema
 from ballbot.errors import InputError
 from ballbot.firmware.build import NUMERICS, source_files, weights_folder
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
+from ballbot.records import Schema
 from campaigns.section import Section
 from tests.support.compiled_firmware import weights_of
 from tests.support.law_comparison import controllers

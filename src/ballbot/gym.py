@@ -32,7 +32,7 @@ try:
     import gymnasium
 except ImportError:
     raise missing_package("An environment for learning", "gymnasium", extra="gym") from None
-from gymnasium import logger, spaces
+from gymnasium import spaces
 from gymnasium.error import InvalidAction
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
@@ -106,7 +106,7 @@ class EnvironmentOptions:
         self._done = spaces.Box(-1.0, 1.0, (known.wheel_count,), np.float32)
 
     def _torques(self, action: ArrayLike, out: Floats) -> Floats:
-        """Fill the torques of actions; InvalidAction if they have another shape or are no numbers."""
+        """Fill the torques of actions; InvalidAction if they have another shape or are no finite numbers."""
         try:
             numbers = np.asarray(action)
         except ValueError:  # rows of different lengths
@@ -115,6 +115,8 @@ class EnvironmentOptions:
             raise InvalidAction(f"The action is {action!r}; it must be numbers.")
         if numbers.shape != out.shape:
             raise InvalidAction(f"The action has the shape {numbers.shape}; it must have {out.shape}.")
+        if not np.isfinite(numbers).all():
+            raise InvalidAction("The action holds a value that is not a number; every value must be finite.")
         return np.multiply(numbers, self._lanes.torque_limit, out=out)
 
     def close(self, **_: object) -> None:
@@ -157,8 +159,6 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
     def step(self, action: ArrayLike) -> tuple[Observations, float, bool, bool, dict[str, Any]]:
         """Hold the action's torques for `repeat` samples; return observation, reward, fallen, out of time, and info."""
         torques, lanes = self._torques(action, np.empty(self._lanes.wheels)), self._lanes
-        if not np.isfinite(torques).all():
-            raise InvalidAction(f"The action is {np.asarray(action).tolist()}; it must be finite.")
         lanes.step(torques[None])
         fallen, ended = bool(lanes.fallen[0]), bool(lanes.ended[0])
         return (
@@ -177,9 +177,8 @@ class BallbotEnv(EnvironmentOptions, gymnasium.Env[Observations, Observations]):
 class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observations, Observations, Any]):
     """Robots side by side that do a task, each with its own episodes, in all threads.
 
-    Lane k of the seed s draws as the single environment of the seed s + k does, in any number of threads. A lane
-    whose action is not finite ends its episode, truncated, with a warning and `info["refused"]`, and the others go
-    on; if no action is finite, or the actions have another shape, `gymnasium.error.InvalidAction` is raised.
+    Lane k of the seed s draws as the single environment of the seed s + k does, in any number of threads. Actions that
+    are not finite, or have another shape, raise `gymnasium.error.InvalidAction`, and the robots stay as they are.
 
     Examples
     --------
@@ -236,19 +235,10 @@ class BallbotVectorEnv(EnvironmentOptions, gymnasium.vector.VectorEnv[Observatio
 
     def step(self, actions: ArrayLike) -> tuple[Observations, Floats, Flags, Flags, dict[str, Any]]:
         """Hold the actions' torques for `repeat` samples; return Gymnasium's batches."""
-        lanes, refused = self._lanes, False
-        torques = self._torques(actions, self._asked)
-        try:
-            lanes.step(torques, ending=_ENDINGS[AutoresetMode(self.autoreset_mode)])
-        except InputError as error:
-            refused = True
-            if not np.isfinite(torques).all(axis=1).any():
-                raise InvalidAction("No action is finite.") from None
-            logger.warn(str(error))
+        lanes = self._lanes
+        lanes.step(self._torques(actions, self._asked), ending=_ENDINGS[AutoresetMode(self.autoreset_mode)])
         np.greater(lanes.ended, lanes.fallen, out=self._truncated)
         info = self._info()
-        if refused:
-            info |= {"refused": lanes.refused.copy(), "_refused": lanes.refused.copy()}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and lanes.ended.any():
             info |= self._final_info()
         flags = self._given(lanes.fallen), self._given(self._truncated)

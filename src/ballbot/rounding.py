@@ -69,15 +69,6 @@ def signed(text: str) -> str:
     return f"+{text}" if text[:1].isdigit() else text
 
 
-def between(value: float, lower: float, upper: float) -> str:
-    """Return a value and its interval as "0.7 (0.6 to 4.0)", to the second digit of its width; "open" for no end."""
-    known = [one for one in (lower, value, upper) if math.isfinite(one)]
-    width = max(known) - min(known)
-    places = max(0, 1 - math.floor(math.log10(width))) if width > 0.0 else 5
-    first, last = (f"{end:.{places}f}" if math.isfinite(end) else "open" for end in (lower, upper))
-    return f"{value:.{places}f} ({first} to {last})"
-
-
 def interval(lower: float, upper: float, shown: Callable[[float], str] = digits) -> str:
     """Return an interval as "0.6 to 4.0"; "open" for a side without an end, a dash if it is not known."""
     if math.isnan(lower) or math.isnan(upper):

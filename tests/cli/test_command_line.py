@@ -71,7 +71,7 @@ REFUSALS = [
     ("compare alten none none --out out", "Two controllers are called 'none'"),
     ("compare alten none --courses moon --out out", "no set or course 'moon'; did you mean 'motions'"),
     ("compare alten none --courses moon.toml --out out", "moon.toml cannot be read"),
-    ("compare alten none --processes 0 --out out", "for --processes. It must be above 0"),
+    ("plan alten --to 1 0 0 --runs 0 --out out", "for --runs. It must be above 0"),
     ("limits alten --twin --scenario storm --out out", "no scenario or scenario file 'storm'"),
     ("limits alten a=none b=none c=none d=none e=none f=none g=none --out out", "There are 7 controllers"),
     # a live robot and a live view

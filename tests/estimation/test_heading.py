@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ballbot import Model, simulate
-from ballbot.control.law import HeadingMemory
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import schema_of
 from ballbot.control.references import hold
-from ballbot.estimation.heading import JUMP, TURN, Heading
+from ballbot.estimation.heading import HEADING, JUMP, TURN, Heading
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import KalmanFilter
 from ballbot.estimation.onboard import OnboardState
@@ -70,7 +68,7 @@ angles = st.one_of(st.floats(-3.5, 6.5, width=32), st.floats(-15.0, 15.0, width=
 def test_c_unwraps_as_python_does(given_angles):
     function = library().functions.ballbot_unwrapped
     function.restype = ctypes.c_float
-    memory = np.zeros(1, schema_of(HeadingMemory).dtype("single"))
+    memory = np.zeros(1, HEADING.dtype("single"))
     edges = (JUMP, -0.1, TURN + 0.1, 0.5 * TURN + 0.1, -0.5 * TURN - 0.1)
     jumps = np.abs(np.diff(given_angles))
     if min(abs(one - edge) for one in (*given_angles, *jumps) for edge in edges) < 1e-5:

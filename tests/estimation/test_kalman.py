@@ -16,7 +16,7 @@ from ballbot.control.presets import nominal_controller
 from ballbot.control.references import figure_eight
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
-from ballbot.estimation.kalman import KalmanFilter, filter_model
+from ballbot.estimation.kalman import KalmanFilter, kalman_record
 from ballbot.estimation.kalman_model import (
     BIAS,
     ENTRIES,
@@ -26,9 +26,9 @@ from ballbot.estimation.kalman_model import (
     SENSORS,
     SHOWN_PSI,
     STATES,
-    FilterModel,
     FilterNoise,
     G,
+    KalmanRecord,
     Numbers,
     S,
     X,
@@ -41,7 +41,16 @@ from ballbot.mechanics.geometry import body_rates_matrix, rotation
 from ballbot.mechanics.model import Model, contact_momentum
 from ballbot.robot import Friction
 from ballbot.simulation.run import simulate
-from tests.support.estimation_examples import ALTEN, H, Run, covariance_of, light_wheels, swaying, turned
+from tests.support.estimation_examples import (
+    ALTEN,
+    H,
+    Run,
+    all_covariances,
+    covariance_of,
+    light_wheels,
+    swaying,
+    turned,
+)
 
 LIGHT = light_wheels()
 NOISE = FilterNoise.of(ALTEN)
@@ -105,10 +114,10 @@ def test_only_gravity_changes_the_momentum_whatever_the_driveline_does() -> None
 class Dense:
     """A sample of the filter by the textbook's matrices; the ball does not pivot."""
 
-    def __init__(self, model: FilterModel, gyro: NDArray[np.float64], shown: NDArray[np.float64]) -> None:
+    def __init__(self, model: KalmanRecord, gyro: NDArray[np.float64], shown: NDArray[np.float64]) -> None:
         lever, pull = (tuple(map(tuple, one.tolist())) for one in (model.lever, model.pull))
         self.model, self.gyro, self.shown = model, tuple(gyro), shown
-        self.numbers = Numbers(model.sample_time, model.radius, lever, pull, model.forgotten)
+        self.numbers = Numbers(model.sample_time, model.radius, (), lever, pull, model.forgotten)
 
     def moved(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         change, v = (np.array(one) for one in motion(self.numbers, tuple(x), self.gyro))
@@ -138,7 +147,7 @@ class Dense:
 
 
 def dense(random: np.random.Generator) -> Dense:
-    model = filter_model(ALTEN, sample_time=H, noise=NOISE)
+    model = kalman_record(ALTEN, sample_time=H, noise=NOISE)
     return Dense(model, random.uniform(-1, 1, 3), random.uniform(-3, 3, FIRST["fix"] + 3))
 
 
@@ -174,7 +183,7 @@ def normalized(run: Run, kalman: KalmanFilter, state: NDArray[np.float64]) -> tu
     """Squared errors over the covariance: of place, attitude and velocity together (7), and of the bias (3)."""
     error = (state - run.truth[-1])[:7]
     bias = kalman._x[BIAS : BIAS + 3] - run.bias
-    spread = kalman._P[BIAS : BIAS + 3, BIAS : BIAS + 3]
+    spread = all_covariances(kalman)[BIAS : BIAS + 3, BIAS : BIAS + 3]
     return float(error @ np.linalg.solve(covariance_of(kalman), error)), float(
         bias @ np.linalg.solve(spread, bias)
     )
@@ -261,7 +270,7 @@ def test_a_pivoting_ball_does_not_take_the_heading_along() -> None:
     seen = []
     for reading in run.readings:
         kalman.update(reading)
-        seen.append(kalman.pivots)
+        seen.append(abs(kalman._memory["pivoting"][0]) > kalman.noise.pivoting_limit)
     assert not any(seen[:3000])
     assert all(seen[3030:3200])
     assert not any(seen[3800:])

@@ -11,13 +11,13 @@ import pytest
 
 from ballbot import InputError
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import Number
 from ballbot.control.safety import SafetyLimits
 from ballbot.firmware.build import compile_sources, compilers, source_files, weights_folder
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import PARAMETERS, READING, parameter_record
 from ballbot.link.emulated import HARDWARE
+from ballbot.records import Number
 from tests.support.compiled_firmware import Firmware, weights_of
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled, with_policy
 

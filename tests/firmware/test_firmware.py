@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import schema_of
 from ballbot.control.safety import SafetyLimits, StopReason
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Reading
@@ -19,6 +18,7 @@ from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.estimators import reading_record
 from ballbot.firmware.export import PROJECT
 from ballbot.firmware.records import SafetyRecord, SafetyState, SelfTestOutcome, parameter_record
+from ballbot.records import schema_of
 from tests.support.compiled_firmware import Firmware, library, weights_of
 from tests.support.control_examples import FRICTION, alten, with_policy
 from tests.support.firmware_beside import torques_beside

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from ballbot.control.records import Schema
 from ballbot.control.safety import SafetyLimits
 from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers
@@ -20,6 +19,7 @@ from ballbot.firmware.header import (
 )
 from ballbot.firmware.records import FIRMWARE, PARAMETERS, parameter_record
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import Schema
 from tests.support.control_examples import FRICTION, alten, everything, four_wheeled
 from tests.support.firmware_headers import types_header
 from tests.support.firmware_law import law_files

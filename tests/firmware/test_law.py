@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from ballbot.control.controller import Controller
 from ballbot.control.gain_set import tunable
 from ballbot.control.law import ALLOWED, LAW, LAW_SIZE, MEMORY, control_law
-from ballbot.control.records import Schema, converted
 from ballbot.control.references import circle
 from ballbot.control.tuning import Setting
 from ballbot.firmware.build import compile_sources, compilers, weights_folder
 from ballbot.firmware.header import SOURCES
+from ballbot.records import Schema, converted
 from ballbot.simulation import inputs
 from ballbot.simulation.batch import simulate_batch
 from ballbot.simulation.imperfections import Imperfections

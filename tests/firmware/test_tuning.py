@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from ballbot.control.controller import Controller
-from ballbot.control.records import schema_of
 from ballbot.control.safety import SafetyLimits
 from ballbot.control.tuning import Setting, TuningState, check_setting
 from ballbot.errors import InputError
 from ballbot.firmware.build import compile_sources, compilers, source_files
 from ballbot.firmware.records import READING, parameter_record
 from ballbot.link.messages import SCHEMAS, AnswerResult, Arm, StepBack, Tune
+from ballbot.records import schema_of
 from tests.firmware.test_law import mixing, random_setting
 
 pytestmark = pytest.mark.skipif(not compilers(), reason="no C compiler (gcc, clang or the ziglang wheel)")

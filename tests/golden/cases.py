@@ -126,7 +126,7 @@ CASES: tuple[Case, ...] = (
     _input("swing", inputs.swing),
     _command("check_swing", "check alten --swing swing/swing.csv --pivot-deviation 0.002"),
     _input("video", inputs.video),
-    _command("spin", "spin video/ball.avi"),
+    _command("spin", "spin video/ball.avi --log video/log.csv --robot alten"),
     # validation
     _command("validate", f"validate {_ROBOT} {_WALK}"),
     _command(
@@ -148,12 +148,10 @@ CASES: tuple[Case, ...] = (
     _command("run_upside_down", f"run upside-down --emulated --robot {_ROBOT} --duration 2", sampled=True),
     _command("plan", f"plan {_ROBOT} --to 0.5 0.2 0.5 --runs 2", sampled=True, alone=True),
     _command("limits", f"limits {_ROBOT} none {_FULL}"),
-    _command(
-        "compare", f"compare {_ROBOT} none full precise {_COURSES} --seeds 4,5 --processes 1", alone=True
-    ),
+    _command("compare", f"compare {_ROBOT} none full precise {_COURSES} --seeds 4,5", alone=True),
     _command(
         "compare_twin",
-        f"compare {_ROBOT} none partial@kalman --plant twin {_COURSES} --seeds 1 --processes 2",
+        f"compare {_ROBOT} none partial@kalman --plant twin {_COURSES} --seeds 1",
     ),
     # the whole
     _command("excite", f"excite {_ROBOT} --duration 10", sampled=True),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballbot.mechanics.geometry import transforms
 from ballbot.robot import Robot
 
 
@@ -71,13 +72,16 @@ def foreign_log(folder: Path) -> None:
 
 
 def video(folder: Path) -> None:
-    """Write ball.avi: 1 s of a turning ball with the thesis's seam, 200 x 160 pixels, without loss."""
+    """Write ball.avi, 5 s of a turning ball, 200 x 160 pixels without loss, and log.csv, the wheels that turn it."""
     from tests.support.ball_video import Camera, Scene, render, wandering, write_video
 
-    camera = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0)
+    camera = Camera(size=(200, 160), centre=(104.0, 77.0), radius=66.0, frame_rate=30.0)
     scene = Scene(camera=camera)
-    motion = wandering(duration=1.0, peak=10.0, seed=3)
-    frames = render(scene, motion, duration=1.0)
+    motion = wandering(duration=5.0, peak=10.0, seed=3)
+    t = np.arange(0.0, 5.0, 0.005)
+    speeds = motion.omega_at(t) @ transforms(Robot.load("alten")).T_owb.T
+    _write_csv(folder / "log.csv", {"t": t, **{f"wheel{i + 1}_dot": speeds[:, i] for i in range(3)}})
+    frames = render(scene, motion, duration=5.0)
     write_video(folder / "ball.avi", frames, frame_rate=camera.frame_rate, codec="HFYU")
 
 

@@ -10,7 +10,7 @@ from ballbot import Controller, InputError, simulate_batch
 from ballbot.control.law import MEMORY_SIZE, control_law
 from ballbot.control.presets import nominal_controller, precise_controller
 from ballbot.control.references import hold
-from ballbot.learning.lanes import KEPT, NEXT_STEP, SAME_STEP, TaskLanes
+from ballbot.learning.lanes import SAME_STEP, TaskLanes
 from ballbot.learning.robots import drawn_robots
 from ballbot.learning.tasks import SCALES, TASKS, task_named
 from ballbot.mechanics.geometry import rotation
@@ -158,27 +158,6 @@ def test_observation_and_reward_are_those_of_the_documented_formulas():
         )
         reward = 0.005 * (w.upright + (1.0 - w.upright) / (1.0 + cost))
         assert_allclose(lanes.rewards[lane], reward, rtol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("ending", [KEPT, NEXT_STEP, SAME_STEP])
-def test_torques_that_are_not_finite_end_their_lane_and_the_others_go_on(ending):
-    lanes, others = made(), made()
-    for each in (lanes, others):
-        each.start()
-        each.step(np.zeros((3, 3)))
-    bad = np.zeros((3, 3))
-    bad[1, 2] = np.nan
-    with pytest.raises(InputError, match=r"torques of lane 1 are \[0.0, 0.0, nan\].*the other lanes went on"):
-        lanes.step(bad, ending=ending)
-    others.step(np.zeros((3, 3)))
-    assert_array_equal(lanes.ended, [False, True, False])
-    assert not lanes.fallen.any()
-    assert lanes.rewards[1] == 0.0
-    assert_array_equal(lanes.observations[[0, 2]], others.observations[[0, 2]])
-    lanes.step(np.zeros((3, 3)), ending=ending)
-    assert lanes.ended[1] == (ending == KEPT)
-    assert np.isfinite(lanes.truths).all()
 
 
 @pytest.mark.slow

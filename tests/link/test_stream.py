@@ -1,4 +1,4 @@
-"""Rows of a run, as a Foxglove client and a program behind UDP get them, and a robot that waits for neither."""
+"""Rows of a run, as a Foxglove client gets them, and a robot that does not wait for it."""
 
 import json
 import socket
@@ -14,6 +14,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from ballbot.errors import InputError
+from ballbot.link.foxglove_server import FoxgloveServer
 from ballbot.link.live import log_columns
 from ballbot.link.stream import BACKLOG, LiveStream, StreamAddress, stream_address
 from ballbot.log.columns import unit_of
@@ -37,15 +38,6 @@ def free_port() -> int:
 
 
 @contextmanager
-def receiver():
-    """Hold a UDP socket, and the address of it."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
-        own.bind(("127.0.0.1", 0))
-        own.settimeout(PATIENCE)
-        yield own, StreamAddress("udp", "127.0.0.1", own.getsockname()[1])
-
-
-@contextmanager
 def foxglove_client(port: int):
     """Hold a connection that has subscribed to every channel, and the channels by their subscription's number."""
     with connect(
@@ -63,7 +55,7 @@ def foxglove_client(port: int):
 def test_a_foxglove_client_gets_rows_poses_a_picture_and_events():
     port = free_port()
     with (
-        LiveStream([StreamAddress("ws", "127.0.0.1", port)], COLUMNS, ALTEN) as stream,
+        LiveStream(StreamAddress("127.0.0.1", port), COLUMNS, ALTEN) as stream,
         foxglove_client(port) as (client, channels),
     ):
         topics = {one["id"]: topic for topic, one in channels.items()}
@@ -101,29 +93,10 @@ def test_a_foxglove_client_gets_rows_poses_a_picture_and_events():
         assert struct.pack("<d", 2.0 * ALTEN.ball.radius) in received["/scene"][0][1]
 
 
-def test_datagrams_are_json_that_plotjuggler_can_take():
-    columns = log_columns(4)
-    with receiver() as (own, address), LiveStream([address], columns, None) as stream:
-        before = time.time()
-        for k in range(3):
-            stream.append(row(1.0 + 0.005 * k, columns))
-        stream.append('The motor "2" stopped.')
-        stream.append(row(0.0, columns))  # the next run
-        datagrams = [own.recv(65536) for _ in range(5)]
-        messages = [json.loads(datagram) for datagram in datagrams]
-        assert max(map(len, datagrams)) < 2048
-        assert [message["log"]["t"] for message in messages[:3]] == [1.0, 1.005, 1.01]
-        assert messages[0]["log"].keys() == set(columns) - {"gyro_x"}
-        assert messages[3]["event"] == 'The motor "2" stopped.'
-        stamps = [message["timestamp"] for message in messages]
-        np.testing.assert_allclose(np.diff(stamps[:3]), 0.005, atol=2e-6)
-        assert before <= stamps[0] <= stamps[4] + 0.011 <= time.time() + 1.0
-
-
 def test_a_stream_that_cannot_send_never_delays_the_robot(monkeypatch):
     answers = Event()
-    with receiver() as (_, address), LiveStream([address], COLUMNS, None) as stream:
-        monkeypatch.setattr(stream._sinks[0], "send_row", lambda *_: answers.wait(PATIENCE))
+    monkeypatch.setattr(FoxgloveServer, "send_row", lambda *_: answers.wait(PATIENCE))
+    with LiveStream(StreamAddress("127.0.0.1", free_port()), COLUMNS, None) as stream:
         for k in range(3 * BACKLOG):
             stream.append(row(0.005 * k))  # or this would wait for ever
         assert len(stream._waiting) == BACKLOG
@@ -133,31 +106,25 @@ def test_a_stream_that_cannot_send_never_delays_the_robot(monkeypatch):
         answers.set()
 
 
-def test_rows_that_cannot_leave_are_reported_once():
-    # the address of a document's example, to which nothing may be broadcast
-    with LiveStream([StreamAddress("udp", "255.255.255.255", 9)], COLUMNS, None) as stream:
-        for k in range(10):
-            stream.append(row(0.005 * k))
-        stream.__exit__()
-        (trouble,) = stream.troubles()
-    assert trouble.startswith("Rows were lost on their way to udp://255.255.255.255:9: ")
-
-
 def test_addresses():
-    assert stream_address("foxglove") == ("ws", "127.0.0.1", 8765)
-    assert stream_address("plotjuggler") == ("udp", "127.0.0.1", 9870)
-    assert stream_address("udp://[::1]:9000/") == ("udp", "::1", 9000)
-    for text in ("foxglov", "ws://10.0.0.1", "http://a:80", "udp://a:70000", "udp://a:80/path", "udp://:1"):
-        with pytest.raises(InputError, match=r"is no address: give foxglove, plotjuggler, ws://HOST:PORT"):
+    assert stream_address("foxglove") == ("127.0.0.1", 8765)
+    assert stream_address("ws://[::1]:9000/") == ("::1", 9000)
+    for text in (
+        "plotjuggler",
+        "ws://10.0.0.1",
+        "http://a:80",
+        "ws://a:70000",
+        "ws://a:80/path",
+        "udp://a:1",
+    ):
+        with pytest.raises(InputError, match=r"is no address: give foxglove, or ws://HOST:PORT"):
             stream_address(text)
 
 
 def test_an_address_that_cannot_be_opened_is_refused_in_a_sentence():
     port = free_port()
     with (
-        LiveStream([StreamAddress("ws", "127.0.0.1", port)], COLUMNS, None),
+        LiveStream(StreamAddress("127.0.0.1", port), COLUMNS, None),
         pytest.raises(InputError, match=rf"server at ws://127.0.0.1:{port} cannot be opened: Address alr"),
     ):
-        LiveStream([StreamAddress("ws", "127.0.0.1", port)], COLUMNS, None)
-    with pytest.raises(InputError, match=r"udp://nobody.invalid:9 is not known: "):
-        LiveStream([StreamAddress("udp", "nobody.invalid", 9)], COLUMNS, None)
+        LiveStream(StreamAddress("127.0.0.1", port), COLUMNS, None)

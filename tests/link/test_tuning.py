@@ -10,7 +10,7 @@ import pytest
 from ballbot import Controller, InputError, Robot
 from ballbot.cli.main import main
 from ballbot.control.file import write_controller
-from ballbot.control.gain_set import gain_set, tunable
+from ballbot.control.gain_set import tunable
 from ballbot.control.presets import design_gain, nominal_controller
 from ballbot.control.tuning import Setting
 from ballbot.firmware.build import compilers
@@ -54,7 +54,7 @@ def test_hundred_changes_without_a_fall(tmp_path, capsys):
         assert change["setting"]["compensation"] == compensation
     assert "Changes of the controller" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     printed = capsys.readouterr().out
-    assert "it is 1 away. Its spectral radius would be" in printed
+    assert "it is 1 away." in printed
     assert "There is no command 'jump'; they are gain, compensation, back." in printed
     log = Log.read(tmp_path / "run" / "log.csv")
     assert np.abs(log["theta"]).max() < 0.1
@@ -93,7 +93,7 @@ def told(lines):
         def until(self, _):
             yield from lines
 
-    tuner = Tuner(Given(), controller.record["tuning"][0], gains=gain_set(controller), say=said.append)
+    tuner = Tuner(Given(), controller.record["tuning"][0], say=said.append)
     tuner.update(Accepting(), 3.0, 2**32 - 20)
     return said, tuner.changes
 
@@ -101,8 +101,7 @@ def told(lines):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("gain 1.5", r"0\.5 away\. Its spectral radius would be 0\.99\d+: stable while fixed, but not"),
-        ("gain 6 -5", r"it is 5 away\. Its spectral radius would be 1\.\d+: unstable"),
+        ("gain 1.5", r"it is 0\.5 away\.$"),
         ("gain", "must be a command and numbers"),
         ("compensation far", "must be a command and numbers"),
         ("torque 0.9", "There is no command 'torque'"),

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ballbot.estimation import Fix
 from ballbot.estimation.swing import swing
 from ballbot.robot import Robot, Sensors
-from ballbot.simulation.sensors import Accelerometer, Encoders, FixSource, SensorFaults, SensorSuite
+from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults, SensorSuite
 
 ALTEN = Robot.load("alten")
 QUIET = replace(ALTEN.sensors, gyro_noise=0.0, attitude_noise=0.0, heading_drift=0.0)
@@ -37,13 +37,14 @@ class Ahrs:
 @pytest.mark.parametrize("window", [1, 4])
 def test_encoders_count_and_difference(window: int) -> None:
     """A count is 360/55200 degrees; a steady speed is found to a count over the window."""
-    encoders = Encoders(ALTEN, ALTEN.sensors, window=window)
+    suite = SensorSuite(ALTEN, ALTEN.sensors, window=window)
     count = 2 * np.pi / (2000 * 27.6)
     start, speeds = np.array([1.0, -3.0, 700.0]), np.array([3.0, -0.02, 0.0])
-    encoders.reset(start)
+    suite.reset(np.random.default_rng(0), start)
     found = np.zeros(3)
     for k in range(50):
-        angles, found = encoders.read(start + speeds * 0.005 * k)
+        reading = suite.read(0.005 * k, np.zeros(10), np.zeros(6), start + speeds * 0.005 * k)
+        angles, found = reading.wheel_angles, reading.wheel_speeds
         error = speeds * 0.005 * k - angles
         assert (error > -1e-9).all()
         assert (error < count + 1e-9).all()

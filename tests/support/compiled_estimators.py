@@ -14,21 +14,15 @@ from numpy.typing import NDArray
 
 from ballbot import Robot
 from ballbot.arrays import Floats
-from ballbot.control.records import Precision, fill_record, schema_of
 from ballbot.estimation.interface import EstimatorName, Reading
+from ballbot.estimation.kalman import kalman_record
+from ballbot.estimation.kalman_model import KalmanRecord
+from ballbot.estimation.onboard import OnboardMemory, OnboardRecord, onboard_record
 from ballbot.firmware.build import compile_sources
-from ballbot.firmware.estimators import (
-    KalmanMemory,
-    KalmanRecord,
-    OnboardMemory,
-    OnboardRecord,
-    kalman_record,
-    onboard_record,
-    reading_record,
-    single,
-)
+from ballbot.firmware.estimators import KalmanMemory, reading_record
 from ballbot.firmware.header import SOURCES
 from ballbot.mechanics.geometry import transforms
+from ballbot.records import Precision, converted, fill_record, schema_of
 from ballbot.robot.derived import encoder_step
 from tests.support.compiled_firmware import library
 
@@ -42,11 +36,10 @@ _REAL = {"single": np.float32, "double": np.float64}
 
 def record_of(numbers: OnboardRecord | KalmanRecord, precision: Precision) -> NDArray[np.void]:
     """Return an estimator's numbers as a record (1,)."""
-    if precision == "single":
-        return single(numbers)
-    record = schema_of(type(numbers)).zeros()
+    schema = schema_of(type(numbers))
+    record = schema.zeros()
     fill_record(record, numbers)
-    return record
+    return converted(record, schema) if precision == "single" else record
 
 
 def address(array: NDArray) -> ctypes.c_void_p:
@@ -55,7 +48,7 @@ def address(array: NDArray) -> ctypes.c_void_p:
 
 
 class Compiled:
-    """An estimator in C, with the interface of one in Python; in double precision only the Kalman filter."""
+    """An estimator in C, with the interface of one in Python."""
 
     def __init__(
         self, name: EstimatorName, robot: Robot, *, sample_time: float = H, precision: Precision = "single"
@@ -98,10 +91,10 @@ def covariance_in(memory: NDArray[np.void]) -> Floats:
 
 @cache
 def hours_library(precision: Precision) -> ctypes.CDLL:
-    """Return the Kalman filter in C in one precision, with what drives it (`firmware_hours.c`)."""
+    """Return the estimators in C in one precision, with what drives it (`firmware_hours.c`)."""
     here = Path(__file__).parent
     sources = [
-        *(SOURCES / "estimation" / name for name in ("kalman.c", "swing.c")),
+        *(SOURCES / "estimation" / name for name in ("kalman.c", "onboard.c", "swing.c")),
         here / "firmware_hours.c",
     ]
     flags = ["-O2", "-fPIC", "-shared", "-Wno-conversion", "-Wno-double-promotion"]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from ballbot.arrays import Floats
 from ballbot.control.controller import Controller
 from ballbot.control.law import ALLOWED
-from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.errors import InputError
 from ballbot.firmware.build import shared_library, source_files
 from ballbot.firmware.header import weights_header
 from ballbot.firmware.records import STATE, SelfTestOutcome
+from ballbot.records import MAX_WHEELS
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,17 @@ from scipy.spatial.transform import Rotation
 from ballbot.arrays import Floats
 from ballbot.estimation.interface import Reading
 from ballbot.estimation.kalman import KalmanFilter
-from ballbot.estimation.kalman_model import BIAS, PSI, STATES, FilterNoise, G, S, X
+from ballbot.estimation.kalman_model import (
+    BIAS,
+    COVARIANCE,
+    LOWER_TRIANGLE,
+    PSI,
+    STATES,
+    FilterNoise,
+    G,
+    S,
+    X,
+)
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
 from ballbot.robot import Robot
 
@@ -128,6 +138,13 @@ def turned(attitude: Floats, angle: Floats) -> Floats:
     return np.column_stack((found[:, :2], found[:, 2] + 2 * np.pi * turns))
 
 
+def all_covariances(kalman: KalmanFilter) -> Floats:
+    """Return the covariance (14, 14) of a filter's states."""
+    P = np.zeros((STATES, STATES))
+    P[LOWER_TRIANGLE] = kalman._column[COVARIANCE : COVARIANCE + len(LOWER_TRIANGLE[0])]
+    return P + np.tril(P, -1).T
+
+
 def covariance_of(kalman: KalmanFilter) -> Floats:
     """Return the covariance (7, 7) of x, y, theta, phi, psi and the ball's velocity, as `update` returns them.
 
@@ -142,10 +159,10 @@ def covariance_of(kalman: KalmanFilter) -> Floats:
     rows[2:4, G : G + 2] = swap @ turn
     rows[2:4, PSI] = swap @ turn @ quarter @ kalman._x[G : G + 2]
     rows[5:, S : S + 2] = turn
-    lever, rate = kalman._model.lever, kalman._gyro - kalman._x[BIAS : BIAS + 3]
+    lever, rate = kalman._model.lever, kalman._memory["gyro"][0] - kalman._x[BIAS : BIAS + 3]
     rows[5:, PSI] = turn @ quarter @ (kalman._x[S : S + 2] - lever @ rate)
     rows[5:, BIAS : BIAS + 3] = turn @ lever
-    covariance = rows @ kalman._P @ rows.T
+    covariance = rows @ all_covariances(kalman) @ rows.T
     by_gyro = rows[5:, BIAS : BIAS + 3]  # a sample's noise moves v as a bias of that sample would
     covariance[5:, 5:] += kalman._model.gyro_variance * by_gyro @ by_gyro.T
     return covariance

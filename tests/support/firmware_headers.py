@@ -23,7 +23,6 @@ import numpy as np
 
 from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
-from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.control.tuning import MAX_GAINS
 from ballbot.files import write_text
 from ballbot.firmware.bounds import BOUNDS, FIRST_BOUND, Refusal
@@ -37,6 +36,7 @@ from ballbot.firmware.header import (
     weights_header,
 )
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, PARAMETERS, digest_words
+from ballbot.records import MAX_WHEELS, Number, Schema
 from tests.support.firmware_law import law_files
 from tests.support.kalman_header import KALMAN_HEADER, kalman_header
 from tests.support.python_to_c import lengths

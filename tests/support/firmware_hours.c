@@ -90,7 +90,8 @@ void run(const struct ballbot_kalman_record *record, struct ballbot_kalman_memor
 {
     for (int64_t n = 0; n < samples; ++n) {
         struct shown shown;
-        struct ballbot_reading_record reading = {.encoders_valid = 1};
+        struct ballbot_reading_record reading = BALLBOT_NO_READING;
+        reading.encoders_valid = 1;
         next(world, &shown);
         for (int i = 0; i < 4; ++i) {
             reading.wheel_counts[i] = (int32_t)shown.counts[i];

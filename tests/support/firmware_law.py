@@ -3,7 +3,8 @@
     c/parts/part.h       what the parts share: `ballbot.control.parts.part`
     c/parts/steps.h      the steps of these parts
     c/parts/NAME.c       a part, from the file of that name
-    c/parts/tuning.c, c/decide.c, c/estimation/heading.c, swing.c     from `tuning`, `law`, `heading` and `swing`
+    c/parts/tuning.c, c/decide.c     from `tuning` and `law`
+    c/estimation/heading.c, swing.c, onboard.c, known.h     from the modules of these names
 
 By hand are the policy, whose network has its size from its weights, and `law.c`, which looks at state and reference.
 `tests.support.python_to_c` translates; `tests.support.firmware_headers` writes the files.
@@ -27,7 +28,9 @@ from ballbot.control.parts import (
     reference_shaping,
 )
 from ballbot.errors import InputError
-from ballbot.estimation import heading, swing
+from ballbot.estimation import heading, known, onboard, swing
+from ballbot.firmware.estimators import READING
+from ballbot.mechanics.engine import compensated_sum
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
 from ballbot.mechanics.friction import decay, with_stribeck
@@ -37,7 +40,10 @@ from tests.support.python_to_c import NOTHING, REAL, TRUTH, WHOLE, External, Pro
 EXTERNALS = {
     abs: External("ballbot_magnitude"),
     sine_cosine: External("ballbot_sine_cosine", outputs=True),
-    part.add_to.py_func: External("ballbot_add(&{0}[{2}], &{1}[{2}], {3})", NOTHING, written=(0, 1)),
+    known.not_a_number.py_func: External("ballbot_not_a_number"),
+    compensated_sum.add_to.py_func: External(
+        "ballbot_add(&{0}[{2}], &{1}[{2}], {3})", NOTHING, written=(0, 1)
+    ),
     rolling_brake: External("{0} / ballbot_larger({1}, 1e-30f)"),
     math.atan2: External("ballbot_arctangent"),
     decay: External("ballbot_exponential(-ballbot_power({0}, {1}))"),
@@ -81,6 +87,10 @@ def program() -> Program:
     made.add(swing.swing_of, [REAL] * 3)
     made.add(swing.begin_filter, [_LEVER, values(swing.SwingTwist), _GYRO, _STATES])
     made.add(swing.robot_state, [_LEVER, _STATES, _GYRO, _NUMBERS])
+    made.add(known.are_known, [Type("float", ("",)), WHOLE])
+    of_onboard = record(onboard.ONBOARD), record(onboard.ONBOARD_MEMORY)
+    made.add(onboard.onboard_reset, [of_onboard[1], Type("float", ("2",))])
+    made.add(onboard.onboard_update, [*of_onboard, WHOLE, record(READING), _NUMBERS])
     return made
 
 
@@ -103,7 +113,10 @@ def _file(modules: tuple[ModuleType, ...], comment: str, body: str, guard: str =
 def law_files() -> dict[str, str]:
     """Return the text of each file, by its path in the sources."""
     made = program()
-    if unknown := {one.module for one in made.functions.values()} - {part, heading, swing, law, *PARTS}:
+    if unknown := {one.module for one in made.functions.values()} - {
+        *(part, heading, swing, known, onboard, law),
+        *PARTS,
+    }:
         names = ", ".join(sorted(one.__name__ for one in unknown))
         raise InputError(f"{names}: name it in PARTS, so that its C is written.")
     own = "".join(f'#include "{name}.h"\n' for name in ("ballbot_math", "ballbot_types", "compensated_sum"))
@@ -130,6 +143,18 @@ def law_files() -> dict[str, str]:
         "estimation/swing.h": _file(
             (swing,), "Attitudes as lean and heading, and the robot's state.",
             f'#include "estimation/kalman_model.h"\n\n{made.declarations(swing)}', "BALLBOT_SWING_H",
+        ),
+        "estimation/known.h": _file(
+            (known,), "What both estimators ask of a reading.",
+            f"{shared}{made.sources(known, inline=True)}", "BALLBOT_KNOWN_H",
+        ),
+        "estimation/onboard.c": _file(
+            (onboard,), onboard.__doc__ or "",
+            f'#include "estimation/onboard.h"\n\n#include "estimation/known.h"\n\n{made.sources(onboard)}',
+        ),
+        "estimation/onboard.h": _file(
+            (onboard,), "The on-board state, the thesis's way.",
+            f"{shared}{made.declarations(onboard)}", "BALLBOT_ONBOARD_H",
         ),
         "decide.c": _file(
             (law,), law.__doc__ or "",

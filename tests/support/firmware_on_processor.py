@@ -9,12 +9,12 @@ from ballbot import Controller, Robot
 from ballbot.control.controller import Compensation
 from ballbot.control.law import LAW, MEMORY
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import converted
 from ballbot.estimation.interface import EstimatorName
 from ballbot.firmware.build import source_files
 from ballbot.firmware.emulator import Board, EmulatedCall, Image, compile_image
 from ballbot.firmware.export import export_controller
 from ballbot.firmware.processor_load import Update, rehearse
+from ballbot.records import converted
 from ballbot.twin import Scenario
 from tests.support.compiled_firmware import Firmware, library_of, weights_of
 from tests.support.control_examples import with_policy

@@ -20,7 +20,7 @@ from ballbot import Controller, Robot
 from ballbot.control.law import LAW, MEMORY, MEMORY_SIZE, control_law
 from ballbot.control.parts import KINDS, Parts
 from ballbot.control.presets import nominal_controller, precise_controller
-from ballbot.control.records import converted
+from ballbot.records import converted
 from ballbot.twin import Scenario
 from tests.support.compiled_firmware import Library, library_of
 from tests.support.control_examples import everything, four_wheeled, with_policy

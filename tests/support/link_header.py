@@ -8,7 +8,6 @@ If a message changes, the C code that reads it must change too. Then write the h
 from dataclasses import replace
 from enum import IntEnum
 
-from ballbot.control.records import Schema
 from ballbot.control.tuning import ROUNDING
 from ballbot.files import write_text
 from ballbot.firmware.header import SOURCES
@@ -32,6 +31,7 @@ from ballbot.link.messages import (
     ControllerPlace,
     Layer,
 )
+from ballbot.records import Schema
 from tests.support.firmware_headers import struct_text
 
 HEADER = SOURCES / "link" / "ballbot_messages.h"

@@ -5,9 +5,9 @@ from cobs import cobs
 from fastcrc import crc32
 from hypothesis import strategies as st
 
-from ballbot.control.records import Number
 from ballbot.link.frames import encode
 from ballbot.link.messages import MESSAGES, SCHEMAS, Message
+from ballbot.records import Number
 
 _WHOLE = st.integers(-(2**31), 2**31 - 1)
 _REAL = st.floats(width=32, allow_nan=False, allow_infinity=False)

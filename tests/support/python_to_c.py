@@ -2,7 +2,7 @@
 
 `Program.add` takes a function of Python and the types it is called with, `Program.sources` gives a file's text.
 
-The functions are the restricted Python that Numba compiles: numbers, records (`ballbot.control.records`), named tuples
+The functions are the restricted Python that Numba compiles: numbers, records (`ballbot.records`), named tuples
 and loops. A function becomes one of C with its name, comments, branches and loops, a record's field a member of its
 struct, a named tuple a struct by value (by address with more than `_LARGEST_VALUE` numbers), a module's constant a
 macro. Types follow from the calls, as for Numba: a function that is called with two sets of them is refused, as is
@@ -22,7 +22,7 @@ import re
 import sys
 import tokenize
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -32,9 +32,9 @@ import numpy as np
 
 from ballbot.control.friction_table import SPEEDS
 from ballbot.control.parts.part import MAX_PAST
-from ballbot.control.records import MAX_WHEELS, Number, Schema
 from ballbot.errors import InputError
 from ballbot.firmware.header import struct_name
+from ballbot.records import MAX_WHEELS, Number, Schema
 
 #: numbers in a named tuple that is passed by value
 _LARGEST_VALUE = 5
@@ -66,6 +66,11 @@ class Type:
     def by_address(self) -> bool:
         """Whether a function gets the address of such an argument."""
         return bool(self.shape) or isinstance(self.members, Schema) or _size(self.members) > _LARGEST_VALUE
+
+    def takes(self, given: Type) -> bool:
+        """Return whether an argument of a type is one of this type; an array's first length may be left open."""
+        is_open = self.shape[:1] == ("",) and given.shape
+        return self == (replace(given, shape=("", *given.shape[1:])) if is_open else given)
 
     def declared(self, name: str) -> str:
         """Return a declaration of a parameter or of an alias; an array's first length may be left out."""
@@ -645,7 +650,7 @@ class _Body:
         if not hasattr(target, "py_func"):
             raise self._refuse(node, "the function is not compiled")
         made = self.program.add(target, [one.type for one in given])
-        if [*made.parameters.values()] != [one.type for one in given]:
+        if not all(map(Type.takes, made.parameters.values(), (one.type for one in given))):
             raise self._refuse(node, "the function is called with other types elsewhere")
         for (parameter, _), one in zip(made.parameters.items(), given, strict=True):
             if parameter in made.written:

@@ -10,16 +10,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ballbot import Robot
 from ballbot.cli import spin as cli
 from ballbot.cli.main import main
 from ballbot.errors import InputError
-from ballbot.findings import texts
 from ballbot.log import Log
 from ballbot.mechanics.geometry import transforms
 from ballbot.vision.seam import basketball_seam
-from ballbot.vision.spin import Spin, compare_with_wheels, facing, measure_spin, spin_findings
+from ballbot.vision.spin import Spin, compare_with_wheels, measure_spin, tracking_words
 from ballbot.vision.video import open_video
 from ballbot.vision.view import View
 from tests.support.ball_video import Camera, Light, Scene, motion_of, render, wandering, write_video
@@ -133,9 +133,13 @@ def test_a_covered_ball_is_lost_and_found_again(tmp_path):
     assert spin.track.tracked[35:].all()  # it is searched in one frame of four
     true = motion.omega_at(spin.t)
     np.testing.assert_allclose(spin.omega[spin.known], true[spin.known], rtol=0.0, atol=HARD * 6.0)
-    assert any(
-        "lost in" in sentence and "0.33 to" in sentence for sentence in texts(spin_findings(spin, None))
-    )
+    assert "lost in" in tracking_words(spin)
+    assert "0.33 to" in tracking_words(spin)
+
+
+def facing(forward: float) -> Rotation:
+    """Return the rotation, camera frame to robot frame, of a robot whose x is at that angle in the picture [rad]."""
+    return Rotation.from_rotvec([0.0, 0.0, -forward])
 
 
 def wheel_log(made: Film, robot: Robot, *, forward: float, offset: float) -> Log:
@@ -186,11 +190,13 @@ def test_command_writes_its_documented_files(plain, command):
         (["--circle", "100,80,3"], "at least 8"),
         (["--seam", "football"], "the seams are thesis"),
         (["--frame-rate", "0"], "positive"),
-        (["--log", "run.csv"], "needs --robot"),
     ],
 )
 def test_invalid_options_end_in_one_sentence(short, tmp_path, capsys, options, sentence):
-    assert main(["spin", str(short.path), *options, "--out", str(tmp_path)]) == 2
+    log = tmp_path / "run.csv"
+    wheel_log(short, Robot.load("alten"), forward=0.0, offset=0.0).write(log)
+    words = [str(short.path), "--log", str(log), "--robot", "alten", *options]
+    assert main(["spin", *words, "--out", str(tmp_path)]) == 2
     *progress, refusal = capsys.readouterr().err.splitlines()
     assert sentence in refusal
     assert all(line.startswith("ballbot: looking") for line in progress)
@@ -214,7 +220,11 @@ def test_invalid_videos_end_in_one_sentence(tmp_path, capsys, name, sentence):
         write_video(tmp_path / name, grey[:1], frame_rate=30.0)
     elif name == "empty.avi":
         write_video(tmp_path / name, grey, frame_rate=30.0)
-    assert main(["spin", str(tmp_path / name), "--out", str(tmp_path / "out")]) == 2
+    Log({"t": 0.005 * np.arange(9), **{f"wheel{i}_dot": np.arange(9.0) for i in (1, 2, 3)}}).write(
+        tmp_path / "l.csv"
+    )
+    words = [str(tmp_path / name), "--log", str(tmp_path / "l.csv"), "--robot", "alten"]
+    assert main(["spin", *words, "--out", str(tmp_path / "out")]) == 2
     printed = capsys.readouterr().err
     assert sentence in printed
     assert printed.count("\n") == 1

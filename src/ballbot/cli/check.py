@@ -21,7 +21,6 @@ def check(
     *,
     controller: str = "nominal",
     swing: Path | None = None,
-    swing_column: str | None = None,
     pivot_distance: float | None = None,
     pivot_deviation: float | None = None,
     accept: options.Accept = None,
@@ -45,18 +44,15 @@ def check(
         The controller whose margins are computed: none, full, partial, nominal, precise, a controller file, or
         FILE.py:NAME if NAME(robot) returns a ballbot.Controller.
     swing : Path
-        A log (gyro or angle) of the body swinging freely, hung up as a pendulum, which determines its inertia.
-    swing_column : str
-        The swinging column of the log, if it is not one of gyro_x .. gyro_z, theta, phi, psi.
+        A log (gyro_x to gyro_z, or theta, phi or psi) of the body swinging freely, hung up as a pendulum, which
+        determines its inertia.
     pivot_distance : float
         Distance from the pivot to the centre of mass [m]. If not given, the pivot is at the ball's centre.
     pivot_deviation : float
         Standard deviation of that distance [m].
     """
-    if swing is None and not (swing_column is pivot_distance is pivot_deviation is None):
-        raise InputError(
-            "--swing-column, --pivot-distance and --pivot-deviation describe a swing: give --swing FILE."
-        )
+    if swing is None and not (pivot_distance is pivot_deviation is None):
+        raise InputError("--pivot-distance and --pivot-deviation describe a swing: give --swing FILE.")
     hung = Robot.load(robot)
     of_robot = stop_or_show(robot_findings(hung), accept=accept, show=False)
     # imported late: they compile, and a bad robot is reported first
@@ -71,7 +67,6 @@ def check(
             swing,
             distance=pivot_distance,
             deviation=pivot_deviation,
-            column=swing_column,
             accept=check_codes(accept or ()),
         )
         checked = CheckedRobot(robot=hung, findings=findings, controller=controller, swing=swung)

@@ -5,7 +5,7 @@ from pathlib import Path
 from ballbot.cli import options
 from ballbot.cli.context import changed_robot, open_result, parse_seeds, robot_words
 from ballbot.control.references import is_reference_file
-from ballbot.fitting.run import Processes, Run
+from ballbot.fitting.run import Run
 from ballbot.report.comparison import league_report
 from ballbot.workflows.courses import PlantName, choose_courses
 from ballbot.workflows.league import DEFAULT_CONTROLLERS
@@ -19,7 +19,6 @@ def compare(
     plant: PlantName = "model",
     courses: str = "motions",
     seeds: str = "1-3",
-    processes: options.Count | None = None,
     change: options.Changes = None,
     out: options.Out,
 ) -> None:
@@ -46,8 +45,6 @@ def compare(
         square, circle, figure_eight, change_pose, push, ramp, payload, floor, heading) and course files.
     seeds
         Random seeds, such as 1-20 or 1,4,7-9. Each controller runs once per course and seed.
-    processes
-        Number of parallel processes; by default one per core. Results do not depend on it.
     """
     described, numbers = changed_robot(robot, change), parse_seeds(seeds)
     references = [course.reference_spec.name for course in choose_courses(courses, described, plant)]
@@ -59,7 +56,6 @@ def compare(
             courses=courses,
             plant=plant,
             seeds=numbers,
-            workers=Processes(count=processes),
             run=Run(progress=result.report),
         )
         words = robot_words(robot, change)

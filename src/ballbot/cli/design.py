@@ -48,9 +48,9 @@ def design(
 
     Writes report.html, controller.toml and results.json (gain, closed-loop poles, stability margins, A and B). The
     precise kind is stiff and has integral action, smoothed references with feed-forward and a disturbance observer; it
-    needs the Kalman filter's state. Standard deviations in the robot's file are propagated to each entry of the
-    gain; those of its friction limit the compensation to the friction that is present with 95 % confidence. More than
-    that injects energy and can destabilise the robot: it is refused, and the margin is shown.
+    needs the Kalman filter's state. The standard deviations of the friction in the robot's file limit the compensation
+    to the friction that is present with 95 % confidence. More than that injects energy and can destabilise the robot:
+    it is refused, and the margin is shown.
 
     Parameters
     ----------

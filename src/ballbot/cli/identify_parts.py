@@ -41,7 +41,6 @@ def identify_driveline(
     *,
     out: options.Out,
     mapping: options.Mapping = None,
-    speed_limit: float | None = None,
     accept: options.Accept = None,
 ) -> None:
     """Identify b, c, s and v_s of each driveline from a torque sweep with the wheels off the ball.
@@ -56,12 +55,10 @@ def identify_driveline(
     ----------
     log
         A log with torques and wheel speeds of a slow sweep with the wheels off the ball, not of the robot balancing.
-    speed_limit
-        Speed limit of the supply [rad/s]. If not given, the greatest speed in the log.
     """
     described = Robot.load(robot)
     read = Log.read(log, mapping=mapping, robot=described)
-    sweeps = sweeps_of(described, read, limit=speed_limit)
+    sweeps = sweeps_of(described, read)
     of_sweep = in_files([(log, sweep_findings(described, sweeps))])
     of_log = bench_findings(described, {str(log): read})
     findings = stop_or_show([*of_log, *of_sweep, *dead_band_findings([mapping])], accept=accept)

@@ -26,7 +26,6 @@ def plan(
     to: tuple[float, float, float] | None = None,
     along: Path | None = None,
     stop_from: options.Positive | None = None,
-    direction: float = 0.0,
     within: options.Positive | None = None,
     corridor: options.Positive = 0.02,
     controller: str = "precise",
@@ -62,9 +61,7 @@ def plan(
     along
         A path to move along: a reference file, whose times do not count.
     stop_from
-        The speed [m/s] from which the robot is to stop; a run-up comes before.
-    direction
-        Of the stop, from forward to the left [degrees].
+        The speed [m/s], forward, from which the robot is to stop; a run-up comes before.
     within
         The longest time allowed [s]. If no plan is so fast, the limit that forbids it is named.
     corridor
@@ -117,7 +114,6 @@ def plan(
             to=to,
             along=along,
             stop_from=stop_from,
-            direction=math.radians(direction),
             within=within,
             corridor=corridor,
             limits=limits,

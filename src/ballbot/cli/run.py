@@ -81,9 +81,9 @@ class LinkOptions:
     seed: options.SeedNumber = 1
     """Random seed of an emulated robot, and of the torques upside down. The same seed gives the same run."""
 
-    stream: Annotated[list[str] | None, Parameter(negative="")] = None
-    """Show the robot live: foxglove, plotjuggler, ws://HOST:PORT of a server for Foxglove, or udp://HOST:PORT, to which
-    rows go as JSON. May be given more than once. An emulated robot then runs no faster than the clock."""
+    stream: str | None = None
+    """Show the robot live in Foxglove, or in PlotJuggler by its Foxglove Bridge: foxglove, or ws://HOST:PORT of the
+    server. An emulated robot then runs no faster than the clock."""
 
     @property
     def name(self) -> str:
@@ -112,7 +112,7 @@ class LinkOptions:
         if self.emulated == (port is not None):
             both = f", not both: {port} would be a port" if port else ""
             raise InputError(f"Give the robot's port, such as /dev/ttyACM0, or --emulated{both}.")
-        stream = [stream_address(text) for text in self.stream or ()]
+        stream = stream_address(self.stream) if self.stream else None
         if port is not None:
             return connect(SerialTransport(port), self.described, address=port, say=notice, stream=stream)
         described = Robot.load(self.name)
@@ -122,7 +122,7 @@ class LinkOptions:
             plant=self.plant,
             seed=self.seed,
             hold=hold,
-            real_time=real_time or bool(stream),
+            real_time=real_time or stream is not None,
             imu_checked=imu_checked,
             weights=weights,
         )
@@ -206,7 +206,7 @@ def balance(
             robot.use_parameters(exported.parameters)
         check_balancing_parameters(robot.parameters)
         own = robot.parameters["law"]["tuning"][0]
-        tuner = Tuner(lines, own, gains=exported and exported.gains, say=notice) if lines else None
+        tuner = Tuner(lines, own, say=notice) if lines else None
         commander = FollowReference(driven, sample_time=robot.sample_time, tuner=tuner)
         changes = tuner.changes if tuner else ()
         _record(connection, commander, duration, out, then, seed=link.seed, ramp=ramp, changes=changes)
@@ -300,8 +300,8 @@ def upside_down(
 ) -> None:
     """Record the robot upside down with the ball on its wheels, for `ballbot identify-upside-down`.
 
-    Clamp the robot upside down, lay the ball on its wheels and film it. `ballbot spin VIDEO --log log.csv` adds the
-    ball's angular velocity to the log. An emulated robot has a camera of its own.
+    Clamp the robot upside down, lay the ball on its wheels and film it. `ballbot spin VIDEO --log log.csv --robot
+    ROBOT` adds the ball's angular velocity to the log. An emulated robot has a camera of its own.
 
     Example: ballbot run upside-down /dev/ttyACM0 --out upside_down
 

@@ -10,7 +10,6 @@ from ballbot.errors import InputError
 from ballbot.files import check_file, check_new_file, write_text
 from ballbot.robot import Robot
 from ballbot.twin import twin_mjcf
-from ballbot.twin.mjcf import Mounting
 from ballbot.twin.model_files import robot_urdf
 from ballbot.twin.scenario_file import load_scenario, scenario_text
 
@@ -28,7 +27,6 @@ def export(
     /,
     *,
     scenario: str | None = None,
-    mounting: Mounting = "floor",
     out: Path,
 ) -> None:
     """Write the twin as MJCF, for MuJoCo's viewer and other tools, or the robot with its own friction as URDF, for ROS.
@@ -44,8 +42,6 @@ def export(
     ----------
     scenario
         A named scenario or a scenario file; "nominal" by default. Not for URDF.
-    mounting
-        floor, stand (held, wheels in the air) or upside_down (held, the ball on the wheels).
     out
         The file to write, .xml or .urdf.
     """
@@ -53,15 +49,15 @@ def export(
     kind = out.suffix.lower()
     if kind not in (".xml", ".urdf"):
         raise InputError(f"{out} must end in .xml for MJCF, or in .urdf.")
-    if kind == ".urdf" and (scenario or mounting != "floor"):
-        raise InputError("URDF describes the robot only: leave out --scenario and --mounting, or write .xml.")
+    if kind == ".urdf" and scenario:
+        raise InputError("URDF describes the robot only: leave out --scenario, or write .xml.")
     check_file(out)
     if kind == ".urdf":
         write_text(out, robot_urdf(described))
         sentence, step = f"{described.name} as URDF, with its own friction.", f"open {out} in RViz."
     else:
         chosen = load_scenario(scenario or "nominal", described)
-        write_text(out, twin_mjcf(described, chosen, mounting=mounting) + "\n")
+        write_text(out, twin_mjcf(described, chosen) + "\n")
         sentence = f"The twin of {described.name} as MJCF, with the scenario {chosen.name}."
         step = f"`python -m mujoco.viewer --mjcf={out}`"
     show_written(out, sentence, next_step=step)

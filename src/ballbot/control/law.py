@@ -9,7 +9,7 @@ psi = 0 and the wheels turn with the body. `decide` calls the steps of the parts
 have no effect.
 
 A controller's numbers are one record (`LAW`), so that every robot in a batch can have its own law; its memory between
-updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.control.records`). The
+updates is another (`MEMORY`). Both are derived from the parts' dataclasses (`ballbot.records`). The
 firmware's C, decide.c and parts/, is written from this file and those of the parts (`tests.support.firmware_law`).
 """
 
@@ -43,11 +43,11 @@ from ballbot.control.parts.part import (
 from ballbot.control.parts.policy import ERRORS, HISTORY, act, with_policy, within_policy
 from ballbot.control.parts.prediction import predict
 from ballbot.control.parts.reference_shaping import restart_shaping, shape, slow_motion
-from ballbot.control.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.control.tuning import CHANGE_TIME, TuningRecord, TuningState, tune
-from ballbot.estimation.heading import unwrapped
+from ballbot.estimation.heading import HEADING, unwrapped
 from ballbot.mechanics.engine.compiled import c_code, compiled, inlined
 from ballbot.mechanics.engine.tracing import outside, traced
+from ballbot.records import MAX_WHEELS, Schema, fill_record, number, schema_of
 
 #: what `control_law` returns if the reference is allowed
 ALLOWED = -1
@@ -74,23 +74,14 @@ LAW = Schema(
 )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class HeadingMemory:
-    """The last value of a heading that wraps around, and the whole turns since the start."""
-
-    started: int = field(metadata=whole())
-    last: float = field(metadata=number("rad"))
-    turns: int = field(metadata=whole())
-
-
 #: a controller's memory: torques of the last updates, headings, what has changed, each part's state by its name; zeros
 #: when a run starts
 MEMORY = Schema(
     name="memory",
     fields={
         "history": schema_of(TorqueHistory),
-        "measured_heading": schema_of(HeadingMemory),
-        "reference_heading": schema_of(HeadingMemory),
+        "measured_heading": HEADING,
+        "reference_heading": HEADING,
         "tuning": schema_of(TuningState),
         **{name: schema_of(kind.state) for name, kind in KINDS.items()},
     },

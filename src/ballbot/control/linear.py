@@ -1,15 +1,15 @@
-"""A controller as a linear system, and its loop with the robot: for margins, Bode diagrams and step responses.
+"""A controller as a linear system, and its loop with the robot: for margins and Bode diagrams.
 
-For small errors about upright at psi = 0 the control law is linear in the state x, the reference r and the
-controller's memory m,
+For small errors about upright at psi = 0 the control law is linear in the state x and the controller's memory m; the
+reference is zero,
 
-    m[k+1] = A m[k] + B (x, r)[k],      u[k] = C m[k] + D (x, r)[k]
+    m[k+1] = A m[k] + B x[k],      u[k] = C m[k] + D x[k]
 
 `ballbot.control.law` is the law that runs. Here it is repeated in NumPy from the same record, in the same order, so
 that a design need not compile it (`tests/control/test_margins.py` compares the two):
 
     x^   = exp(A tau) x + sum over j of G_j v[k-j]       with a prediction; otherwise x
-    e    = r - x^
+    e    = -x^
     u    = notch(K e + K_I I + d)
     I   += T e of the pose                               d: the disturbance observer's estimate
 
@@ -40,31 +40,30 @@ _POSE = (0, 1, 4)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearController:
-    """m[k+1] = A m[k] + B (x, r)[k], u[k] = C m[k] + D (x, r)[k]."""
+    """m[k+1] = A m[k] + B x[k], u[k] = C m[k] + D x[k]."""
 
     A: Matrix  #: (m, m)
-    B: Matrix  #: (m, 20), for the state and the reference
+    B: Matrix  #: (m, 10)
     C: Matrix  #: (n, m)
-    D: Matrix  #: (n, 20)
+    D: Matrix  #: (n, 10)
 
 
 def linear_controller(controller: Controller) -> LinearController:
     """Return a controller's law for small errors about upright at psi = 0."""
     states = len(STATE_NAMES)
-    x, r = np.split(np.eye(2 * states), 2)
-    sizes = {name: len(rows) for name, rows in _update(controller, {}, x, r)[0].items()}
+    sizes = {name: len(rows) for name, rows in _update(controller, {}, np.eye(states))[0].items()}
     # the columns of a linear function's matrix are its values at the unit vectors
     total = sum(sizes.values())
-    *parts, x, r = np.split(np.eye(total + 2 * states), np.cumsum([*sizes.values(), states]))
-    after, torques = _update(controller, dict(zip(sizes, parts, strict=True)), x, r)
-    rows = np.vstack([np.zeros((0, total + 2 * states)), *after.values()])
+    *parts, x = np.split(np.eye(total + states), np.cumsum(list(sizes.values())))
+    after, torques = _update(controller, dict(zip(sizes, parts, strict=True)), x)
+    rows = np.vstack([np.zeros((0, total + states)), *after.values()])
     return LinearController(A=rows[:, :total], B=rows[:, total:], C=torques[:, :total], D=torques[:, total:])
 
 
 def _update(
-    controller: Controller, memory: Mapping[str, Matrix], x: Matrix, r: Matrix
+    controller: Controller, memory: Mapping[str, Matrix], x: Matrix
 ) -> tuple[dict[str, Matrix], Matrix]:
-    """Return the memory after an update and the torques (n, c), for c columns of memories, states and references.
+    """Return the memory after an update and the torques (n, c), for c columns of memories and states.
 
     An entry that `memory` lacks is zero.
     """
@@ -103,7 +102,7 @@ def _update(
             ahead = ahead + prediction["by_torque"][:wheels, ago].T @ (acting[ago] - added[ago])
     else:
         ahead = x
-    e = r - ahead
+    e = -ahead
     torques = controller.gain @ e
     if integral["on"]:
         sums = past("sums", 3)
@@ -158,11 +157,11 @@ class RobotLoop:
         states, law = len(self.A), self.controller
         seen = np.eye(states, len(A))  # the robot's state within the plant's, which includes delayed torques
         whole = np.asarray(block_diag(A, law.A), dtype=np.float64)
-        whole[len(A) :, : len(A)] = law.B[:, :states] @ seen
+        whole[len(A) :, : len(A)] = law.B @ seen
         return (
             whole,
             np.vstack([B, np.zeros((len(law.A), len(self.wheels)))]),
-            np.hstack([law.D[:, :states] @ seen, law.C]),
+            np.hstack([law.D @ seen, law.C]),
         )
 
     def closed(self) -> Matrix:
@@ -198,38 +197,6 @@ class RobotLoop:
         others[np.arange(len(others)), heading] = -1.0
         order = np.concatenate([np.argsort(-others, axis=1)[:, :2], heading[:, None]], axis=1)
         return np.take_along_axis(values, order, axis=1)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StepResponse:
-    """The closed loop's response to a step of the reference, from rest at the origin."""
-
-    t: Matrix  #: (N,) [s]
-    states: Matrix  #: (N, 10)
-    torques: Matrix  #: (N, n) [N m]
-
-
-#: length of a step response: time constants of the slowest pole, and at most this time [s]
-_TIME_CONSTANTS, _LONGEST = 6.0, 20.0
-
-
-def step_response(loop: RobotLoop, *, name: str = "x", size: float = 0.1) -> StepResponse:
-    """Return a stable loop's linear response to a step of x, y or psi [m, rad], without shaping and limits."""
-    A, B, C = loop.broken()
-    closed, law, states = A + B @ C, loop.controller, len(loop.A)
-    slowest = float(np.abs(np.linalg.eigvals(closed)).max())
-    constants = _TIME_CONSTANTS / max(-math.log(slowest), 1e-12)  # in samples
-    samples = math.ceil(min(constants, _LONGEST / loop.sample_time)) + 1
-    reference = np.zeros(states)
-    reference[STATE_NAMES.index(name)] = size
-    asked = law.D[:, states:] @ reference
-    push = B @ asked
-    push[len(A) - len(law.A) :] += law.B[:, states:] @ reference
-    all_z = np.zeros((samples, len(A)))
-    for k in range(1, samples):
-        all_z[k] = closed @ all_z[k - 1] + push
-    t = loop.sample_time * np.arange(samples, dtype=np.float64)
-    return StepResponse(t=t, states=all_z[:, :states], torques=all_z @ C.T + asked)
 
 
 def _late_plant(A: Matrix, B: Matrix, sample_time: float, delays: Matrix, room: int) -> tuple[Matrix, Matrix]:

@@ -2,11 +2,11 @@
 
 State x (m,) and input u (n,) with x_dot = A x + B u; the gain of u = -K x that minimises
 
-    continuous   integral of  x' Q x + u' R u + 2 x' N u                                  (5.1), (5.2)
+    continuous   integral of  x' Q x + u' R u                                             (5.1), (5.2)
     sampled      sum over samples of the same, with A and B held over each sample:
                  x[k+1] = F x[k] + G u[k],  [F G; 0 I] = exp([A B; 0 0] T)
 
-The sampled sum takes Q, R and N as they are. (The other convention, which integrates the continuous cost over
+The sampled sum takes Q and R as they are. (The other convention, which integrates the continuous cost over
 each sample, gives gains that differ from these in the fourth digit for our robots at 5 ms.)
 """
 
@@ -26,7 +26,7 @@ from ballbot.errors import InputError
 from ballbot.log.columns import STATE_NAMES, torque_names
 from ballbot.mechanics.model import Model, ModelLike, as_model
 from ballbot.robot import Friction, Robot
-from ballbot.summary import Plotted, Summary, pole_words
+from ballbot.summary import Summarized, Summary, pole_words
 
 #: negative eigenvalues of a weight down to this fraction of the largest count as rounding
 _ROUNDING = 1e-12
@@ -56,8 +56,8 @@ class Linearizable(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class LqrDesign(Plotted):
-    """An optimal gain, with the closed loop's poles, which `plot()` shows, and its cost."""
+class LqrDesign(Summarized):
+    """An optimal gain, with the closed loop's poles and its cost."""
 
     gain: NDArray[np.float64]  #: K (n, m) of u = -K x
     #: (m,) of the closed loop [rad/s], the slowest first; sampled ones as log(z)/T
@@ -103,7 +103,6 @@ def lqr(
     Q: ArrayLike,
     R: ArrayLike,
     sample_time: float | None = None,
-    N: ArrayLike | None = None,
 ) -> LqrDesign:
     """Return the gain that minimises the quadratic cost (thesis 5.1).
 
@@ -117,8 +116,6 @@ def lqr(
         Weight of the inputs, its diagonal, or one number for every input; positive definite.
     sample_time : float, optional
         Time over which each input is held [s]; without it the control is continuous.
-    N : array_like (m, n), optional
-        Cross weight; zero if not given.
 
     Returns
     -------
@@ -151,18 +148,17 @@ def lqr(
     A, B = np.asarray(space.A, float), np.asarray(space.B, float)
     m, n = B.shape
     Q, R = _weight("Q", Q, m), _weight("R", R, n)
-    N = np.zeros((m, n)) if N is None else real_array(N, (m, n), "N")
-    _check_definite(Q, R, N)
+    _check_definite(Q, R)
     _check_stabilisable(A, B)
     if sample_time is None:
-        P = _riccati(lambda: solve_continuous_are(A, B, Q, R, s=N))
-        K = np.linalg.solve(R, B.T @ P + N.T)
+        P = _riccati(lambda: solve_continuous_are(A, B, Q, R))
+        K = np.linalg.solve(R, B.T @ P)
         poles = np.linalg.eigvals(A - B @ K)
     else:
         F, G = held(A, B, sample_time)
         _check_growth(A, sample_time)
-        P = _riccati(lambda: solve_discrete_are(F, G, Q, R, s=N))
-        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F + N.T)
+        P = _riccati(lambda: solve_discrete_are(F, G, Q, R))
+        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
         poles = np.log(np.linalg.eigvals(F - G @ K).astype(complex)) / sample_time
     if not poles.real.max() < 0.0:
         raise InputError(_NO_SOLUTION)
@@ -233,18 +229,17 @@ def _weight(name: str, value: ArrayLike, size: int) -> NDArray[np.float64]:
     return 0.5 * (matrix + matrix.T)
 
 
-def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64], N: NDArray[np.float64]) -> None:
+def _check_definite(Q: NDArray[np.float64], R: NDArray[np.float64]) -> None:
     lowest_R, highest_R = np.linalg.eigvalsh(R)[[0, -1]]
     if not lowest_R > _ROUNDING * highest_R:
         raise InputError(
             f"R is not positive definite (an eigenvalue is {lowest_R:.3g}); every input needs a positive weight."
         )
-    for name, matrix in (("Q is", Q), ("Q, R and N together are", np.block([[Q, N], [N.T, R]]))):
-        lowest, highest = np.linalg.eigvalsh(matrix)[[0, -1]]
-        if lowest < -_ROUNDING * abs(highest):
-            raise InputError(
-                f"{name} not positive semidefinite (an eigenvalue is {lowest:.3g}); no eigenvalue may be negative."
-            )
+    lowest, highest = np.linalg.eigvalsh(Q)[[0, -1]]
+    if lowest < -_ROUNDING * abs(highest):
+        raise InputError(
+            f"Q is not positive semidefinite (an eigenvalue is {lowest:.3g}); no eigenvalue may be negative."
+        )
 
 
 def _check_stabilisable(A: NDArray[np.float64], B: NDArray[np.float64]) -> None:

@@ -6,10 +6,13 @@ beyond one turn count turns by themselves and stay as they are.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from ballbot.log.wrapping import LARGEST_TURN
-from ballbot.mechanics.engine.compiled import inlined
+from ballbot.mechanics.engine.compiled import compiled, inlined
+from ballbot.records import number, schema_of, whole
 
 TURN = 2.0 * math.pi  #: [rad]
 #: the smallest jump that is a wrap [rad], as in a log
@@ -18,7 +21,21 @@ JUMP = LARGEST_TURN
 _NOISE = 0.1
 
 
-def turns_after(angle: float, last: float, turns: int) -> int:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HeadingMemory:
+    """The last value of a heading that wraps around, and the whole turns since the start."""
+
+    started: int = field(metadata=whole())
+    last: float = field(metadata=number("rad"))
+    turns: int = field(metadata=whole())
+
+
+HEADING = schema_of(HeadingMemory)
+_HEADING_TYPE = HEADING.dtype()
+
+
+@inlined
+def turns_after(angle, last, turns):
     """Return the whole turns to add to a heading [rad], from the value before it and the turns added to that."""
     low, high = min(angle, last), max(angle, last)
     if angle < -0.5 * TURN - _NOISE or angle > TURN + _NOISE:
@@ -30,8 +47,6 @@ def turns_after(angle: float, last: float, turns: int) -> int:
     return turns
 
 
-#: the same for compiled code
-compiled_turns_after = inlined(turns_after)
 #: a turn in single precision, and what it lacks [rad]
 _SINGLE_TURN, _LACKING = 6.2831854820251465, -1.7484556025237907e-07
 
@@ -40,21 +55,23 @@ _SINGLE_TURN, _LACKING = 6.2831854820251465, -1.7484556025237907e-07
 def unwrapped(memory, angle):
     """Return the next value of a heading [rad] without a jump of a turn; the memory is zero before the first one."""
     last = memory.last if memory.started == 1 else angle
-    memory.turns = compiled_turns_after(angle, last, memory.turns)
+    memory.turns = turns_after(angle, last, memory.turns)
     memory.last = angle
     memory.started = 1
     return (angle + _SINGLE_TURN * memory.turns) + _LACKING * memory.turns
 
 
-@dataclass
+@compiled
+def _unwrapped(memory, angle):
+    return unwrapped(memory.view(_HEADING_TYPE)[0], angle)
+
+
 class Heading:
     """An unwrapped heading, fed one value at a time."""
 
-    last: float | None = None  #: the last value, as measured [rad]
-    turns: int = 0  #: whole turns added to it
+    def __init__(self) -> None:
+        self._memory = HEADING.zeros().view(np.float64)
 
     def unwrapped(self, angle: float) -> float:
         """Return the next value without a jump of a turn [rad]."""
-        self.turns = turns_after(angle, angle if self.last is None else self.last, self.turns)
-        self.last = angle
-        return angle + TURN * self.turns
+        return _unwrapped(self._memory, angle)

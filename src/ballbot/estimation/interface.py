@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 from ballbot.arrays import Bools, Floats, real_array
 from ballbot.errors import InputError, suggest
-
-#: a larger value is not a valid measurement: angles [rad], speeds [rad/s]
-_LARGEST = 1e6
+from ballbot.estimation.heading import Heading
+from ballbot.estimation.known import LARGEST_READING, Shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,22 +50,16 @@ class Reading:
     def whole(self) -> bool:
         """Whether encoders, gyro and attitude have every value; else an estimator predicts what is missing."""
         needed = (self.wheel_angles, self.wheel_speeds, self.gyro, self.attitude)
-        return all(all_known(values) for values in needed)
+        return bool(known(np.concatenate(needed)).all())
 
 
 def known(values: ArrayLike) -> Bools:
     """Return which of a sensor's values (...) are valid: finite, and within a sensor's range."""
-    return np.abs(values) <= _LARGEST
+    return np.abs(values) <= LARGEST_READING
 
 
-def all_known(values: Floats) -> bool:
-    """Return whether all of a sensor's values (...) are valid."""
-    # a small sum of squares is four times as fast to check; that of a NaN is not small
-    return bool(np.vdot(values, values) <= _LARGEST**2) or bool(known(values).all())
-
-
-def checked_reading(reading: Reading, wheel_count: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return wheel angles (n,), wheel speeds (n,), gyro (3,) and attitude (3,), NaN if a value is missing.
+def checked_reading(reading: Reading, wheel_count: int, heading: Heading) -> Shown:
+    """Return what compiled code takes of a reading, with psi as the heading goes on.
 
     InputError if a shape is wrong, or values are not numbers.
     """
@@ -74,8 +67,10 @@ def checked_reading(reading: Reading, wheel_count: int) -> tuple[Floats, Floats,
     def checked(name: str, count: int) -> Floats:
         return real_array(getattr(reading, name), (count,), f"{name} of a reading", finite=False)
 
-    n = wheel_count
-    return checked("wheel_angles", n), checked("wheel_speeds", n), checked("gyro", 3), checked("attitude", 3)
+    n, attitude = wheel_count, checked("attitude", 3).copy()
+    if abs(attitude[2]) <= LARGEST_READING:
+        attitude[2] = heading.unwrapped(attitude[2])
+    return Shown(checked("wheel_angles", n), checked("wheel_speeds", n), checked("gyro", 3), attitude)
 
 
 class Estimator(Protocol):

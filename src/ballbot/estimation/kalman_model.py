@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import accumulate
 from typing import NamedTuple
@@ -59,6 +59,7 @@ from ballbot.mechanics.engine.lanes import entry, put, restored, stored
 from ballbot.mechanics.engine.tracing import both, either, greatest, lanes, outside, root, traced, where
 from ballbot.mechanics.engine.vector import add, dot, inner, scale, subtract, summed
 from ballbot.mechanics.geometry import transforms
+from ballbot.records import MAX_WHEELS, number, schema_of
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 
@@ -127,35 +128,19 @@ FORGOTTEN_ABOVE = 0.04
 REMEMBERED = 1.0 - 2.0**-18
 
 
-class FilterModel(NamedTuple):
-    """A robot and its noise as numbers."""
-
-    sample_time: float  #: h [s]
-    radius: float  #: r_b [m]
-    lever: Floats  #: (2, 3) C [m]
-    pull: Floats  #: (2, 2) Lambda [m/s^2]
-    forgotten: float  #: 1 - exp(-h / tau) of the slow lean error
-    gyro_variance: float  #: of a sample [rad^2/s^2]
-    walk: Floats  #: (14,) variance that each state gains in a sample by itself
-    variances: Floats  #: (NUMBERS,) of each seen number; of a fix as it comes
-
-    def row(self) -> Floats:
-        """Return the numbers as rows of the work array have them, (MODEL_SIZE,)."""
-        return np.concatenate([np.ravel(part) for part in self])
-
-
 class Numbers(NamedTuple):
-    """A filter's model in compiled code: `FilterModel` as tuples, without its noise."""
+    """The first numbers of a `KalmanRecord` as tuples."""
 
     sample_time: float
     radius: float
+    ball_turn: tuple
     lever: tuple
     pull: tuple
     forgotten: float
 
 
 _THREE, _TWO = (0.0, 0.0, 0.0), (0.0, 0.0)
-MODEL_SHAPE = Numbers(0.0, 0.0, (_THREE, _THREE), (_TWO, _TWO), 0.0)
+MODEL_SHAPE = Numbers(0.0, 0.0, ((0.0,) * MAX_WHEELS,) * 3, (_THREE, _THREE), (_TWO, _TWO), 0.0)
 
 # --- the motion ---
 
@@ -392,15 +377,46 @@ def _triangle(i: int, j: int) -> int:
 
 
 _TRIANGLE_SIZE = _triangle(STATES - 1, STATES - 1) + 1
+#: where it has the states' variances, and the covariances of those known together
+DIAGONAL = tuple(_triangle(i, i) for i in range(STATES))
+TOGETHER = tuple(_triangle(i, j) for i, j in SHOWN_TOGETHER)
 #: rows and columns of its entries, in their order
 LOWER_TRIANGLE = np.tril_indices(STATES)
 
-# Rows of a block's work array: a filter's model, its state and covariance, a sample's inputs, and results on the way
-_LEVER = 2
-_FORGOTTEN = 12
-_GYRO_VARIANCE = 13
-_WALK = 14
-VARIANCES = _WALK + STATES
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class KalmanRecord:
+    """The numbers of the Kalman filter."""
+
+    sample_time: float = field(metadata=number("s"))
+    radius: float = field(metadata=number("m"))  #: of the ball
+    ball_turn: Floats = field(metadata=number("rad", 3, MAX_WHEELS))  #: T_obw of one encoder count
+    lever: Floats = field(metadata=number("m", 2, 3))  #: C
+    pull: Floats = field(metadata=number("m/s^2", 2, 2))  #: Lambda
+    forgotten: float = field(metadata=number("1"))  #: 1 - exp(-h / tau) of the slow lean error
+    gyro_variance: float = field(metadata=number("rad^2/s^2"))  #: of a sample
+    #: variance that each state gains in a sample by itself
+    walk: Floats = field(metadata=number("square of the state", STATES))
+    #: of what the sensors show every sample
+    variances: Floats = field(metadata=number("square of what is shown", FIRST["fix"]))
+    start_variances: Floats = field(metadata=number("square of the state", STATES))
+    #: of a with g, and of psi with psi_a
+    start_covariances: Floats = field(metadata=number("1, rad^2", len(SHOWN_TOGETHER)))
+    pivoting_share: float = field(metadata=number("1"))  #: of a new sample in the mean of the pivoting
+    pivoting_limit: float = field(metadata=number("rad/s"))
+
+
+KALMAN = schema_of(KalmanRecord)
+KALMAN_TYPE = KALMAN.dtype()
+#: where each field begins, in numbers
+_PLACE = {name: place[1] // 8 for name, place in (KALMAN_TYPE.fields or {}).items()}
+
+# Rows of a block's work array: a filter's model, as its record has it, and the variances of a fix; its state and
+# covariance, a sample's inputs, and results on the way
+_LEVER, _FORGOTTEN = _PLACE["lever"], _PLACE["forgotten"]
+PIVOTING_SHARE, PIVOTING_LIMIT = _PLACE["pivoting_share"], _PLACE["pivoting_limit"]
+START_VARIANCES, START_COVARIANCES = _PLACE["start_variances"], _PLACE["start_covariances"]
+_GYRO_VARIANCE, _WALK, VARIANCES = _PLACE["gyro_variance"], _PLACE["walk"], _PLACE["variances"]
 MODEL_SIZE = VARIANCES + NUMBERS
 STATE = MODEL_SIZE
 COVARIANCE = STATE + STATES
@@ -474,9 +490,9 @@ def _absorb(work, width, sensors: Sequence[Sensor]):
         for sensor in sensors:
             _compare(work, lane, sensor)
     for sensor in sensors:
-        for number in range(FIRST[sensor.name], FIRST[sensor.name] + len(sensor.states)):
+        for shown in range(FIRST[sensor.name], FIRST[sensor.name] + len(sensor.states)):
             for lane in lanes(0, width):
-                _take_in(work, lane, number)
+                _take_in(work, lane, shown)
     for lane in lanes(0, width):
         change = restored(_STATE_SHAPE, work, _CHANGE, lane)
         stored(work, STATE, lane, add(state_in(work, lane), change))
@@ -552,16 +568,6 @@ def sample_code() -> int:
 def sample_block(code, work, width):
     """Take the filters of the first lanes over a sample; see the rows `GYRO_BEFORE` to `PIVOTS` for the inputs."""
     outside(code, work, width)
-
-
-@compiled
-def _sample(code, work):
-    sample_block(code, work, 1)
-
-
-def sample(work: Floats) -> None:
-    """Take a single filter, the first lane of a block's work array, over a sample."""
-    _sample(sample_code(), work)
 
 
 @traced

@@ -121,12 +121,6 @@ def swing(theta, phi, psi):
 
 
 @compiled
-def begin_state(lever, seen, gyro, x):
-    """Let a filter's state x (14,) begin at rest; see `begin_filter`."""
-    begin_filter(lever, seen, gyro, x)
-
-
-@compiled
 def turned_about_vertical(attitude, angle):
     """Return theta, phi, psi (3,) of Rz(angle) R [rad]: the same attitude, seen from a frame turned by -angle.
 

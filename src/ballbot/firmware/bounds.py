@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import MAX_PAST
-from ballbot.control.records import MAX_WHEELS
 from ballbot.control.tuning import MAX_GAINS
 from ballbot.errors import InputError
+from ballbot.records import MAX_WHEELS
 
 
 class Refusal(IntEnum):

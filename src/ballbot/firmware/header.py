@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.policy import Policy, checksum
-from ballbot.control.records import Number, Schema
 from ballbot.errors import InputError
+from ballbot.records import Number, Schema
 
 #: the C sources
 SOURCES = Path(__file__).parent / "c"

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
-from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
 from ballbot.firmware.build import source_files
@@ -26,6 +25,7 @@ from ballbot.firmware.export import PROJECT, Export
 from ballbot.firmware.header import SOURCES
 from ballbot.firmware.records import STATE
 from ballbot.mechanics.geometry import body_rates_matrix, rotation, transforms
+from ballbot.records import MAX_WHEELS
 from ballbot.results import reported
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step

@@ -12,8 +12,17 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Floats, Ints
 from ballbot.control.controller import Controller
-from ballbot.control.law import LAW, MEMORY, HeadingMemory
-from ballbot.control.records import (
+from ballbot.control.law import LAW, MEMORY
+from ballbot.control.safety import SafetyLimits
+from ballbot.estimation.heading import HEADING
+from ballbot.estimation.interface import EstimatorName
+from ballbot.estimation.kalman import kalman_record
+from ballbot.estimation.kalman_model import KALMAN
+from ballbot.estimation.onboard import ONBOARD, ONBOARD_MEMORY, onboard_record
+from ballbot.firmware.bounds import check_bounds
+from ballbot.firmware.estimators import READING, KalmanMemory
+from ballbot.firmware.self_test import SelfTestRecord, self_test_record
+from ballbot.records import (
     MAX_WHEELS,
     Number,
     Schema,
@@ -23,19 +32,6 @@ from ballbot.control.records import (
     schema_of,
     whole,
 )
-from ballbot.control.safety import SafetyLimits
-from ballbot.estimation.interface import EstimatorName
-from ballbot.firmware.bounds import check_bounds
-from ballbot.firmware.estimators import (
-    READING,
-    KalmanMemory,
-    KalmanRecord,
-    OnboardMemory,
-    OnboardRecord,
-    kalman_record,
-    onboard_record,
-)
-from ballbot.firmware.self_test import SelfTestRecord, self_test_record
 from ballbot.robot.derived import encoder_step
 
 #: numbers in which the digest is exported
@@ -157,8 +153,8 @@ PARAMETERS = Schema(
         "self_test": schema_of(SelfTestRecord),
         "law": LAW,
         "safety": schema_of(SafetyRecord),
-        "onboard": schema_of(OnboardRecord),
-        "kalman": schema_of(KalmanRecord),
+        "onboard": ONBOARD,
+        "kalman": KALMAN,
     },
 )
 STATE = Schema(
@@ -166,12 +162,12 @@ STATE = Schema(
     text="All that changes while the robot runs.",
     fields={
         "run": schema_of(RunState),
-        "heading": schema_of(HeadingMemory),
+        "heading": HEADING,
         "safety": schema_of(SafetyState),
         "self_test": schema_of(SelfTestState),
         "imu_check": schema_of(ImuCheckState),
         "memory": MEMORY,
-        "onboard": schema_of(OnboardMemory),
+        "onboard": ONBOARD_MEMORY,
         "kalman": schema_of(KalmanMemory),
     },
 )

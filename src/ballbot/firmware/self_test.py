@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ballbot.control.records import number, whole
 from ballbot.control.safety import UNKNOWN_FRICTION
 from ballbot.errors import InputError
 from ballbot.mechanics.held_ball import wheel_mobility
+from ballbot.records import number, whole
 from ballbot.robot import Robot
 from ballbot.robot.derived import encoder_step
 

@@ -27,7 +27,6 @@ from ballbot.log import Log
 from ballbot.log.columns import wheel_angle_names
 from ballbot.robot import Friction, Robot
 from ballbot.simulation.driveline import Driveline
-from ballbot.summary import Reported
 
 #: quantities that a sweep identifies of each wheel, and their symbols
 QUANTITIES = tuple(BY_NAME[name] for name in ("viscous", "coulomb", "stribeck", "stribeck_speed"))
@@ -103,11 +102,11 @@ class Sweep:
         )
 
 
-def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Sweep]:
-    """Return each wheel's sweep; the default limit [rad/s] is the greatest speed in the log.
+def sweeps_of(robot: Robot, log: Log) -> list[Sweep]:
+    """Return each wheel's sweep; the supply's limit is the greatest speed in the log.
 
-    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, its wheels were not
-    free of the ball, or the limit is not above zero.
+    InputError if the log lacks torques or wheel speeds or has them of another number of wheels, or its wheels were not
+    free of the ball, or never turned.
 
     >>> t = 0.005 * np.arange(1000)
     >>> columns = {f"u{i}": np.sin(t) for i in (1, 2, 3)} | {f"wheel{i}_dot": 5.0 * np.sin(t) for i in (1, 2, 3)}
@@ -126,12 +125,9 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
         raise InputError(
             f"u{i + 1} is {torques[0, i]:g} N m throughout; the torque of a sweep must vary slowly up and down."
         )
-    highest = float(np.abs(speeds).max()) if limit is None else limit
+    highest = float(np.abs(speeds).max())
     if not highest > 0.0:
-        raise InputError(
-            f"The speed limit is {highest:g} rad/s. Give one above zero (--speed-limit), or a sweep well beyond "
-            "break-away: in this log the wheels never turn faster."
-        )
+        raise InputError("The wheels of this log never turn; it needs a sweep well beyond break-away.")
     return [
         Sweep(
             wheel=i + 1,
@@ -146,9 +142,9 @@ def sweeps_of(robot: Robot, log: Log, *, limit: float | None = None) -> list[Swe
     ]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DrivelineFit(Reported):
-    """One driveline's friction; `plot()` shows it over speed."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrivelineFit:
+    """One driveline's friction."""
 
     wheel: int  #: from 1
     values: Floats  #: (4,) b, c, s, v_s

@@ -35,7 +35,6 @@ from ballbot.fitting.intervals import HALF_WIDTH
 from ballbot.fitting.parameter import FitParameter
 from ballbot.identification.axis.model import Axis
 from ballbot.log import Log
-from ballbot.log.columns import unit_of
 from ballbot.results import reported, to_results
 from ballbot.robot import Robot
 from ballbot.rounding import plus_minus
@@ -70,28 +69,26 @@ class Swing:
         return float(self.t[-1] - self.t[0]) / self.period
 
 
-def swing_in_log(log: Log, *, column: str | None = None) -> Swing:
+def swing_in_log(log: Log) -> Swing:
     """Return the free swing in a log of the hanging body; InputError if the log has no swing.
 
-    It is taken from `column`, an angle [rad] or a rate [rad/s] by its name; by default from the gyro about its main
-    axis, or from the one of theta, phi and psi that swings most.
+    It is taken from the gyro about its main axis, or from the one of theta, phi and psi that swings most.
     """
     gyro = [name for name in ("gyro_x", "gyro_y", "gyro_z") if name in log]
-    if column is None and gyro:
+    if gyro:
         log.require(*gyro)
         rates = np.column_stack([log[name] for name in gyro])
         rates = rates - np.median(rates, axis=0)
         axis = np.linalg.svd(rates, full_matrices=False)[2][0]
         return swing_of(log.t, rates @ axis, kind="rate", source="the gyro about its main axis")
-    angles = [column] if column else [name for name in ("theta", "phi", "psi") if name in log]
+    angles = [name for name in ("theta", "phi", "psi") if name in log]
     if not angles:
         raise InputError(
-            "The log has neither gyro_x nor theta, phi or psi; name the swinging column with --swing-column."
+            "The log has neither gyro_x nor theta, phi or psi; give the swinging column one of these names."
         )
     log.require(*angles)
     most = max(angles, key=lambda name: float(np.std(np.unwrap(log[name]))))
-    rate = unit_of(most) == "rad/s" or most.endswith("_dot")
-    return swing_of(log.t, log[most], kind="rate" if rate else "angle", source=most)
+    return swing_of(log.t, log[most], kind="angle", source=most)
 
 
 def swing_of(t: Floats, values: Floats, *, kind: Kind, source: str) -> Swing:

@@ -63,7 +63,6 @@ class Episodes(NamedTuple):
     changes: NDArray[np.int64]  #: (lanes,) age at which something else is asked for
     started: NDArray[np.bool_]  #: (lanes,) whether an episode is to start
     active: NDArray[np.bool_]  #: (lanes,) whether an episode goes on
-    refused: NDArray[np.bool_]  #: (lanes,) whether the torques given last are not finite
     fallen: NDArray[np.bool_]
     ended: NDArray[np.bool_]
     rewards: NDArray[np.float64]
@@ -77,20 +76,13 @@ class Episodes(NamedTuple):
 
 @inlined
 def _take(task, commands, episodes, lane, ending):
-    """Take a lane's torques; without finite ones its episode ends."""
+    """Take a lane's torques."""
     asked, torques = episodes.actions[lane], commands.torques[lane]
     episodes.rewards[lane] = 0.0
-    episodes.refused[lane] = False
     if not episodes.active[lane]:
         episodes.started[lane] = ending == NEXT_STEP
         return
     episodes.fallen[lane] = episodes.ended[lane] = False
-    for i in range(len(asked)):
-        if not abs(asked[i]) < np.inf:
-            episodes.refused[lane] = episodes.ended[lane] = True
-            episodes.active[lane] = False
-    if episodes.ended[lane]:
-        return
     past = episodes.history[lane]
     for k in range(len(past) - 1, 0, -1):
         fill(past[k], past[k - 1])
@@ -331,9 +323,8 @@ class TaskLanes:
         Moves and starts the lanes of `commands.todo` in place of the loop, as `ballbot.learning.twin_lanes.Twins` do.
     observations : (lanes, size) of float32
     rewards : (lanes,), of the last step
-    fallen, ended, refused : (lanes,)
-        Whether an episode ended in the last step, or before if no other has started: by a fall, at all, or because the
-        torques given were not finite.
+    fallen, ended : (lanes,)
+        Whether an episode ended in the last step, or before if no other has started: by a fall, or at all.
     truths, states : (lanes, 10)
         True and estimated states.
     references : (lanes, 10)
@@ -377,7 +368,7 @@ class TaskLanes:
         self.truths, self.states = world.memory.truths, world.memory.states
         episodes = world.episodes
         self.observations, self.rewards = episodes.observations, episodes.rewards
-        self.fallen, self.ended, self.refused = episodes.fallen, episodes.ended, episodes.refused
+        self.fallen, self.ended = episodes.fallen, episodes.ended
         self.final_observations, self.final_truths = episodes.final_observations, episodes.final_truths
         self.final_references = episodes.final_references
         memory = -(-lanes // LANES)
@@ -444,22 +435,13 @@ class TaskLanes:
 
         The torques are limited; those of a base controller are added. A lane whose episode ends within the samples
         stays where it is: until `start`, or with `ending` `NEXT_STEP` until the next step, which starts another
-        episode and ignores its torques; with `SAME_STEP` another one starts at once. A lane whose torques are not
-        finite ends its episode without a sample (`refused`).
+        episode and ignores its torques; with `SAME_STEP` another one starts at once.
 
-        InputError if the torques have another shape, or, after all other lanes have advanced, if some are not finite.
+        InputError if the torques have another shape or are not finite; then no lane advances.
         """
-        if np.shape(torques) != self._world.episodes.actions.shape:
-            real_array(torques, self._world.episodes.actions.shape, "The array of torques", finite=False)
         actions = self._world.episodes.actions
-        actions[:] = torques
+        actions[:] = real_array(torques, actions.shape, "The array of torques")
         self._play(self.repeat, ending)
-        if self.refused.any():
-            lane = int(self.refused.argmax())
-            raise InputError(
-                f"The torques of lane {lane} are {actions[lane].tolist()}; they must be finite. Its episode has ended; "
-                "the other lanes went on."
-            )
 
     def _play(self, samples: int, ending: int) -> None:
         """Take all lanes through a step of so many samples."""
@@ -527,7 +509,7 @@ def _new_draws(by_lane: Sequence[Imperfections], lanes: int, n: int) -> Draws:
 def _new_episodes(lanes: int, n: int, seed: int) -> Episodes:
     """Return the episodes of lanes with n wheels; none goes on."""
     size = observation_size(n)
-    flags = {name: np.zeros(lanes, np.bool_) for name in ("started", "active", "refused", "fallen", "ended")}
+    flags = {name: np.zeros(lanes, np.bool_) for name in ("started", "active", "fallen", "ended")}
     return Episodes(
         streams=np.array([stream_of((seed, lane)) for lane in range(lanes)]),
         drawn=np.zeros(lanes, np.int64),

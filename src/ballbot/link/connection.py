@@ -189,7 +189,6 @@ class Connection:
         """Yield what went wrong in a run; InputError if the link was lost, KeyboardInterrupt if it was interrupted."""
         if made.trouble:
             yield made.trouble
-        yield from self.stream.troubles()
         if made.ending.kind == "interrupt":
             raise KeyboardInterrupt("interrupted; the robot is disarmed.")
         if made.ending.kind == "link":
@@ -213,7 +212,7 @@ def connect(
     say: Callable[[str], None],  # prints what the person is to do
     # random seed of a camera above an emulated robot upside down, if there is one
     filmed_by: int | None = None,
-    stream: Sequence[StreamAddress] = (),  # where its rows are shown live
+    stream: StreamAddress | None = None,  # of a server that shows its rows live; none by default
 ) -> Iterator[Connection]:
     """Hold the link to a robot while the block runs."""
     clock, operator, camera = time.monotonic, TerminalOperator(say), None

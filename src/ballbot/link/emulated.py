@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.presets import nominal_controller
-from ballbot.control.records import MAX_WHEELS
 from ballbot.errors import InputError
 from ballbot.firmware.build import shared_library, source_files
 from ballbot.firmware.estimators import whole_counts
 from ballbot.firmware.export import PROJECT, export_controller
 from ballbot.firmware.records import PARAMETERS
+from ballbot.records import MAX_WHEELS
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import HeldRobot, Hold
 from ballbot.simulation.plant import Plant

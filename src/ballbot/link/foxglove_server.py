@@ -40,8 +40,6 @@ class FoxgloveServer:
     InputError if the port is used, or the host is not this computer.
     """
 
-    failure = ""  # the SDK leaves out what a client cannot take
-
     def __init__(self, host: str, port: int, columns: Sequence[str], described: Robot | None) -> None:
         foxglove.set_log_level(logging.ERROR)
         self._context = context = foxglove.Context()  # its channels end with it

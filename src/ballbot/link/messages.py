@@ -20,9 +20,9 @@ from typing import ClassVar, dataclass_transform
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.records import MAX_WHEELS, Schema, number, schema_of, whole
 from ballbot.control.tuning import MAX_GAINS
 from ballbot.firmware.records import DIGEST_WORDS, FIRMWARE, digest_words
+from ballbot.records import MAX_WHEELS, Schema, number, schema_of, whole
 
 #: of the protocol, in every frame
 VERSION = 1

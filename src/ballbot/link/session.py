@@ -22,7 +22,6 @@ from fastcrc import crc32
 from numpy.typing import ArrayLike, NDArray
 
 from ballbot.arrays import real_array
-from ballbot.control.records import MAX_WHEELS
 from ballbot.control.safety import StopReason
 from ballbot.control.tuning import MAX_GAINS, Setting
 from ballbot.errors import InputError
@@ -61,6 +60,7 @@ from ballbot.link.messages import (
 )
 from ballbot.link.operators import MOVEMENTS
 from ballbot.link.transport import LinkError, Transport
+from ballbot.records import MAX_WHEELS
 
 #: after which the host sends something, if only `Keep` [s]
 KEEP_INTERVAL = WATCHDOG / 5.0

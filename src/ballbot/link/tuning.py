@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ballbot.control.gain_set import GainSet
-from ballbot.control.tuning import ROUNDING, Setting, check_setting
+from ballbot.control.tuning import Setting, check_setting
 from ballbot.errors import InputError, check_known
 from ballbot.files import read_text
 from ballbot.link.messages import AnswerResult, wrapped
@@ -98,11 +97,10 @@ class Tuner:
         lines: Lines,
         own: np.void,  # the robot's record of `TuningRecord`
         *,
-        gains: GainSet | None,  # of the robot, for the margin of a gain that is refused
         say: Callable[[str], None],  # prints a line
     ) -> None:
         self.changes: list[Change] = []
-        self._lines, self._own, self._gains, self._say = lines, own, gains, say
+        self._lines, self._own, self._say = lines, own, say
         self._setting = self._former = Setting()
 
     def update(self, session: Session, t: float, time: int) -> None:
@@ -146,17 +144,5 @@ class Tuner:
             raise InputError(
                 f"{' '.join(words)!r} must be a command and numbers, such as gain 0.3 or compensation 0.8."
             )
-        try:
-            check_setting(self._own, wanted)
-        except InputError as refusal:
-            raise InputError(f"{refusal}{self._margin(wanted.weights)}") from None
+        check_setting(self._own, wanted)
         return wanted
-
-    def _margin(self, weights: tuple[float, ...]) -> str:
-        """Return a sentence on the loop that a gain outside the exported ones would have had, if it can be computed."""
-        outside = min(weights) < 0.0 and abs(sum(weights) - 1.0) <= ROUNDING
-        if not outside or self._gains is None or len(weights) != self._gains.loops.shape[1]:
-            return ""
-        radius = self._gains.radius(weights)
-        stable = "stable while fixed, but not shown to be safe while it changes"
-        return f" Its spectral radius would be {radius:.5f}: {stable if radius < 1.0 else 'unstable'}."

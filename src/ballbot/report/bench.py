@@ -23,7 +23,7 @@ from ballbot.report.style import LOOKS, drawn_picture, one_panel, thinned
 from ballbot.report.words import driveline_symbols, logs_words
 from ballbot.results import to_results
 from ballbot.robot import Friction, Robot
-from ballbot.rounding import between, digits, value_and_error
+from ballbot.rounding import digits, interval, value_and_error
 from ballbot.summary import counted
 
 #: windows shown of the log, from its middle
@@ -308,19 +308,6 @@ def driveline_report(
     )
 
 
-def wheel_report(fit: DrivelineFit) -> Result:
-    """Return the page of one driveline's friction."""
-    wheel = f"wheel {fit.wheel}"
-    return Result(
-        title=f"Friction of the driveline of {wheel}",
-        lead="",
-        verdict=[("Friction", _sentence(fit))],
-        sections=[section("Friction found", Sheet(("parameter", "unit", wheel), parameter_rows([fit])))],
-        undecided=texts(fit.findings),
-        data=to_results(fit),
-    )
-
-
 def _by_symbol(numbers: Sequence[Floats]) -> dict[str, list[float]]:
     return dict(zip(NAMES, np.transpose(numbers).tolist(), strict=True))
 
@@ -340,7 +327,7 @@ def parameter_rows(fits: Sequence[DrivelineFit]) -> list[tuple[str, ...]]:
 
     def written(value: float, ends: Floats) -> str:
         if np.isfinite(ends[1]):
-            return between(value, *ends)
+            return f"{digits(value)} ({interval(*ends.tolist())})"
         return "unknown" if value else "0, at its bound"
 
     return [

@@ -6,11 +6,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
-from numpy.typing import NDArray
 
 from ballbot.arrays import Floats
 from ballbot.control.controller import torque_limit_words
-from ballbot.control.linear import RobotLoop, step_response
 from ballbot.control.lqr import frictionless_model, matrix_rows
 from ballbot.control.margins import HEADINGS, MEANING, Margins
 from ballbot.control.overcompensation import has_friction
@@ -30,9 +28,9 @@ from ballbot.report.blocks import (
     matrix_text,
     section,
 )
-from ballbot.report.palette import BLUE, MUTED, SHADE
-from ballbot.report.series import IN_TURN, Line, Look, Panel, TimeSeries, wheel_lines
-from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture, one_panel
+from ballbot.report.palette import MUTED
+from ballbot.report.series import IN_TURN, Look
+from ballbot.report.style import LOOKS, STATE_UNITS, drawn_picture
 from ballbot.report.words import NO_FRICTION, capital, state_mark
 from ballbot.rounding import percent
 from ballbot.summary import pole_words
@@ -61,7 +59,6 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
     margin = f"{capital(design.margin.sentence)}."
     if design.margin.overcompensates:
         margin = f"WARNING: {design.margin.sentence}; this injects energy and can destabilise the robot."
-    uncertain = "How uncertain the gain is: no value in the robot file has a standard_deviation."
     return Result(
         title=f"{robot.name}: a controller",
         lead=(
@@ -75,7 +72,11 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             ("Compensation", "" if kind == "none" else nothing or margin),
         ],
         sections=[
-            section("Gain", *_gain_blocks(design)),
+            section(
+                "Gain",
+                gain_sheet(design.gain.gain),
+                Paragraph(f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s."),
+            ),
             loop_section(design.loop_margins),
             details("Friction compensation", *_compensation_blocks(design)),
             linear_section(frictionless_model(robot).linearize(), caption="exact model without friction"),
@@ -83,7 +84,6 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
         undecided=[
             "How the loop behaves with the robot's friction, play, noise and limits: the poles are those of the linear "
             "model without friction. `ballbot simulate`, `ballbot limits` and `ballbot compare` show it.",
-            "" if design.uncertainty.parts else uncertain,
         ],
         findings=findings,
         data={
@@ -94,20 +94,9 @@ def controller_design_report(design: ControllerDesign, findings: Sequence[Findin
             "poles": design.gain.poles,
             "linearization": linearization_results(frictionless_model(robot)),
             "loop_margins": design.loop_margins,
-            "gain_standard_deviation": design.uncertainty.deviation if design.uncertainty.parts else None,
-            "gain_variance_shares": dict(design.uncertainty.largest(len(design.uncertainty.parts))),
             "compensation_margin": design.margin,
         },
     )
-
-
-def _gain_blocks(design: ControllerDesign) -> Iterator[Block]:
-    yield gain_sheet(design.gain.gain)
-    yield Paragraph(f"Closed-loop poles: {pole_words(design.gain.poles)} rad/s.")
-    if largest := design.uncertainty.largest():
-        causes = ", ".join(f"{percent(share)} from {label}" for label, share in largest)
-        caption = f"Standard deviation of each entry, from those in the robot file ({causes})."
-        yield gain_sheet(design.uncertainty.deviation, caption)
 
 
 def _compensation_blocks(design: ControllerDesign) -> Iterator[Block]:
@@ -144,26 +133,6 @@ def gain_sheet(
     return Sheet(("state", *wheels), rows, caption)
 
 
-#: steps of the reference [m, rad]
-STEPS = {"x": 0.1, "psi": math.radians(10.0)}
-
-
-def poles_figure(poles: NDArray[np.complex128]) -> Figure:
-    """Return the poles of a closed loop; the unstable half is shaded.
-
-    To the left is fast; on the real line nothing oscillates.
-    """
-    figure, axes = one_panel("real part [rad/s]", "imaginary part [rad/s]", width=4.6, height=2.6)
-    axes.plot(poles.real, poles.imag, "o", color=BLUE, markersize=4.5, mfc="none")
-    axes.axvspan(0.0, 1e3, color=SHADE)
-    axes.axvline(0.0, color=MUTED, linewidth=0.8)
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    height = max(1.0, 1.25 * float(np.abs(poles.imag).max()))
-    left, right = min(-1.0, 1.12 * float(poles.real.min())), max(1.0, 1.5 * float(poles.real.max()))
-    axes.set(xlim=(left, right), ylim=(-height, height))
-    return figure
-
-
 def linear_section(linear: LinearModel, *, caption: str) -> Section:
     """Return the section on a linear model about upright."""
     states = ", ".join(f"{name} [{STATE_UNITS[name]}]" for name in STATE_NAMES)
@@ -174,7 +143,6 @@ def linear_section(linear: LinearModel, *, caption: str) -> Section:
 
 def loop_section(margins: Margins, *, of: str = "") -> Section:
     """Return the section on a loop; `of` names its controller if the page is not about it."""
-    loop = margins.loop
     bode = (
         "Bode diagram of the loop broken at the wheels' torques: at one wheel with the others closed, and at all "
         "wheels together, as the eigenvalues for the two leans and the heading."
@@ -183,33 +151,6 @@ def loop_section(margins: Margins, *, of: str = "") -> Section:
         f"Stability margins{f' with {of}' if of else ''}",
         Sheet(HEADINGS, margins.rows(), MEANING),
         drawn_picture("bode", bode, bode_figure, margins),
-        *(step_series(loop, name) for name in STEPS),
-    )
-
-
-def step_series(loop: RobotLoop, name: str) -> TimeSeries:
-    """Return the response to a step of the reference in x or psi as time series of a page."""
-    size = STEPS[name]
-    step = step_response(loop, name=name, size=size)
-    late = f" Torques act {1e3 * loop.delay:g} ms late, as predicted." if loop.delay else ""
-    lean, heading = np.degrees(step.states[:, 3]), np.degrees(step.states[:, 4])
-    if name == "psi":
-        what, shown = f"{math.degrees(size):g}° of the heading", {"heading [deg]": heading}
-    else:
-        what, shown = f"{1e3 * size:g} mm in x", {"x [mm]": 1e3 * step.states[:, 0], "lean φ [deg]": lean}
-    levels = {"heading [deg]": (math.degrees(size),), "x [mm]": (1e3 * size,)}
-    panels = [
-        Panel(label, (Line("response", values, "measured"),), levels=levels.get(label, ()))
-        for label, values in shown.items()
-    ]
-    return TimeSeries(
-        step.t,
-        [*panels, Panel("torques [N m]", wheel_lines(list(step.torques.T)))],
-        (
-            f"Response of the linear loop to a step of the reference by {what}, without reference shaping, "
-            f"feed-forward, limits and friction.{late}"
-        ),
-        level="reference",
     )
 
 

@@ -2,26 +2,22 @@
 
 from functools import partial
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from ballbot.control.controller import Controller
-from ballbot.control.linear import robot_loop
-from ballbot.control.lqr import LqrDesign
 from ballbot.control.margins import Margins, loop_margins
 from ballbot.errors import InputError
 from ballbot.identification import Identification
 from ballbot.identification.axis import AxisIdentification
-from ballbot.identification.driveline import DrivelineFit
 from ballbot.identification.upside_down import UpsideDown
 from ballbot.learning.learn import Learned
 from ballbot.log import Log
 from ballbot.mechanics.friction import steady_friction
 from ballbot.registry import FIGURES, PAGES
 from ballbot.report.axis import axis_report, laws_figure
-from ballbot.report.bench import curve_figure, upside_down_report, wheel_report
+from ballbot.report.bench import curve_figure, upside_down_report
 from ballbot.report.comparison import course_tracks, league_report, paths_figure, shown_runs
-from ballbot.report.design import bode_figure, controller_design_report, poles_figure
+from ballbot.report.design import bode_figure, controller_design_report
 from ballbot.report.identification import friction_figure, identification_report
 from ballbot.report.learning import curve_series, learning_report
 from ballbot.report.limits import planes_figure
@@ -42,8 +38,6 @@ from ballbot.workflows.study import Study
 
 #: wheel speeds shown reach this many Stribeck speeds
 _SHOWN_SPEEDS = 8.0
-#: absolute value below which a sampled pole has no continuous one: it settles within a sample
-_DEADBEAT = 1e-6
 
 
 def log_figure(log: Log) -> Figure:
@@ -55,14 +49,8 @@ def log_figure(log: Log) -> Figure:
 
 
 def controller_figure(controller: Controller) -> Figure:
-    """Return the Bode diagram of the loop, or the poles of an unstable one."""
-    loop = robot_loop(controller)
-    try:
-        return bode_figure(loop_margins(loop))
-    except InputError:
-        poles = np.asarray(np.linalg.eigvals(loop.closed()), dtype=np.complex128)
-        slow = poles[np.abs(poles) > _DEADBEAT]
-        return poles_figure(np.asarray(np.log(slow) / loop.sample_time, dtype=np.complex128))
+    """Return the Bode diagram of the loop; InputError if it is unstable."""
+    return bode_figure(loop_margins(controller))
 
 
 def upside_down_figure(fit: UpsideDown) -> Figure:
@@ -76,7 +64,6 @@ PAGES.update(
     {
         AxisIdentification: axis_report,
         ControllerDesign: controller_design_report,
-        DrivelineFit: wheel_report,
         Identification: identification_report,
         Learned: learning_report,
         League: league_report,
@@ -90,16 +77,11 @@ for kind, draw in {
     AxisIdentification: laws_figure,
     Controller: controller_figure,
     ControllerDesign: lambda design: bode_figure(design.loop_margins),
-    DrivelineFit: lambda fit: curve_figure(
-        [partial(steady_friction, friction=fit.friction)],
-        float(np.nanmax(np.abs(fit.predicted), initial=1.0)),
-    ),
     Identification: friction_figure,
     Learned: lambda learned: series_figure(curve_series(learned)),
     League: lambda league: paths_figure(course_tracks(league, league.courses[0])),
     Log: log_figure,
     Plan: lambda plan: series_figure(plan_series(plan)),
-    LqrDesign: lambda design: poles_figure(design.poles),
     Margins: bode_figure,
     Robot: robot_figure,
     RobotLimits: lambda limits: planes_figure({"limits": limits}),

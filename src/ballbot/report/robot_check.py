@@ -87,7 +87,7 @@ def robot_check_report(checked: CheckedRobot) -> Result:
 
 def _interval(pole: float, spread: Propagated) -> tuple[float, float]:
     """Return the interval of 95 % about a pole."""
-    half = 1.96 * float(spread.deviation)
+    half = 1.96 * spread.deviation
     return pole - half, pole + half
 
 
@@ -99,7 +99,7 @@ def _uncertainty(pole: float, spread: Propagated | None) -> str:
     low, high = _interval(pole, spread)
     return (
         "From the standard deviations in the file, its standard deviation is "
-        f"{float(spread.deviation):.2g} rad/s ({causes}), and its 95 % interval {low:.3g} to {high:.3g}."
+        f"{spread.deviation:.2g} rad/s ({causes}), and its 95 % interval {low:.3g} to {high:.3g}."
     )
 
 

@@ -22,7 +22,7 @@ _HEADINGS = ("quantity", "value", "unit")
 
 def spin_report(
     spin: Spin,
-    comparison: WheelComparison | None,
+    comparison: WheelComparison,
     *,
     video: str,
     picture: bytes,
@@ -31,7 +31,6 @@ def spin_report(
     """Return the page; `picture` is the overlay as PNG."""
     verdict, *others = (finding.text for finding in spin_findings(spin, comparison))
     overlay = "Frames of the video with their times, the ball's outline (green) and the seam that was found (magenta)."
-    slip = "Whether the ball slips on the wheels, and which way is forward: give the log of the run."
     tracked = f"{100.0 * float(np.mean(spin.track.tracked)):.1f}"
     seen = [
         *((words, f"{value:.4g}", unit) for words, _, unit, value in _view(spin)),
@@ -49,14 +48,13 @@ def spin_report(
                 Sheet(_HEADINGS, seen, "The camera's view."),
             ),
             section("Angular velocity", _velocity_series(spin, comparison)),
-            section("Video and wheels", _comparison_sheet(comparison) if comparison else None),
+            section("Video and wheels", _comparison_sheet(comparison)),
         ],
         undecided=[
             "Motions faster than the camera: between two frames the ball is taken to turn evenly.",
-            "" if comparison else slip,
             "" if spin.known.all() else "The velocity where the seam was lost, which is shaded.",
         ],
-        findings=log_findings if comparison else None,
+        findings=log_findings,
         data=_data(spin, comparison, log_findings),
     )
 
@@ -85,35 +83,34 @@ def _comparison_sheet(comparison: WheelComparison) -> Sheet:
     return Sheet(_HEADINGS, rows, "±: half widths of 95 %.")
 
 
-def _velocity_series(spin: Spin, comparison: WheelComparison | None) -> TimeSeries:
+def _velocity_series(spin: Spin, comparison: WheelComparison) -> TimeSeries:
     """Return the ball's velocity by the video and by the wheels, and the difference beside the video's error."""
     panels, differences = [], []
     for axis, name in enumerate(_AXES):
-        lines = [Line("video", spin.omega[:, axis], "measured")]
-        if comparison is not None:
-            lines.append(Line("wheel speeds by T_obw", comparison.wheels[:, axis], "second"))
-            error = 2.0 * spin.errors[:, axis]
-            less = (
-                Line("video less wheels", comparison.difference[:, axis], "first"),
-                Line("± 2 standard errors of the video", error, "third"),
-                Line("± 2 standard errors of the video", -error, "third"),
-            )
-            differences.append(Panel(f"difference about {name} [rad/s]", less))
+        lines = (
+            Line("video", spin.omega[:, axis], "measured"),
+            Line("wheel speeds by T_obw", comparison.wheels[:, axis], "second"),
+        )
         panels.append(Panel(f"Ω about {name} [rad/s]", lines))
-    beside = " and by the wheels, and their difference beside twice the video's standard error"
+        error = 2.0 * spin.errors[:, axis]
+        less = (
+            Line("video less wheels", comparison.difference[:, axis], "first"),
+            Line("± 2 standard errors of the video", error, "third"),
+            Line("± 2 standard errors of the video", -error, "third"),
+        )
+        differences.append(Panel(f"difference about {name} [rad/s]", less))
     return TimeSeries(
         spin.t,
         [*panels, *differences],
-        f"The ball's angular velocity by the video{beside if comparison else ''}.",
+        "The ball's angular velocity by the video and by the wheels, and their difference beside twice the video's "
+        "standard error.",
         across="time of the video [s]",
         shaded=true_spans(spin.t, ~spin.known),
         shade="lost",
     )
 
 
-def _data(
-    spin: Spin, comparison: WheelComparison | None, log_findings: Sequence[Finding]
-) -> dict[str, object]:
+def _data(spin: Spin, comparison: WheelComparison, log_findings: Sequence[Finding]) -> dict[str, object]:
     """Return what results.json holds."""
     known = spin.known
     return {
@@ -134,8 +131,7 @@ def _data(
             "median_standard_error": np.median(spin.errors[known], axis=0),
         },
         "robot_camera_wxyz": spin.robot_camera,
-        "wheels": comparison
-        and to_results(comparison)
+        "wheels": to_results(comparison)
         | {
             "clock": to_results(comparison.motion.clock)
             | {"offset_half_width": comparison.motion.offset_half_width},

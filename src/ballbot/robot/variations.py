@@ -137,42 +137,34 @@ def _square_root(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Propagated:
-    """A result (any shape) and its uncertainty from that of the parameters."""
+    """The uncertainty of a result from that of the parameters."""
 
-    value: NDArray[np.float64]
-    deviation: NDArray[np.float64]  #: standard deviation, of the value's shape
-    #: of each uncertain number alone, by its label; signed, for one deviation
-    parts: dict[str, NDArray[np.float64]]
+    deviation: float  #: standard deviation
+    parts: dict[str, float]  #: of each uncertain number alone, by its label; signed, for one deviation
 
     def largest(self, count: int = 3) -> list[tuple[str, float]]:
-        """Return the numbers that matter most: label and fraction of the variance, summed over the result.
-
-        The fractions are those of independent errors.
-        """
-        independent = np.sqrt(sum((part**2 for part in self.parts.values()), np.zeros_like(self.value)))
-        whole = float((independent**2).sum())
+        """Return the numbers that matter most: label and fraction of the variance of independent errors."""
+        whole = sum(part**2 for part in self.parts.values())
         if whole == 0.0:
             return []
-        fractions = {label: float((part**2).sum()) / whole for label, part in self.parts.items()}
+        fractions = {label: part**2 / whole for label, part in self.parts.items()}
         return sorted(fractions.items(), key=lambda item: -item[1])[:count]
 
 
 def propagate(
     robot: Robot,
-    # from a robot to an array of always the same shape, smooth in the robot's numbers
-    result_of: Callable[[Robot], NDArray[np.float64]],
+    result_of: Callable[[Robot], float],  # smooth in the robot's numbers
 ) -> Propagated:
     """Carry a robot's standard deviations through to a result, linearly.
 
     InputError if no robot a tenth of a standard deviation away can exist, on either side.
 
     >>> weighed = Robot.load("alten").annotated(standard_deviations={"body.mass": 0.1})
-    >>> doubled = propagate(weighed, lambda robot: np.array(2.0 * robot.body.mass))
-    >>> round(float(doubled.deviation), 9)
+    >>> doubled = propagate(weighed, lambda robot: 2.0 * robot.body.mass)
+    >>> round(doubled.deviation, 9)
     0.2
     """
-    value = np.asarray(result_of(robot), dtype=np.float64)
-    parts = {}
+    value, parts = result_of(robot), dict[str, float]()
     for number in uncertain(robot):
         ends, refusal = [], None
         for step in (STEP, -STEP):
@@ -184,7 +176,7 @@ def propagate(
             raise InputError(f"{number.label} cannot vary by a tenth of its standard deviation: {refusal}")
         # a number at its bound, such as friction of zero, can only be shifted to one side
         (ahead, high), (behind, low) = ends if refusal is None else (*ends, (0.0, value))
-        parts[number.label] = np.asarray((high - low) / (ahead - behind), dtype=np.float64)
-    stacked = np.array([*parts.values()]).reshape(len(parts), *value.shape)
-    variance = np.einsum("i...,ij,j...->...", stacked, correlations(robot), stacked)
-    return Propagated(value=value, deviation=np.sqrt(np.maximum(variance, 0.0)), parts=parts)
+        parts[number.label] = (high - low) / (ahead - behind)
+    stacked = np.array([*parts.values()])
+    variance = float(stacked @ correlations(robot) @ stacked)
+    return Propagated(deviation=math.sqrt(max(variance, 0.0)), parts=parts)

@@ -37,19 +37,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ballbot.control.records import MAX_WHEELS, fill_record, number, schema_of, whole
 from ballbot.errors import InputError
 from ballbot.estimation.interface import EstimatorName
+from ballbot.estimation.onboard import ONBOARD, onboard_record
 from ballbot.mechanics.equations import LARGEST_LEAN
 from ballbot.mechanics.geometry import rotation_to, transforms
 from ballbot.mechanics.model import Model
 from ballbot.mechanics.parameters import pack
+from ballbot.records import MAX_WHEELS, Schema, fill_record, number, schema_of, whole
 from ballbot.robot import Robot, Rollers, Sensors
 from ballbot.robot.checks import check_parameters
-from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class, table
 from ballbot.robot.wheel_directions import contact_directions
-from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
+from ballbot.simulation.sensors import SENSORS, Accelerometer, FixSource, SensorFaults, sensor_record
 
 #: fraction of the speeds up to the highest over which a motor's torque falls from its limit to nothing, as on the twin
 FALLING_PART = 0.05
@@ -322,29 +322,13 @@ class LoopRecord:
     sample_time: float = field(default=1.0, metadata=number("s"))
     #: 0 if the controller sees the true state, 1 for the on-board state, 2 for the Kalman filter's
     estimator: int = field(default=0, metadata=whole())
-    count: float = field(default=1.0, metadata=number("rad"))
-    speed_window: int = field(default=1, metadata=whole())
-    window_time: float = field(default=1.0, metadata=number("s"))
-    gyro_noise: float = field(default=0.0, metadata=number("rad/s"))
-    attitude_noise: float = field(default=0.0, metadata=number("rad"))
-    heading_drift: float = field(default=0.0, metadata=number("rad/s"))
-    #: whole samples by which gyro and attitude are late
-    latency: int = field(default=0, metadata=whole())
-    gyro_bias: float = field(default=0.0, metadata=number("rad/s"))
-    #: a sample's step of the biases
-    bias_step: float = field(default=0.0, metadata=number("rad/s"))
-    lean_error: float = field(default=0.0, metadata=number("rad"))
-    #: what stays of the lean's error in a sample, and the step that comes upon it
-    lean_memory: float = field(default=1.0, metadata=number("1"))
-    lean_step: float = field(default=0.0, metadata=number("rad"))
-    #: of the robot that the estimator knows
-    known_radius: float = field(default=0.0, metadata=number("m"))
-    ball_from_wheels: NDArray[np.float64] = field(
-        default_factory=lambda: np.zeros((3, 1)), metadata=number("1", 3, MAX_WHEELS)
-    )
 
 
-LOOP = schema_of(LoopRecord)
+#: the on-board state's numbers are of the robot that the estimator knows
+LOOP = Schema(
+    name="loop",
+    fields={**schema_of(LoopRecord).fields, "sensors": SENSORS, "onboard": ONBOARD},
+)
 
 
 def loop_record(
@@ -390,9 +374,19 @@ def loop_record(
             "ampere": drive.gear_ratio * drive.torque_constant,
             "back": drive.gear_ratio / drive.speed_constant,
         }
-    if imperfections.sensors is not None and estimator is not None:
-        values |= _of_sensors(imperfections, imperfections.sensors, robot, estimator, sample_time)
     record = LOOP.zeros()
+    if imperfections.sensors is not None and estimator is not None:
+        values["estimator"] = 1 if estimator == "onboard" else 2
+        shown = sensor_record(
+            robot,
+            imperfections.sensors,
+            sample_time=sample_time,
+            window=imperfections.speed_window,
+            faults=imperfections.sensor_faults,
+        )
+        fill_record(record["sensors"], shown)
+        known = imperfections.known or robot
+        fill_record(record["onboard"], onboard_record(known, sample_time=sample_time))
     fill_record(record, LoopRecord(**values))  # pyright: ignore[reportArgumentType] (a value for each field)
     return record.view(np.float64)
 
@@ -420,28 +414,4 @@ def _of_contacts(imperfections: Imperfections, robot: Robot) -> dict[str, object
         "grip": imperfections.contacts.grip,
         "creep": imperfections.contacts.creep,
         "about_normal": normals @ transforms(robot).T_obw,
-    }
-
-
-def _of_sensors(
-    imperfections: Imperfections, sensors: Sensors, robot: Robot, estimator: EstimatorName, sample_time: float
-) -> dict[str, object]:
-    faults, known = imperfections.sensor_faults or SensorFaults(), imperfections.known or robot
-    memory = math.exp(-sample_time / faults.lean_error_time)
-    return {
-        "estimator": 1 if estimator == "onboard" else 2,
-        "count": encoder_step(robot, sensors),
-        "speed_window": imperfections.speed_window,
-        "window_time": imperfections.speed_window * sample_time,
-        "gyro_noise": sensors.gyro_noise,
-        "attitude_noise": sensors.attitude_noise,
-        "heading_drift": sensors.heading_drift,
-        "latency": round(faults.latency / sample_time),
-        "gyro_bias": faults.gyro_bias,
-        "bias_step": faults.gyro_bias_walk * math.sqrt(sample_time),
-        "lean_error": faults.lean_error,
-        "lean_memory": memory,
-        "lean_step": faults.lean_error * math.sqrt(1.0 - memory**2),
-        "known_radius": known.ball.radius,
-        "ball_from_wheels": transforms(known).T_obw,
     }

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from ballbot.control.controller import Controller
 from ballbot.control.law import law_code
-from ballbot.control.records import fill_record
 from ballbot.estimation.interface import EstimatorName
-from ballbot.estimation.kalman import filter_row
+from ballbot.estimation.kalman import kalman_record
 from ballbot.estimation.kalman_model import sample_code
 from ballbot.mechanics.engine.play import play_code_of
 from ballbot.mechanics.engine.run import code_of
 from ballbot.mechanics.model import Model
+from ballbot.records import fill_record, packed
 from ballbot.robot import Robot
 from ballbot.simulation.imperfections import (
     LOOP,
@@ -70,12 +70,12 @@ def _filters(
     estimators: Sequence[EstimatorName | None],
     sample_time: float,
 ) -> NDArray[np.float64]:
-    """Return the rows of `filter_row`; none without a Kalman filter."""
+    """Return the records of `KALMAN`; none without a Kalman filter."""
     if not (any(lane.sensors for lane in by_lane) and "kalman" in estimators):
         return np.empty((0, 0))
     lanes = range(max(len(by_lane), len(robots), len(estimators)))
     known = [by_lane[k % len(by_lane)].known or robots[k % len(robots)] for k in lanes]
-    return _rows(lambda robot: filter_row(robot, sample_time=sample_time), known)
+    return _rows(lambda robot: packed(kalman_record(robot, sample_time=sample_time)), known)
 
 
 def _loops(
@@ -89,7 +89,7 @@ def _loops(
         # the controllers see the true state and the drives have no limits of their own
         record = LOOP.zeros()
         fill_record(record, LoopRecord(sample_time=sample_time))
-        return record.view(np.float64)[None].view(LOOP.dtype())[:, 0]
+        return record
     lanes = range(max(len(by_lane), len(robots), len(estimators)))
     of: list[tuple[Imperfections, Robot, EstimatorName | None]] = [
         (by_lane[k % len(by_lane)], robots[k % len(robots)], estimators[k % len(estimators)]) for k in lanes

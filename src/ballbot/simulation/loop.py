@@ -9,8 +9,8 @@ A sample of a robot is, in this order:
     move        so many steps: the motors' lag, the gears' play or rigid gears, friction that sticks, pushes, bumps,
                 rollers that come and go under the wheels; in the frame of a floor that slopes
 
-Random numbers are drawn before (`Draws`). `SensedPlant` calls the same functions one sample at a time, with sensors,
-estimator and controller in Python, and gives the same results to rounding.
+Random numbers are drawn before (`Draws`). `SensedPlant` calls the loop one sample at a time, with the sensors and the
+estimator of one robot and a controller in Python, and gives the same results to rounding.
 """
 
 import math
@@ -20,24 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.law import LIMIT_AT, MEMORY_SIZE, decide_torques
-from ballbot.estimation.kalman_model import (
-    COVARIANCE,
-    FIRST,
-    GYRO,
-    GYRO_BEFORE,
-    MODEL_SIZE,
-    NUMBERS,
-    PIVOTING,
-    PIVOTS,
-    SHOWN,
-    X,
-    lever_in,
-    sample_block,
-    state_in,
-)
+from ballbot.estimation.kalman_front import FILTER_MEMORY_TYPE, reset_filter, see, show
 from ballbot.estimation.kalman_model import ROWS as FILTER_ROWS
-from ballbot.estimation.kalman_model import STATE as FILTER_STATE
-from ballbot.estimation.swing import attitude_of, begin_filter, robot_state, swing_of
+from ballbot.estimation.kalman_model import sample_block
+from ballbot.estimation.known import Shown
+from ballbot.estimation.onboard import ONBOARD_MEMORY_TYPE, onboard_reset, onboard_update
 from ballbot.mechanics.engine.arrays import fill
 from ballbot.mechanics.engine.compiled import compiled, inlined, spliced
 from ballbot.mechanics.engine.lanes import (
@@ -65,10 +52,9 @@ from ballbot.mechanics.engine.play import passed_torques, play_block, wheel_side
 from ballbot.mechanics.engine.run import load_state, load_torques, start_lane, take_steps
 from ballbot.mechanics.engine.smooth import SINES, SPEEDS, ball_velocity, body_velocity, in_state_order, pose
 from ballbot.mechanics.engine.tracing import borrowed, lanes, traced
-from ballbot.mechanics.engine.vector import add, dot, rotate_back
+from ballbot.mechanics.engine.vector import add, rotate_back
 from ballbot.mechanics.equations import (
     LARGEST_LEAN,
-    angle_rates,
     attitude,
     balancing_attitude,
     body_rates,
@@ -79,14 +65,13 @@ from ballbot.mechanics.equations import (
 from ballbot.mechanics.parameters import RIGID_SIZE, WHEEL_COLUMNS, WHEEL_SIZE
 from ballbot.simulation.imperfections import FALLING_PART
 from ballbot.simulation.model_plant import friction_needed, sinking_with_speeds, wheel_forces
+from ballbot.simulation.sensors import SensorMemory, new_sensor_memory, read_sensors
 
 #: where a wheel's dry friction begins among its numbers: c, s and its terms, to the end
 _DRY = WHEEL_COLUMNS["c"]
 #: rows of the mechanics' work array, free between steps, with how fast a lane sinks at a sample's end, and the rates of
 #: its angles
 _SINKING, _RATES = SINES, SINES + 1
-#: rows of a Kalman filter's work array with what these sensors show
-_WHEELS, _AHRS = SHOWN + FIRST["wheels"], SHOWN + FIRST["attitude"]
 
 
 class Inputs(NamedTuple):
@@ -100,7 +85,7 @@ class Inputs(NamedTuple):
     lift_offs: NDArray[np.float64]
     laws: NDArray[np.float64]  #: rows of `Controller.packed`, as long as the longest
     loops: NDArray[np.void]  #: records of `ballbot.simulation.imperfections.LOOP`
-    filters: NDArray[np.float64]  #: rows of `filter_row`; no rows without a Kalman filter
+    filters: NDArray[np.float64]  #: records of `KALMAN`; no rows without a Kalman filter
     contacts: NDArray[np.float64]  #: rows of `pack_contacts`
     initial: NDArray[np.float64]
     pushes: NDArray[np.float64]  #: (robots, m, 6): first sample, first one after it, force [N], height [m]
@@ -166,14 +151,11 @@ class LoopMemory(NamedTuple):
     angles: NDArray[np.float64]  #: (robots, n) of rigid motors [rad]
     speeds: NDArray[np.float64]  #: (robots, n) of rigid motors [rad/s]
     turns: NDArray[np.float64]  #: (robots, n) angles of the wheels at the start [rad]
-    before: NDArray[np.float64]  #: (robots, n) encoder angles at the last sample
     encoders: NDArray[np.float64]  #: (robots, 2 n) encoder angles and the speeds differenced from them
-    counted: NDArray[np.float64]  #: (robots, 1 + longest window, n) encoder angles at the last samples
-    ahrs: NDArray[np.float64]  #: (robots, 6): biases, errors of the lean, heading of its frame
-    readings: NDArray[np.float64]  #: (robots, 1 + longest latency, 6) gyro and attitude
+    sensors: SensorMemory  #: a row for each robot
     gyros: NDArray[np.float64]  #: (robots, 3) the gyro's present readings
-    onboard: NDArray[np.float64]  #: (robots, 4) place and velocity
-    pivoting: NDArray[np.float64]  #: (robots,) of the Kalman filters
+    onboard: NDArray[np.void]  #: records of `ONBOARD_MEMORY`
+    kalman: NDArray[np.void]  #: records of `FILTER_MEMORY`
     truths: NDArray[np.float64]  #: (robots, 10) states on the robots' floors
     states: NDArray[np.float64]  #: (robots, 10) that the controllers are given
     filters: NDArray[np.float64]  #: the Kalman filters' work array of each block, a robot a column
@@ -222,135 +204,10 @@ def _truth(work, lane, record, out):
     _floored(out, record, 1.0)
 
 
-# --- sensors ---
-
-
 @inlined
-def _read_ahrs(record, memory, robot, sample, drawn, noise, faults, angles):
-    """Fill the block's gyro and angles (3,) with what the AHRS shows."""
-    truth, gyro = memory.truths[robot], memory.gyros[robot]
-    a = attitude((truth[2], truth[3], truth[4]))
-    rate = body_rates(a, (truth[7], truth[8], truth[9]))
-    for i in range(3):
-        gyro[i] = rate[i] + record.gyro_noise * noise[i]
-        angles[i] = truth[2 + i] + record.attitude_noise * noise[3 + i]
-    errors, drift = memory.ahrs[robot], record.heading_drift * (sample * record.sample_time)
-    if len(faults) > 0:
-        if sample == 0:
-            for i in range(3):
-                errors[i] = record.gyro_bias * faults[i]
-            for i in range(2):
-                errors[3 + i] = record.lean_error * faults[3 + i]
-        drift += errors[5]
-        for i in range(3):
-            gyro[i] += errors[i]
-        angles[0] += errors[3]
-        angles[1] += errors[4]
-    if drift != 0.0:
-        swing = swing_of(angles[0], angles[1], angles[2])
-        turned = attitude_of(swing.g_x, swing.g_y, swing.heading + drift)
-        angles[0], angles[1], angles[2] = turned.theta, turned.phi, turned.psi
-    if len(faults) > 0:
-        fresh = faults[5 * (drawn + 1) : 5 * (drawn + 2)]
-        errors[5] += record.sample_time * errors[2]
-        for i in range(3):
-            errors[i] += record.bias_step * fresh[i]
-        for i in range(2):
-            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * fresh[3 + i]
-    if record.latency > 0:
-        readings = memory.readings[robot]
-        now = readings[sample % len(readings)]
-        for i in range(3):
-            now[i], now[3 + i] = gyro[i], angles[i]
-        old = readings[max(sample - record.latency, 0) % len(readings)]
-        for i in range(3):
-            gyro[i], angles[i] = old[i], old[3 + i]
-
-
-@inlined
-def _read_encoders(record, memory, robot, sample, angles, speeds):
-    """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
-    recent = memory.counted[robot]
-    now, before = sample % len(recent), (sample - record.speed_window) % len(recent)
-    for i in range(len(angles)):
-        angles[i] = math.floor(angles[i] / record.count) * record.count
-        recent[now, i] = angles[i]
-        earlier = recent[before, i] if sample >= record.speed_window else 0.0
-        speeds[i] = (angles[i] - earlier) / record.window_time
-
-
-# --- on-board states ---
-
-
-@inlined
-def _ball_rate(record, speeds):
-    """Return the ball's turning relative to the body [rad/s]."""
-    x = y = z = 0.0
-    for i in range(len(speeds)):
-        x += record.ball_from_wheels[0, i] * speeds[i]
-        y += record.ball_from_wheels[1, i] * speeds[i]
-        z += record.ball_from_wheels[2, i] * speeds[i]
-    return x, y, z
-
-
-@inlined
-def _onboard(record, memory, robot, sample, speeds, gyro, angles, state):
-    """Fill the state (10,) as `OnboardState` has it."""
-    a, w = attitude((angles[0], angles[1], angles[2])), (gyro[0], gyro[1], gyro[2])
-    z = add(_ball_rate(record, speeds), w)
-    v = (record.known_radius * dot(a.R[1], z), -record.known_radius * dot(a.R[0], z))
-    kept = memory.onboard[robot]
-    for i in range(2):
-        if sample > 0:
-            kept[i] += 0.5 * record.sample_time * (v[i] + kept[2 + i])
-        kept[2 + i] = v[i]
-        state[i], state[5 + i] = kept[i], v[i]
-    rates = angle_rates(a, w)
-    for i in range(3):
-        state[2 + i], state[7 + i] = angles[i], rates[i]
-
-
-@inlined
-def _slot(row, robot):
-    """Return where the work array of a robot's block has a row of its filter."""
-    return row * LANES + robot % LANES
-
-
-@inlined
-def _begin_filter(filters, robot, row, state, gyro, angles):
-    """Start a Kalman filter at its first reading; `row` is its row of `filter_row`."""
-    for i in range(MODEL_SIZE):
-        filters[_slot(i, robot)] = row[i]
-    for i in range(len(row) - MODEL_SIZE - 2):
-        filters[_slot(COVARIANCE + i, robot)] = row[MODEL_SIZE + i]
-    x = filters[_slot(FILTER_STATE, robot) :: LANES]
-    begin_filter(lever_in(filters, robot % LANES), swing_of(angles[0], angles[1], angles[2]), gyro, x)
-    x[X], x[X + 1] = state[0], state[1]
-    for i in range(NUMBERS):
-        filters[_slot(SHOWN + i, robot)] = np.nan
-
-
-@inlined
-def _show_filter(record, memory, robot, limit, turned, gyro, angles):
-    """Give a Kalman filter its inputs; `turned` (n,) are the mean wheel speeds over the sample."""
-    filters = memory.filters[robot // LANES]
-    rate = _ball_rate(record, turned)
-    swing = swing_of(angles[0], angles[1], angles[2])
-    for i in range(3):
-        filters[_slot(GYRO + i, robot)] = gyro[i]
-        filters[_slot(_WHEELS + i, robot)] = rate[i]
-    filters[_slot(_AHRS, robot)], filters[_slot(_AHRS + 1, robot)] = swing.g_x, swing.g_y
-    filters[_slot(_AHRS + 2, robot)] = swing.heading
-    filters[_slot(PIVOTS, robot)] = 1.0 if abs(memory.pivoting[robot]) > limit else 0.0
-
-
-@inlined
-def _filtered(filters, robot, gyro, state):
-    """Fill the state (10,) of a Kalman filter, and keep the gyro for the next sample."""
-    for i in range(3):
-        filters[_slot(GYRO_BEFORE + i, robot)] = gyro[i]
-    lane = robot % LANES
-    robot_state(lever_in(filters, lane), state_in(filters, lane), gyro, state)
+def _sensor_memory(memory, robot):
+    of = memory.sensors
+    return SensorMemory(of.counted[robot], of.errors[robot], of.late[robot])
 
 
 # --- drive ---
@@ -546,19 +403,11 @@ def _clear(work, lane, memory):
     for row in range(ROWS):
         work[row * LANES + lane] = 0.0
     work[ROBOT * LANES + lane] = float(robot)
-    filters = memory.filters[robot // LANES]
-    for row in range(len(filters) // LANES):
-        filters[_slot(row, robot)] = 0.0
     for numbers in (memory.laws, memory.wanted, memory.given, memory.commanded, memory.last, memory.angles):
         _zero(numbers[robot])
-    for numbers in (memory.before, memory.ahrs, memory.onboard):
-        _zero(numbers[robot])
+    _zero(memory.sensors.errors[robot])
     for late in range(len(memory.late)):
         _zero(memory.late[late, robot])
-    for rows in (memory.counted[robot], memory.readings[robot]):
-        for row in range(len(rows)):
-            _zero(rows[row])
-    memory.pivoting[robot] = 0.0
 
 
 @inlined
@@ -568,8 +417,8 @@ def _start(selected, work, lane, inputs, draws, memory):
     record, state = _loop_of(inputs, robot), memory.start[robot]
     put_robot(work, lane, inputs.parameters[_row_of(inputs.parameters, robot)])
     fill(state, inputs.initial[_row_of(inputs.initial, robot)])
-    for i in range(2):
-        memory.onboard[robot, i] = state[i]
+    onboard_reset(memory.onboard[robot], state)
+    reset_filter(memory.kalman[robot], state)
     fill(memory.truths[robot], state)
     _floored(state, record, -1.0)
     start_lane(selected, work, lane, state, 0.0)
@@ -598,27 +447,20 @@ def _measure(work, lane, inputs, draws, memory, sample):
                 work[(ANGLE + i) * LANES + lane] + work[(AHEAD + i) * LANES + lane] - memory.starts[robot, i]
             )
             speeds[i] = work[(MOTOR + i) * LANES + lane]
-    if record.estimator == 0:
-        rate = body_rates(attitude((state[2], state[3], state[4])), (state[7], state[8], state[9]))
-        for i in range(3):
-            gyro[i] = rate[i]
-        return
+    rate = body_rates(attitude((state[2], state[3], state[4])), (state[7], state[8], state[9]))
     angles, drawn = memory.attitude[robot], sample % draws.samples
-    noise = draws.noise[robot, (n + 6) * drawn : (n + 6) * drawn + 6]
-    _read_ahrs(record, memory, robot, sample, drawn, noise, draws.faults[robot], angles)
-    _read_encoders(record, memory, robot, sample, encoders, speeds)
-    if record.estimator == 1:
-        _onboard(record, memory, robot, sample, speeds, gyro, angles, state)
+    for i in range(3):
+        gyro[i], angles[i] = rate[i], state[2 + i]
+    if record.estimator == 0:
         return
-    row = inputs.filters[_row_of(inputs.filters, robot)]
-    if sample == 0:
-        _begin_filter(memory.filters[robot // LANES], robot, row, state, gyro, angles)
-    else:
-        turned = memory.wheels[robot]
-        for i in range(n):
-            turned[i] = (encoders[i] - memory.before[robot, i]) / record.sample_time
-        _show_filter(record, memory, robot, row[len(row) - 1], turned, gyro, angles)
-    fill(memory.before[robot], encoders)
+    noise, faults = draws.noise[robot, (n + 6) * drawn :], draws.faults[robot, 5 * drawn :]
+    shown, kept = Shown(encoders, speeds, gyro, angles), _sensor_memory(memory, robot)
+    read_sensors(record.sensors, kept, sample, sample * record.sample_time, noise, faults, shown)
+    if record.estimator == 1:
+        onboard_update(record.onboard, memory.onboard[robot], n, shown, state)
+        return
+    row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
+    show(row, filters, robot % LANES, memory.kalman[robot], record.onboard.ball_from_wheels, shown)
 
 
 @inlined
@@ -627,10 +469,7 @@ def _see(inputs, memory, robot, sample):
     record, state = _loop_of(inputs, robot), memory.states[robot]
     if record.estimator == 2:
         row, filters = inputs.filters[_row_of(inputs.filters, robot)], memory.filters[robot // LANES]
-        if sample > 0:
-            pivoting = filters[_slot(PIVOTING, robot)]
-            memory.pivoting[robot] += row[len(row) - 2] * (pivoting - memory.pivoting[robot])
-        _filtered(filters, robot, memory.gyros[robot], state)
+        see(row, filters, robot % LANES, memory.kalman[robot], state)
     if record.missing_from <= sample < record.missing_until:
         state[0] = np.nan
 
@@ -742,19 +581,15 @@ def _end_where_due(selected, work, lane, inputs, sampling, memory, out, sample):
 def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool) -> LoopMemory:
     """Return the memory of robots that all begin; n is the number of wheels."""
     blocks = -(-robots // LANES)
-    delay, latency = int(loops["delay"].max()), int(loops["latency"].max())
-    window = max(1, int(loops["speed_window"].max()))
+    delay, latency, window = (
+        int(one.max()) for one in (loops["delay"], loops["sensors"]["latency"], loops["sensors"]["window"])
+    )
     by_steps = bool(((loops["lag"] > 0.0) | (loops["pitch"] > 0.0)).any())
     shapes = dict.fromkeys(LoopMemory._fields, (robots, n)) | {
         "laws": (robots, MEMORY_SIZE),
         "late": (1 + delay, robots, n),
         "encoders": (robots, 2 * n),
-        "counted": (robots, 1 + window, n),
-        "ahrs": (robots, 6),
-        "readings": (robots, 1 + latency, 6),
         "gyros": (robots, 3),
-        "onboard": (robots, 4),
-        "pivoting": (robots,),
         "truths": (robots, 10),
         "states": (robots, 10),
         "attitude": (robots, 3),
@@ -768,7 +603,14 @@ def new_memory(loops: NDArray[np.void], robots: int, n: int, *, filtering: bool)
     )
     for robot in range(robots):
         work[robot // LANES, ROBOT * LANES + robot % LANES] = robot
-    others = {"by_steps": by_steps, "work": work, "filters": filters}
+    others = {
+        "by_steps": by_steps,
+        "sensors": new_sensor_memory(robots, wheels=n, window=window, latency=latency),
+        "onboard": np.zeros(robots, ONBOARD_MEMORY_TYPE),
+        "kalman": np.zeros(robots, FILTER_MEMORY_TYPE),
+        "work": work,
+        "filters": filters,
+    }
     return LoopMemory(**arrays | others)  # pyright: ignore[reportArgumentType]
 
 

@@ -4,7 +4,8 @@ Encoders count; the AHRS is noisy and drifts; an accelerometer sits at a place o
 a laser scanner, beacons) sees where the robot is.
 
 Each is read once a sample, in order of time, and knows nothing of later samples. The errors in the robot file are
-always there; `SensorFaults` are those that a scenario adds.
+always there; `SensorFaults` are those that a scenario adds. Encoders and AHRS are compiled: the loop
+(`ballbot.simulation.loop`) reads those of robots side by side, `SensorSuite` those of one.
 
 Gravity shows the AHRS which way is up and nothing shows it which way is north, so psi does not drift alone: its whole
 frame turns about the vertical, and theta and phi, which are about that frame's axes, with it. So the thesis has it
@@ -18,47 +19,22 @@ kind filters to half its own rate, and a MuJoCo contact's last step would be noi
 """
 
 import math
-from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ballbot.arrays import real_array
 from ballbot.errors import InputError
 from ballbot.estimation.interface import Fix, Reading
-from ballbot.estimation.swing import turned_about_vertical
+from ballbot.estimation.known import Shown
+from ballbot.estimation.swing import attitude_of, swing_of
+from ballbot.mechanics.engine.compiled import compiled, inlined
 from ballbot.mechanics.geometry import rotation
+from ballbot.records import number, packed, schema_of, whole
 from ballbot.robot import Robot, Sensors
 from ballbot.robot.derived import encoder_step
 from ballbot.robot.parameters import parameter, parameter_class
-
-
-class Encoders:
-    """Encoders on the motors' shafts, seen at the wheels: whole counts, and speeds differenced from them.
-
-    The robot's gear ratio multiplies the counts of a motor turn. Counts are differenced over `window` samples: a
-    longer window gives smoother speeds, delayed by half of it.
-    """
-
-    def __init__(self, robot: Robot, sensors: Sensors, *, window: int = 1) -> None:
-        #: [rad] a count, at the wheel
-        self.resolution = encoder_step(robot, sensors)
-        self._window_time = window * sensors.sample_time
-        self._recent = np.zeros((window + 1, robot.wheel_count))
-        self._start = np.zeros(robot.wheel_count)
-
-    def reset(self, angles: ArrayLike) -> None:
-        """Set the present motor angles (n,) [rad] zero; counts start at a random place only if these do."""
-        self._start = real_array(angles, self._start.shape, "The array of motor angles").copy()
-        self._recent[:] = 0.0
-
-    def read(self, angles: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the counted angles (n,) [rad] and the speeds (n,) [rad/s] at motor angles (n,) [rad]."""
-        seen = real_array(angles, self._start.shape, "The array of motor angles", finite=False)
-        counted = np.floor((seen - self._start) / self.resolution) * self.resolution
-        self._recent[:-1] = self._recent[1:]
-        self._recent[-1] = counted
-        return counted, (self._recent[-1] - self._recent[0]) / self._window_time
 
 
 @parameter_class
@@ -107,6 +83,130 @@ class FixSource:
     missing: float = parameter("fraction of fixes that are lost", default=0.0, least=0.0, most=1.0)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SensorRecord:
+    """The numbers of one robot's encoders and AHRS."""
+
+    count: float = field(metadata=number("rad"))  #: of an encoder, at the wheel
+    window: int = field(metadata=whole())  #: samples over which counts are differenced into a speed
+    gyro_noise: float = field(metadata=number("rad/s"))
+    attitude_noise: float = field(metadata=number("rad"))
+    heading_drift: float = field(metadata=number("rad/s"))
+    latency: int = field(metadata=whole())  #: whole samples by which gyro and attitude are late
+    gyro_bias: float = field(metadata=number("rad/s"))
+    bias_step: float = field(metadata=number("rad/s"))  #: a sample's step of the biases
+    lean_error: float = field(metadata=number("rad"))
+    #: what stays of the lean's error in a sample, and the step that comes upon it
+    lean_memory: float = field(metadata=number("1"))
+    lean_step: float = field(metadata=number("rad"))
+    sample_time: float = field(metadata=number("s"))
+
+
+SENSORS = schema_of(SensorRecord)
+_SENSORS_TYPE = SENSORS.dtype()
+
+
+def sensor_record(
+    robot: Robot, sensors: Sensors, *, sample_time: float, window: int = 1, faults: SensorFaults | None = None
+) -> SensorRecord:
+    """Return the numbers of the encoders and the AHRS of a robot, which gives the gear ratio."""
+    faults = faults or SensorFaults()
+    memory = math.exp(-sample_time / faults.lean_error_time)
+    return SensorRecord(
+        count=encoder_step(robot, sensors),
+        window=window,
+        gyro_noise=sensors.gyro_noise,
+        attitude_noise=sensors.attitude_noise,
+        heading_drift=sensors.heading_drift,
+        latency=round(faults.latency / sample_time),
+        gyro_bias=faults.gyro_bias,
+        bias_step=faults.gyro_bias_walk * math.sqrt(sample_time),
+        lean_error=faults.lean_error,
+        lean_memory=memory,
+        lean_step=faults.lean_error * math.sqrt(1.0 - memory**2),
+        sample_time=sample_time,
+    )
+
+
+class SensorMemory(NamedTuple):
+    """What the sensors of one robot keep from sample to sample; zeros at the start."""
+
+    counted: NDArray[np.float64]  #: (1 + longest window, n) encoder angles at the last samples
+    errors: NDArray[np.float64]  #: (6,) of the AHRS: biases, errors of the lean, heading of its frame
+    late: NDArray[np.float64]  #: (1 + longest latency, 6) gyro and attitude at the last samples
+
+
+def new_sensor_memory(*robots: int, wheels: int, window: int, latency: int) -> SensorMemory:
+    """Return a memory of one robot, or of so many."""
+    return SensorMemory(
+        counted=np.zeros((*robots, 1 + window, wheels)),
+        errors=np.zeros((*robots, 6)),
+        late=np.zeros((*robots, 1 + latency, 6)),
+    )
+
+
+@inlined
+def _read_encoders(record, memory, sample, angles, speeds):
+    """Turn motor angles (n,) since the start into counted ones, and fill the speeds (n,) differenced from them."""
+    recent = memory.counted
+    now, before = sample % len(recent), (sample - record.window) % len(recent)
+    passed = record.window * record.sample_time
+    for i in range(len(angles)):
+        angles[i] = math.floor(angles[i] / record.count) * record.count
+        recent[now, i] = angles[i]
+        earlier = recent[before, i] if sample >= record.window else 0.0
+        speeds[i] = (angles[i] - earlier) / passed
+
+
+@inlined
+def _read_ahrs(record, memory, sample, t, noise, faults, gyro, angles):
+    """Turn the true gyro and angles (3,) at t [s] into what the AHRS shows.
+
+    Standard normal numbers: `noise` (6,) for the gyro and the angles, `faults` (10,) for the errors of the start and
+    their steps in this sample; the errors stay zero if these are empty.
+    """
+    errors = memory.errors
+    if sample == 0 and len(faults) > 0:
+        for i in range(3):
+            errors[i] = record.gyro_bias * faults[i]
+        for i in range(2):
+            errors[3 + i] = record.lean_error * faults[3 + i]
+    for i in range(3):
+        gyro[i] += record.gyro_noise * noise[i] + errors[i]
+        angles[i] += record.attitude_noise * noise[3 + i]
+    angles[0] += errors[3]
+    angles[1] += errors[4]
+    drift = record.heading_drift * t + errors[5]
+    if drift != 0.0:
+        swing = swing_of(angles[0], angles[1], angles[2])
+        turned = attitude_of(swing.g_x, swing.g_y, swing.heading + drift)
+        angles[0], angles[1], angles[2] = turned.theta, turned.phi, turned.psi
+    if len(faults) > 0:
+        errors[5] += record.sample_time * errors[2]
+        for i in range(3):
+            errors[i] += record.bias_step * faults[5 + i]
+        for i in range(2):
+            errors[3 + i] = record.lean_memory * errors[3 + i] + record.lean_step * faults[8 + i]
+    if record.latency > 0:
+        now, old = memory.late[sample % len(memory.late)], max(sample - record.latency, 0) % len(memory.late)
+        for i in range(3):
+            now[i], now[3 + i] = gyro[i], angles[i]
+        for i in range(3):
+            gyro[i], angles[i] = memory.late[old, i], memory.late[old, 3 + i]
+
+
+@inlined
+def read_sensors(record, memory, sample, t, noise, faults, shown):
+    """Turn the true values at t [s] into what the sensors show; for the numbers see `_read_ahrs`."""
+    _read_ahrs(record, memory, sample, t, noise, faults, shown.gyro, shown.attitude)
+    _read_encoders(record, memory, sample, shown.wheel_angles, shown.wheel_speeds)
+
+
+@compiled
+def _read(record, memory, sample, t, noise, faults, shown):
+    read_sensors(record.view(_SENSORS_TYPE)[0], memory, sample, t, noise, faults, shown)
+
+
 def sensor_samples(duration: float, sample_time: float) -> int:
     """Return how many samples of the sensors [s] a controller holds its torques for.
 
@@ -124,8 +224,9 @@ def sensor_samples(duration: float, sample_time: float) -> int:
 class SensorSuite:
     """All sensors of one robot: encoders and AHRS, and an accelerometer and fixes where there are any.
 
-    The robot gives gear ratio and gravity; its own sensors are not looked at. `window` is the number of samples over
-    which encoder counts are differenced into a speed. The first fix comes at 1 / rate.
+    The robot gives gear ratio and gravity; its own sensors are not looked at. Encoders sit on the motors' shafts and
+    count from the angles of the reset on. `window` is the number of samples over which counts are differenced into a
+    speed: a longer one gives smoother speeds, delayed by half of it. The first fix comes at 1 / rate.
     """
 
     def __init__(
@@ -138,25 +239,24 @@ class SensorSuite:
         accelerometer: Accelerometer | None = None,
         fix: FixSource | None = None,
     ) -> None:
-        self._sensors, self._faults = sensors, faults
+        self._sample_time, self._faulty = sensors.sample_time, faults is not None
         self._accelerometer, self._fix = accelerometer, fix
         self._gravity = np.array([0.0, 0.0, robot.gravity])
-        self._encoders = Encoders(robot, sensors, window=window)
+        record = sensor_record(robot, sensors, sample_time=self._sample_time, window=window, faults=faults)
+        self._record = packed(record)
+        self._memory = new_sensor_memory(
+            wheels=robot.wheel_count, window=record.window, latency=record.latency
+        )
         self.reset(np.random.default_rng(0), np.zeros(robot.wheel_count))
 
     def reset(self, random: np.random.Generator, motor_angles: NDArray[np.float64]) -> None:
         """Start a run: all noise follows from `random`, and the motor angles (n,) [rad] count from here."""
-        self._encoders.reset(motor_angles)
-        self._random = random
-        if self._faults is not None:
-            faults, self._slow = self._faults, random.spawn(1)[0]
-            self._bias = faults.gyro_bias * self._slow.standard_normal(3)  # each axis: N(0, gyro_bias)
-            # each angle: N(0, lean_error), and stays so
-            self._lean = faults.lean_error * self._slow.standard_normal(2)
-            self._heading = 0.0
-            self._waiting: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque(
-                maxlen=1 + round(faults.latency / self._sensors.sample_time)
-            )
+        self._random, self._start, self._sample = random, motor_angles.copy(), 0
+        self._memory.errors[:] = 0.0
+        self._slow = random.spawn(1)[0] if self._faulty else None
+        self._faults = np.empty(10 if self._faulty else 0)
+        if self._slow is not None:
+            self._slow.standard_normal(out=self._faults[:5])
         self._shaking = random.spawn(1)[0] if self._accelerometer is not None else None
         self._before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
         self._outside = random.spawn(1)[0] if self._fix is not None else None
@@ -174,39 +274,22 @@ class SensorSuite:
         The velocity (6,) is that of the body's point at the ball's centre, world frame [m/s], and its angular velocity,
         body frame [rad/s]; the motors' angles (n,) [rad] are seen at the wheels.
         """
-        rate = body_velocity[3:]
-        gyro, attitude = self._read_ahrs(t, rate, truth[2:5])
-        wheel_angles, wheel_speeds = self._encoders.read(motor_angles)
+        shown = Shown(
+            wheel_angles=motor_angles - self._start,
+            wheel_speeds=np.empty(len(motor_angles)),
+            gyro=body_velocity[3:].copy(),
+            attitude=truth[2:5].copy(),
+        )
+        noise = self._random.standard_normal(6)
+        if self._slow is not None:
+            self._slow.standard_normal(out=self._faults[5:])
+        _read(self._record, self._memory, self._sample, float(t), noise, self._faults, shown)
+        self._sample += 1
         return Reading(
-            wheel_angles=wheel_angles,
-            wheel_speeds=wheel_speeds,
-            gyro=gyro,
-            attitude=attitude,
-            acceleration=self._read_acceleration(body_velocity[:3], rate, truth[2:5]),
+            **shown._asdict(),
+            acceleration=self._read_acceleration(body_velocity[:3], body_velocity[3:], truth[2:5]),
             fix=self._read_fix(t, truth),
         )
-
-    def _read_ahrs(
-        self, t: float, rate: NDArray[np.float64], angles: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        sensors = self._sensors
-        gyro = rate + sensors.gyro_noise * self._random.standard_normal(3)
-        attitude = angles + sensors.attitude_noise * self._random.standard_normal(3)
-        drift = sensors.heading_drift * t
-        if self._faults is None:
-            return gyro, turned_about_vertical(attitude, drift)
-        leaning = attitude + np.append(self._lean, 0.0)
-        self._waiting.append((gyro + self._bias, turned_about_vertical(leaning, self._heading + drift)))
-        self._wander(self._faults, sensors.sample_time)
-        return self._waiting[0]
-
-    def _wander(self, faults: SensorFaults, h: float) -> None:
-        """Let the slow errors go on by a sample."""
-        self._heading += h * float(self._bias[2])
-        self._bias = self._bias + faults.gyro_bias_walk * math.sqrt(h) * self._slow.standard_normal(3)
-        memory = math.exp(-h / faults.lean_error_time)
-        fresh = faults.lean_error * math.sqrt(1.0 - memory**2)
-        self._lean = memory * self._lean + fresh * self._slow.standard_normal(2)
 
     def _read_acceleration(
         self, velocity: NDArray[np.float64], rate: NDArray[np.float64], angles: NDArray[np.float64]
@@ -215,8 +298,7 @@ class SensorSuite:
             return None
         before = self._before if self._before is not None else (velocity, rate)
         acceleration, turning = (
-            (now - last) / self._sensors.sample_time
-            for now, last in zip((velocity, rate), before, strict=True)
+            (now - last) / self._sample_time for now, last in zip((velocity, rate), before, strict=True)
         )
         self._before = (velocity.copy(), rate.copy())
         position = np.array(self._accelerometer.position)

@@ -16,7 +16,7 @@ from ballbot.progress import Progress, ProgressCallback, ignore_progress
 from ballbot.robot import Robot
 from ballbot.simulation.held_robot import CAMERA_NOISE, multisine_at, sweep_at
 from ballbot.simulation.run import sample_count
-from ballbot.simulation.sensors import Encoders
+from ballbot.simulation.sensors import SensorSuite
 from ballbot.twin.driveline import Shafts, TwinDriveline
 from ballbot.twin.engine import Engine, rotated
 from ballbot.twin.mjcf import twin_mjcf
@@ -60,13 +60,15 @@ def run_bench(
     driveline, shafts = TwinDriveline(robot, scenario, engine), Shafts(robot, scenario, engine)
     shafts.reset(random)
     driveline.reset()
-    encoders, start = Encoders(robot, scenario.sensors, window=scenario.speed_window), shafts.angles().copy()
-    encoders.reset(start)
+    sensors = SensorSuite(robot, scenario.sensors, window=scenario.speed_window)
+    start = shafts.angles().copy()
+    sensors.reset(np.random.default_rng(seed), start)  # of the AHRS alone, which is not logged
     sample_time = scenario.sensors.sample_time
     steps, measured, true = round(sample_time / scenario.timestep), [], []
     for k, torque in enumerate(torques):
         angles = shafts.angles()
-        row, truth = [*encoders.read(angles)], [angles - start, driveline.speeds]
+        reading = sensors.read(k * sample_time, np.zeros(10), np.zeros(6), angles)
+        row, truth = [reading.wheel_angles, reading.wheel_speeds], [angles - start, driveline.speeds]
         if bench == "upside_down":
             # the engine gives it in the ball's frame
             omega = rotated(engine.position("ball")[3:], engine.velocity("ball")[3:])

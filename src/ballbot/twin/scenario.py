@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
-import numpy as np
 from pydantic import ConfigDict
 
 from ballbot.arrays import SHORTEST_STEP
@@ -22,10 +21,9 @@ from ballbot.mechanics.geometry import wheel_load
 from ballbot.robot import Friction, Robot, RobotLike, Rollers, Sensors, as_robot
 from ballbot.robot.checks import check_parameters
 from ballbot.robot.components import scaled_friction
-from ballbot.robot.parameters import DIMENSIONLESS, parameter, parameter_class, parameters_of, table
+from ballbot.robot.parameters import parameter, parameter_class, parameters_of, table
 from ballbot.simulation.imperfections import Push, Roughness, Supply
 from ballbot.simulation.sensors import Accelerometer, FixSource, SensorFaults
-from ballbot.summary import Summarized, Summary, listed
 from ballbot.twin.faults import (
     NEVER,
     Carpet,
@@ -46,13 +44,12 @@ WheelContact = Literal["rollers", "point"]
 
 
 @parameter_class
-class Scenario(Summarized):
+class Scenario:
     """The faults of a twin, their sizes, and the resolution of its simulation.
 
     A fault that is None, zero or empty is off.
     """
 
-    __repr__ = Summarized.__repr__  # not that of a dataclass
     __pydantic_config__ = ConfigDict(extra="forbid")  # also of the tables in it
 
     name: str = parameter("name of the scenario")
@@ -138,16 +135,6 @@ class Scenario(Summarized):
         default=None,
         example=FixSource(rate=10.0),
     )
-
-    def summary(self) -> Summary:
-        """Return the faults that are on, with their sizes, and the sensors."""
-        rows = []
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name not in ("name", "sensors") and value != field.default and value:
-                rows.append((field.name.replace("_", " "), _sizes(value, field.name)))
-        rows.append(("sensors", _sizes(self.sensors, "sensors")))
-        return Summary(title=f"Scenario {self.name} of a twin: what is on", rows=tuple(rows))
 
     def changes(self) -> tuple[float, ...]:
         """Return when a payload is put on or taken off, or the floor becomes another one [s], in order."""
@@ -239,24 +226,6 @@ def assumed_friction(robot: RobotLike) -> Friction:
     known, reproduced = as_robot(robot), Robot.load(_REPRODUCED)
     lever, of = (wheel_load(one) * one.wheels.radius for one in (known, reproduced))
     return scaled_friction(Scenario.nominal(known).friction, lever / of, rolling_factor=1.0)
-
-
-def _sizes(value: object, name: str) -> str:
-    """Return a field's value with its unit; of a fault, those of its fields that are not zero or empty."""
-    if is_dataclass(value):
-        inner = {field.name: getattr(value, field.name) for field in fields(value)}
-        return ", ".join(
-            f"{key.replace('_', ' ')} {_sizes(content, f'{name}.{key}')}"
-            for key, content in inner.items()
-            if content
-        )
-    if isinstance(value, tuple) and value and is_dataclass(value[0]):
-        return "; ".join(_sizes(item, name) for item in value)
-    if isinstance(value, bool | str):
-        return str(value)
-    stated = next((parameter for parameter in parameters_of(Scenario) if parameter.name == name), None)
-    unit = stated.unit if stated is not None and stated.unit != DIMENSIONLESS else ""
-    return listed(np.asarray(value, dtype=np.float64), unit, digits=4)
 
 
 def _repeated(values: tuple[float, ...], robot: Robot) -> tuple[float, ...]:

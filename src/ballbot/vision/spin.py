@@ -49,7 +49,9 @@ class Spin:
     t: Floats  #: (n,) of the frames [s]
     track: Track
     velocity: Velocity  #: camera frame
-    robot_camera: Rotation  #: camera frame to robot frame, by which `log` is turned
+    robot_camera: (
+        Rotation  #: camera frame to robot frame, by which `log` is turned; none until the wheels give it
+    )
 
     @property
     def known(self) -> Bools:
@@ -80,11 +82,6 @@ class Spin:
             | dict(zip(names, self.omega.T, strict=True))
             | dict(zip((f"{name}_error" for name in names), self.errors.T, strict=True))
         )
-
-
-def facing(forward: float) -> Rotation:
-    """Return the rotation, camera frame to robot frame, of a robot whose x is at that angle in the picture [rad]."""
-    return Rotation.from_rotvec([0.0, 0.0, -forward])
 
 
 def measure_spin(
@@ -121,7 +118,7 @@ def measure_spin(
         )
     return Spin(
         video=video, seam=seam, colour=colour, view=view, t=t, track=track, velocity=velocity,
-        robot_camera=facing(0.0),
+        robot_camera=Rotation.identity(),
     )  # fmt: skip
 
 
@@ -211,13 +208,11 @@ class WheelComparison:
         return float(np.arccos(np.clip(self.motion.body_marker.as_matrix()[2, 2], -1.0, 1.0)))
 
 
-def compare_with_wheels(
-    spin: Spin, log: Log, robot: Robot, *, known: Rotation | None = None
-) -> WheelComparison:
+def compare_with_wheels(spin: Spin, log: Log, robot: Robot) -> WheelComparison:
     """Compare the ball's velocity by video, camera frame, with that by a log's wheel speeds.
 
-    The log is of the clamped robot in the same run. `known` is the rotation from camera frame to robot frame; by
-    default it is estimated. InputError if log and video overlap too little, or show different motions.
+    The log is of the clamped robot in the same run. InputError if log and video overlap too little, or show different
+    motions.
     """
     speeds = log.wheel_speeds
     if speeds.shape[1] != robot.wheel_count:
@@ -227,12 +222,11 @@ def compare_with_wheels(
     by_wheels = speeds @ transforms(robot).T_obw.T
     logged, seen = Turning.of_rates(log.t, by_wheels), Turning.of_rates(spin.t, spin.velocity.omega)
     motion, _ = match_turning(logged, seen, least_share=_LEAST_SHARE)
-    used = known or motion.body_marker
     at = motion.clock.to_log(spin.t)
     inside = (at >= log.t[0]) & (at <= log.t[-1])
     wheels = np.column_stack([np.interp(at, log.t, column) for column in by_wheels.T])
     wheels = np.where(inside[:, None], wheels, np.nan)
-    by_video = spin.velocity.omega @ used.as_matrix().T
+    by_video = spin.velocity.omega @ motion.body_marker.as_matrix().T
     difference = by_video - wheels
     both = np.isfinite(difference).all(axis=1)
     gains = [
@@ -270,13 +264,13 @@ _POOR = 0.85
 _NAMED = 3
 
 
-def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Finding, ...]:
+def spin_findings(spin: Spin, comparison: WheelComparison) -> tuple[Finding, ...]:
     """Return the findings on velocity, tracking, the seam and the agreement with the wheels."""
     typical = ", ".join(digits(value, 2) for value in np.median(spin.errors[spin.known], axis=0))
     words = [
         f"The ball turned at up to {digits(spin.peak)} rad/s; the standard error of its velocity about x, y, z is "
         f"{typical} rad/s (median).",
-        _tracking_finding(spin),
+        tracking_words(spin),
     ]
     quality = float(np.median(spin.track.quality[spin.track.tracked]))
     if quality <= _POOR:
@@ -284,18 +278,18 @@ def spin_findings(spin: Spin, comparison: WheelComparison | None) -> tuple[Findi
             f"The seam fits the curve {spin.seam.name!r} poorly, by {percent(quality)} in the "
             "median frame: it may be of another kind (--seam), and the velocity may be wrong."
         )
-    if comparison is not None:
-        off = np.abs(comparison.gain - 1.0) > np.maximum(2.0 * comparison.gain_half_width, 0.02)
-        gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
-        words.append(
-            f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
-            f"{percent(comparison.rms_difference_of_peak)} of the peak (RMS), and video is {gains} times the wheels "
-            "about x, y, z."
-        )
+    off = np.abs(comparison.gain - 1.0) > np.maximum(2.0 * comparison.gain_half_width, 0.02)
+    gains = ", ".join(map(plus_minus, comparison.gain, comparison.gain_half_width))
+    words.append(
+        f"Video and T_obw times wheel speeds {'do not match' if off.any() else 'match'}: they differ by "
+        f"{percent(comparison.rms_difference_of_peak)} of the peak (RMS), and video is {gains} times the wheels "
+        "about x, y, z."
+    )
     return tuple(note("spin", sentence) for sentence in words)
 
 
-def _tracking_finding(spin: Spin) -> str:
+def tracking_words(spin: Spin) -> str:
+    """Return how long the seam was tracked, and where it was lost."""
     whole = f"{spin.t[-1] - spin.t[0]:.1f} s ({len(spin.t)} frames)"
     lost = ~spin.track.tracked
     if not lost.any():

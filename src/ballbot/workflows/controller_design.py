@@ -1,7 +1,7 @@
 """A controller designed for a robot: sampled LQR on the model without friction, friction compensation, and parts.
 
-The gain is designed without friction, because the compensation cancels it. A design knows how uncertain its gain is,
-and how close the compensation comes to the friction that the robot has with 95 % confidence.
+The gain is designed without friction, because the compensation cancels it. A design knows how close the compensation
+comes to the friction that the robot has with 95 % confidence.
 """
 
 import math
@@ -22,9 +22,8 @@ from ballbot.control.parts.notch import Notch
 from ballbot.control.parts.prediction import DelayPrediction
 from ballbot.control.presets import KINDS, NOMINAL_TORQUE_WEIGHT
 from ballbot.errors import InputError
-from ballbot.robot import Friction, Robot, RobotLike, as_robot
+from ballbot.robot import Friction, RobotLike, as_robot
 from ballbot.robot.components import scaled_friction
-from ballbot.robot.variations import Propagated, propagate
 from ballbot.summary import Reported
 
 
@@ -75,7 +74,6 @@ class ControllerDesign(Reported):
 
     controller: Controller
     gain: LqrDesign
-    uncertainty: Propagated  #: of the gain, from the standard deviations of the robot's parameters
     stated: Friction  #: the robot's friction
     certain: Friction  #: the part of it that is present with 95 % confidence
     margin: CompensationMargin
@@ -85,7 +83,7 @@ class ControllerDesign(Reported):
 def design_controller(
     robot: RobotLike, *, gain: GainOptions = DEFAULT_GAIN, parts: PartOptions = DEFAULT_PARTS
 ) -> ControllerDesign:
-    """Design a controller for a robot, and compute the uncertainty of its gain and the margin of its compensation.
+    """Design a controller for a robot, and compute the margin of its compensation.
 
     Parameters
     ----------
@@ -99,17 +97,13 @@ def design_controller(
         the loop has no stability margin.
     """
     robot, kind = as_robot(robot), KINDS[gain.kind]
-
-    def designed(of: Robot) -> LqrDesign:
-        return kind.design(
-            of,
-            state_weights=gain.state_weights or kind.state_weights,
-            torque_weight=gain.torque_weight,
-            sample_time=gain.sample_time,
-        )
-
-    design, certain = designed(robot), certain_friction(robot)
-    uncertainty = propagate(robot, lambda of: designed(of).gain)
+    design = kind.design(
+        robot,
+        state_weights=gain.state_weights or kind.state_weights,
+        torque_weight=gain.torque_weight,
+        sample_time=gain.sample_time,
+    )
+    certain = certain_friction(robot)
     compensated = scaled_friction(certain, parts.compensation_gain)
     controller = kind.controller(robot, compensated, design, parts.compensation or kind.compensation)
     if parts.notch is not None:
@@ -123,7 +117,6 @@ def design_controller(
     return ControllerDesign(
         controller=controller,
         gain=design,
-        uncertainty=uncertainty,
         stated=robot.friction,
         certain=certain,
         margin=compensation_margin(controller, certain),

@@ -98,7 +98,6 @@ def plan(
     to: Sequence[float] | None = None,
     along: str | Path | Floats | None = None,
     stop_from: float | None = None,
-    direction: float = 0.0,
     within: float | None = None,
     corridor: float = 0.02,
     limits: MoveLimits | None = None,
@@ -114,9 +113,7 @@ def plan(
     along : path or array (k, 3), optional
         A reference file, whose times do not count, or places x, y [m] and psi [rad]; the first becomes the origin.
     stop_from : float, optional
-        The speed [m/s] from which it is to stop, wherever that is; a run-up to it comes before.
-    direction : float
-        Of the stop, from forward to the left [rad].
+        The speed [m/s], forward, from which it is to stop, wherever that is; a run-up to it comes before.
     within : float, optional
         The longest time allowed [s].
     corridor : float
@@ -143,7 +140,7 @@ def plan(
     if (to is not None) + (along is not None) + (stop_from is not None) != 1:
         raise InputError("A plan needs one of to, along and stop_from.")
     planner = Planner(robot=robot, limits=limits or default_limits(robot))
-    ahead = np.array([np.cos(direction), np.sin(direction)])
+    ahead = np.array([1.0, 0.0])
     if stop_from is not None:
         legs, what = _stop_legs(planner, stop_from, ahead), f"the stop from {stop_from:g} m/s"
     elif along is not None:

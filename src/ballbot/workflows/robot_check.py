@@ -44,18 +44,15 @@ def check_swing(
     *,
     distance: float | None = None,
     deviation: float | None = None,
-    column: str | None = None,
     accept: Collection[str] = (),
 ) -> SwingInertia:
-    """Return a robot's inertia from the swing in a column of a log.
+    """Return a robot's inertia from the swing in a log.
 
     InputError if the log has no swing, the swing has an error whose code is not accepted, or the pivot is not possible.
     """
     log = Log.read(file)
     of_log = [*check_rows(Log({"t": log.t}), None), *check_jitter(log)]
-    inertia = inertia_of_swing(
-        fit_swing(swing_in_log(log, column=column)), robot, distance=distance, deviation=deviation
-    )
+    inertia = inertia_of_swing(fit_swing(swing_in_log(log)), robot, distance=distance, deviation=deviation)
     swing = replace(inertia, log_findings=tuple(of_log))
     stop_on_errors(
         [replace(finding, where=replace(finding.where, file=str(file))) for finding in swing.findings],
@@ -100,9 +97,9 @@ class CheckedRobot:
             return str(error)
 
 
-def _mean_growth(robot: Robot) -> Floats:
+def _mean_growth(robot: Robot) -> float:
     growths = Model(robot).linearize().poles().real
-    return np.asarray(growths[growths > 0.0].mean(), dtype=np.float64)
+    return float(growths[growths > 0.0].mean())
 
 
 def linearization_results(model: Model) -> dict[str, object]:

@@ -25,13 +25,13 @@ from numpy.typing import NDArray
 
 from ballbot.control.friction_table import SPEEDS, friction_table
 from ballbot.control.parts.part import LawSettings, Pair, clipped, turned
-from ballbot.control.records import MAX_WHEELS, number
 from ballbot.control.tuning import compensated_share
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.floor import rolling_brake
 from ballbot.mechanics.friction import decay, friction_terms, with_stribeck
 from ballbot.mechanics.geometry import transforms
+from ballbot.records import MAX_WHEELS, number
 from ballbot.robot import Robot
 
 

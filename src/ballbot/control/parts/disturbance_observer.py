@@ -21,8 +21,8 @@ from scipy.linalg import null_space
 
 from ballbot.control.parts.part import LawSettings, Part, clipped, turned
 from ballbot.control.parts.prediction import over_last_sample
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import parameter, parameter_class
 
 #: effect of torques, over the largest, that counts as none

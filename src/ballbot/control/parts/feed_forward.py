@@ -38,9 +38,9 @@ from ballbot.control.parts.part import (
     turned,
     turned_back,
 )
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 
 #: largest effect of torques on the flat output, relative to that on the position, that counts as zero
 _ROUNDING = 1e-9

@@ -20,9 +20,9 @@ from pydantic import GetPydanticSchema
 
 from ballbot.arrays import real_array
 from ballbot.control.parts.part import LawSettings, Part, clipped, turned, turned_back
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import Parameter, parameter
 
 #: acceleration of the reference beyond which errors come from the motion, not from a lasting disturbance [m/s^2]

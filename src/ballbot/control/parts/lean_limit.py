@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part, RobotState
-from ballbot.control.records import number, whole
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import number, whole
 from ballbot.robot.parameters import parameter, parameter_class
 
 #: indices of x, y and their rates in the state

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.parts.part import LawSettings, Part
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import parameter, parameter_class
 
 

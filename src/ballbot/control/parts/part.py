@@ -45,11 +45,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballbot.control.lqr import frictionless_model
-from ballbot.control.records import MAX_WHEELS, number
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
 from ballbot.mechanics.engine.elementary import sine_cosine
 from ballbot.mechanics.model import LinearModel
+from ballbot.records import MAX_WHEELS, number
 from ballbot.robot import Robot
 from ballbot.robot.checks import check_parameters
 
@@ -184,17 +184,6 @@ def turned_state(a, v):
 def pair_times(M, v):
     """Return the product of two rows of two and a vector."""
     return Pair(M[0, 0] * v.x + M[0, 1] * v.y, M[1, 0] * v.x + M[1, 1] * v.y)
-
-
-@inlined
-def add_to(sums, rests, i, value):
-    """Add to a sum of many small steps; what rounding takes from one is added with the next (Kahan, CACM 8, 1965).
-
-    Double precision does not need it: there the compiler leaves the rests zero.
-    """
-    wanted, before = value + rests[i], sums[i]
-    sums[i] = before + wanted
-    rests[i] = wanted - (sums[i] - before)
 
 
 @inlined

@@ -19,10 +19,10 @@ from pydantic import GetPydanticSchema
 
 from ballbot.arrays import real_array
 from ballbot.control.parts.part import LawSettings, Part, clipped, turned
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.estimation.heading import TURN
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import Parameter, parameter
 
 #: of what a policy observes and does, in controller files, contracts and environments: a change of it counts it up

@@ -30,9 +30,9 @@ from ballbot.control.parts.part import (
     heading_frame_after,
     turned_state,
 )
-from ballbot.control.records import MAX_WHEELS, number, whole
 from ballbot.errors import InputError
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import parameter, parameter_class
 
 #: most pending torques; the history also holds the sample before them and room for the new one

@@ -42,11 +42,11 @@ from ballbot.control.parts.part import (
     Part,
     Pose,
     SmoothReference,
-    add_to,
     turned,
 )
-from ballbot.control.records import MAX_WHEELS, number, whole
+from ballbot.mechanics.engine.compensated_sum import add_to
 from ballbot.mechanics.engine.compiled import inlined
+from ballbot.records import MAX_WHEELS, number, whole
 from ballbot.robot.parameters import parameter, parameter_class
 
 #: rounding by which a motion at the limit of speed may exceed it

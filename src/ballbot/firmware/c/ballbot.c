@@ -247,7 +247,7 @@ static bool step(struct ballbot_state *state, const struct ballbot_parameters *p
     const uint32_t passed = (run->started != 0) ? time - (uint32_t)run->time : 0u;
     struct ballbot_reading_record seen = *reading;
 
-    if (ballbot_known(seen.attitude[2]) != 0) {
+    if (ballbot_is_known(seen.attitude[2])) {
         seen.attitude[2] = ballbot_unwrapped(&state->heading, seen.attitude[2]);
     }
     const bool measured = estimate(state, parameters, &seen);

@@ -12,7 +12,7 @@
  * have no effect.
  *
  * A controller's numbers are one record (LAW), so that every robot in a batch can have its own law; its memory between
- * updates is another (MEMORY). Both are derived from the parts' dataclasses (ballbot.control.records). The
+ * updates is another (MEMORY). Both are derived from the parts' dataclasses (ballbot.records). The
  * firmware's C, decide.c and parts/, is written from this file and those of the parts (tests.support.firmware_law).
  */
 #include "law.h"

@@ -80,7 +80,7 @@ static void absorb(const struct ballbot_kalman_record *record, struct ballbot_ka
     const int32_t pivots = (ballbot_magnitude(memory->pivoting) > record->pivoting_limit) ? 1 : 0;
     for (int32_t number = 0; number < NUMBERS; ++number) {
         const int32_t counts = (number != PIVOTING_SEEN) || (pivots == 0);
-        if (counts && (ballbot_known(seen->residual[number]) != 0) && (seen->variance[number] > 0.0f)) {
+        if (counts && ballbot_is_known(seen->residual[number]) && (seen->variance[number] > 0.0f)) {
             take_in(memory->P, seen, number);
         }
     }
@@ -156,7 +156,7 @@ static void fix_of(const struct ballbot_kalman_memory *memory, const struct ball
     variance[2] = reading->fix_heading_deviation * reading->fix_heading_deviation;
     for (int32_t k = 0; k < 3; ++k) {
         const float given = (k < 2) ? reading->fix_position[k] : reading->fix_heading;
-        fix[k] = (ballbot_known(given) != 0) ? fix[k] : ballbot_not_a_number();
+        fix[k] = ballbot_is_known(given) ? fix[k] : ballbot_not_a_number();
     }
 }
 
@@ -180,7 +180,7 @@ static void see(const struct ballbot_kalman_record *record, struct ballbot_kalma
         seen.residual[k] = ballbot_not_a_number(); /* the start is made of the first reading; only a fix corrects it */
     }
     absorb(record, memory, &seen);
-    if (ballbot_known(seen.residual[PIVOTING_SEEN]) != 0) {
+    if (ballbot_is_known(seen.residual[PIVOTING_SEEN])) {
         memory->pivoting += record->pivoting_share * (seen.residual[PIVOTING_SEEN] - memory->pivoting);
     }
 }
@@ -213,23 +213,21 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
                               int32_t wheel_count, const struct ballbot_reading_record *reading, float state[10])
 {
     const float unknown = ballbot_not_a_number();
-    const int32_t leans = ballbot_all_known(reading->attitude, 3);
-    const int32_t turned = (reading->encoders_valid != 0) ? 1 : 0;
-    int32_t whole = leans & turned;
+    const bool leans = ballbot_are_known(reading->attitude, 3);
+    const bool turned = reading->encoders_valid != 0;
+    const bool whole = leans && turned && ballbot_are_known(reading->gyro, 3);
     float wheels[3] = {unknown, unknown, unknown};
     struct ballbot_swing_twist shown = {unknown, unknown, unknown};
     float gyro[3];
     for (int32_t k = 0; k < 3; ++k) {
-        const int32_t known = ballbot_known(reading->gyro[k]);
-        gyro[k] = (known != 0) ? reading->gyro[k] : memory->gyro[k];
-        whole &= known;
+        gyro[k] = ballbot_is_known(reading->gyro[k]) ? reading->gyro[k] : memory->gyro[k];
     }
-    if ((memory->started == RUNNING) || ((memory->started == NOT_STARTED) && (whole != 0))) {
-        if (leans != 0) {
+    if ((memory->started == RUNNING) || ((memory->started == NOT_STARTED) && whole)) {
+        if (leans) {
             shown = ballbot_swing_of(reading->attitude[0], reading->attitude[1], reading->attitude[2]);
         }
         if (memory->started == RUNNING) {
-            if (turned != 0) {
+            if (turned) {
                 ball_rate_of(record, memory, wheel_count, reading->wheel_counts, wheels);
             }
             sample(record, memory, reading, wheels, shown, gyro);
@@ -239,11 +237,11 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
             see(record, memory, reading, wheels, shown, gyro, at_rest);
             memory->started = RUNNING;
         }
-        memory->missed = (turned != 0) ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
+        memory->missed = turned ? 0 : (memory->missed + ((memory->missed < MOST_MISSED) ? 1 : 0));
         for (int32_t k = 0; k < 3; ++k) {
             memory->gyro[k] = gyro[k];
         }
-        for (int32_t i = 0; (turned != 0) && (i < wheel_count); ++i) {
+        for (int32_t i = 0; turned && (i < wheel_count); ++i) {
             memory->wheel_counts[i] = reading->wheel_counts[i];
         }
     }
@@ -254,5 +252,5 @@ int32_t ballbot_kalman_update(const struct ballbot_kalman_record *record, struct
             state[k] = unknown;
         }
     }
-    return whole;
+    return whole ? 1 : 0;
 }

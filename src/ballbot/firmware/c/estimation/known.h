@@ -1,28 +1,35 @@
-/* What both estimators ask of a reading. */
-#ifndef BALLBOT_ESTIMATION_KNOWN_H
-#define BALLBOT_ESTIMATION_KNOWN_H
+/* Generated from ballbot/estimation/known.py by
+ * `python -m tests.support.firmware_headers`; do not edit.
+ *
+ * What both estimators ask of a reading.
+ */
+#ifndef BALLBOT_KNOWN_H
+#define BALLBOT_KNOWN_H
+
+#include <stdbool.h>
 
 #include "ballbot_math.h"
+#include "ballbot_types.h"
+#include "compensated_sum.h"
 
-#include <stdint.h>
-
-/* a value beyond this is not a sensor's: angles [rad], speeds [rad/s] */
-#define BALLBOT_LARGEST_READING 1.0e6f
+/* a larger value is not a valid measurement: angles [rad], speeds [rad/s] */
+#define LARGEST_READING 1e+06f
 
 /* Return whether a sensor's value is valid: a number, and within a sensor's range. */
-static inline int32_t ballbot_known(float value)
+static inline bool ballbot_is_known(float value)
 {
-    return (ballbot_magnitude(value) <= BALLBOT_LARGEST_READING) ? 1 : 0;
+    return ballbot_magnitude(value) <= LARGEST_READING;
 }
 
 /* Return whether all of a sensor's values are valid. */
-static inline int32_t ballbot_all_known(const float *values, int32_t count)
+static inline bool ballbot_are_known(const float values[], int32_t count)
 {
-    int32_t all = 1;
     for (int32_t i = 0; i < count; ++i) {
-        all &= ballbot_known(values[i]);
+        if (!ballbot_is_known(values[i])) {
+            return false;
+        }
     }
-    return all;
+    return true;
 }
 
 #endif

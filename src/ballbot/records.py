@@ -1,4 +1,4 @@
-"""The records of a controller's numbers and of its memory, as compiled code reads them.
+"""The records of numbers, of a controller, a filter or sensors, and of their memory, as compiled code reads them.
 
 A record is a frozen dataclass whose fields carry a `Number`: unit and shape. `schema_of` derives the NumPy structured
 type from it; Numba reads its fields by name. Array lengths are compile-time maxima (`MAX_WHEELS`), so that every
@@ -129,6 +129,13 @@ def fill_record(target: NDArray[np.void], value: object) -> None:
             room[tuple(slice(size) for size in given.shape)] = given
         else:
             target[name][0] = given
+
+
+def packed(value: object) -> NDArray[np.float64]:
+    """Return a record's numbers as compiled code reads them: the float64 array of its bytes."""
+    record = schema_of(type(value)).zeros()
+    fill_record(record, value)
+    return record.view(np.float64)
 
 
 def converted(record: NDArray[np.void], schema: Schema, *, largest_loss: float = 1e-6) -> NDArray[np.void]:

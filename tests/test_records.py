@@ -7,7 +7,7 @@ import pytest
 
 from ballbot import InputError
 from ballbot.control.parts import KINDS, Parts
-from ballbot.control.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
+from ballbot.records import MAX_WHEELS, converted, fill_record, number, schema_of, whole
 from tests.support.control_examples import FRICTION, alten, everything, with_policy
 
 
