@@ -75,7 +75,7 @@ def test_lqr_called_as_python_control_s_says_what_is_expected():
         ballbot.lqr(linear.A, linear.B, np.eye(10), np.eye(3))
 
 
-@pytest.mark.parametrize("name", ["batch", "gain", "controller design", "limits", "driveline"])
+@pytest.mark.parametrize("name", ["batch", "gain", "controller design", "limits"])
 def test_results_are_dictionaries_that_json_holds(name):
     found = RESULTS[name]().to_dict()
     assert found

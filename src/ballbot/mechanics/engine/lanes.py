@@ -9,6 +9,7 @@ scratch rows: while one lane's numbers wait, the next lane's are on their way.
 
 from collections.abc import Iterator
 from itertools import count
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from ballbot.mechanics.parameters import (
     RobotNumbers,
     parameter_count,
 )
+
+#: a number, a tuple or tuples in tuples
+Shape = TypeVar("Shape")
 
 #: robots that one vectorised loop steps side by side; a constant, so that strides are known when compiling. An odd
 #: number of cache lines: with 32 lanes the rows of one robot alone fell into a quarter of the cache's sets
@@ -95,12 +99,12 @@ def swap(work, row, first, second):
 
 
 @traced
-def restored(like, work, row, lane):
+def restored(like: Shape, work, row, lane) -> Shape:
     """Return the numbers of a lane from `row` on in the shape of `like`, a tuple or tuples in tuples."""
-    return shaped(like, (entry(work, row + i, lane) for i in count()))
+    return cast(Shape, shaped(like, (entry(work, row + i, lane) for i in count())))
 
 
-def shaped(like: float | tuple, numbers: Iterator):
+def shaped(like: object, numbers: Iterator):
     """Return the next numbers in the shape of `like`."""
     if not isinstance(like, tuple):
         return next(numbers)
