@@ -3,6 +3,7 @@
 import doctest
 import importlib
 import importlib.util
+import inspect
 import json
 import math
 import re
@@ -10,11 +11,13 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from types import FunctionType
 
 import numpy as np
 import pytest
 from cyclopts import App
 
+import ballbot
 from ballbot.cli.app import COMMANDS, OUTPUT_OPTIONS, build_app
 from ballbot.cli.main import main
 from ballbot.log import Log
@@ -185,19 +188,46 @@ def test_the_examples_of_the_python_page_run(tmp_path, monkeypatch):
 
 _WITH_EXAMPLES = (
     "control.controller control.lqr control.margins control.parts control.references control.safety "
-    "estimation estimation.onboard identification.axis.identify identification.axis.record "
-    "identification.driveline identification.geometry identification.holdout identification.identify "
-    "identification.quantities identification.swing identification.upside_down log.checks log.collection "
-    "log.columns log.log mechanics.model robot.derived robot.friction_law robot.robot robot.variations "
-    "simulation.batch twin.run twin.scenario twin.scenario_file twin.twin validation viewer.page"
+    "control.source estimation estimation.onboard firmware.export identification.axis.identify "
+    "identification.axis.record identification.driveline identification.geometry identification.holdout "
+    "identification.identify identification.quantities identification.swing identification.upside_down "
+    "learning.learn log.checks log.collection log.columns log.log mechanics.model robot.derived "
+    "robot.friction_law robot.robot robot.variations simulation.batch twin.run twin.scenario "
+    "twin.scenario_file twin.twin validation validation.validation viewer.page workflows.grid "
+    "workflows.league workflows.plan workflows.record workflows.study"
 )
 
 
 @pytest.mark.parametrize("name", _WITH_EXAMPLES.split())
 def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if name == "twin.twin":
-        pytest.importorskip("mujoco")
+    if needed := {"twin.twin": "mujoco", "workflows.record": "mujoco", "workflows.plan": "casadi"}.get(name):
+        pytest.importorskip(needed)
     done = doctest.testmod(importlib.import_module(f"ballbot.{name}"), extraglobs={"np": np})
     assert done.attempted
     assert not done.failed
+
+
+def test_what_import_ballbot_completes_has_parameters_returns_and_an_example():
+    missing = []
+    for name in set(ballbot.__all__) - {"__version__", "InputError"}:
+        value = getattr(ballbot, name)
+        callables = {name: value} | (
+            {
+                f"{name}.{key}": getattr(value, key)
+                for key, member in vars(value).items()
+                if key[0] != "_" and key != "summary" and isinstance(member, FunctionType | staticmethod)
+            }
+            if isinstance(value, type)
+            else {}
+        )
+        for label, one in callables.items():
+            signature, text = inspect.signature(one), inspect.getdoc(one) or ""
+            wanted = {"Examples": not label.endswith(".of_checked")}
+            wanted["Parameters"] = bool(set(signature.parameters) - {"self"})
+            wanted["Returns"] = not isinstance(one, type) and signature.return_annotation not in (
+                None,
+                "None",
+            )
+            missing += [f"{label}: {part}" for part, needed in wanted.items() if needed and part not in text]
+    assert sorted(missing) == []

@@ -137,7 +137,18 @@ class Plotted(Summarized):
     """Base of results with a figure, which a notebook shows below the summary."""
 
     def plot(self) -> Figure:
-        """Return the figure that shows the result best; a notebook shows it, `savefig` writes it."""
+        """Return the figure that shows the result best; a notebook shows it.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            `savefig` writes it.
+
+        Raises
+        ------
+        InputError
+            If there is nothing to draw.
+        """
         return registered(FIGURES, self)
 
     def _repr_html_(self) -> str:

@@ -198,21 +198,94 @@ class Controller(Plotted):
         return Summary(title=title, rows=(*rows, *gain_rows(self.gain)))
 
     def to_dict(self) -> dict[str, object]:
-        """Return its settings; the robot by name and with the friction that is compensated."""
+        """Return the settings; the robot by name and with the friction that is compensated.
+
+        Returns
+        -------
+        dict
+            Of values that JSON can hold.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import nominal_controller
+        >>> nominal_controller("alten").to_dict()["compensation"]
+        'none'
+        """
         names = ("sample_time", "compensation", "torque_limit", "speed_band", "estimator", "gain", "parts")
         own = {"robot": self.robot.name, "friction": self.robot.friction}
         return to_results(own | {name: getattr(self, name) for name in names})
 
     def with_compensation(self, compensation: Compensation) -> Controller:
-        """Return a copy that compensates friction in another way."""
+        """Return a copy that compensates friction in another way.
+
+        Parameters
+        ----------
+        compensation : {"none", "full", "partial"}
+
+        Returns
+        -------
+        Controller
+
+        Raises
+        ------
+        InputError
+            If it is none of these.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import nominal_controller
+        >>> nominal_controller("alten").with_compensation("full").compensation
+        'full'
+        """
         return self._copy(compensation=compensation)
 
     def with_parts(self, parts: Parts) -> Controller:
-        """Return a copy with other parts."""
+        """Return a copy with other parts.
+
+        Parameters
+        ----------
+        parts : Parts
+            All that it is to have; those it has now are not kept.
+
+        Returns
+        -------
+        Controller
+
+        Raises
+        ------
+        InputError
+            If a part belongs to another robot.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import precise_controller
+        >>> precise_controller("alten").with_parts(Parts()).follows_plans
+        False
+        """
         return self._copy(parts=parts)
 
     def with_estimator(self, estimator: EstimatorName) -> Controller:
-        """Return a copy that is designed for the state of another estimator."""
+        """Return a copy that is designed for the state of another estimator; its law is the same.
+
+        Parameters
+        ----------
+        estimator : {"onboard", "kalman"}
+
+        Returns
+        -------
+        Controller
+
+        Raises
+        ------
+        InputError
+            If there is no such estimator.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import nominal_controller
+        >>> nominal_controller("alten").with_estimator("kalman").estimator
+        'kalman'
+        """
         return self._copy(estimator=estimator)
 
     @property
@@ -221,13 +294,34 @@ class Controller(Plotted):
         return self.parts.feed_forward is not None
 
     def reset(self) -> None:
-        """Clear the memory at the start of a run; a shaped reference then starts at the first measured pose."""
+        """Clear the memory at the start of a run; a shaped reference then starts at the first measured pose.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import precise_controller
+        >>> precise_controller("alten").reset()
+        """
         self._memory[:] = 0.0
 
     def tune(self, setting: Setting | None) -> None:
-        """Change to another setting while it runs, or back to the former one (None); see `ballbot.control.tuning`.
+        """Change to another setting while it runs, or back; see `ballbot.control.tuning`.
 
-        InputError if the setting is not within its gains and compensation.
+        Parameters
+        ----------
+        setting : Setting or None
+            None goes back to the former one.
+
+        Raises
+        ------
+        InputError
+            If the setting is not within its gains and compensation.
+
+        Examples
+        --------
+        >>> from ballbot.control.presets import nominal_controller
+        >>> from ballbot.control.tuning import Setting
+        >>> controller = nominal_controller("alten")
+        >>> controller.tune(None)
         """
         take_setting(self.record["tuning"][0], self.memory["tuning"][0], setting)
 
@@ -237,21 +331,37 @@ class Controller(Plotted):
         state: ArrayLike,
         reference: ArrayLike,
     ) -> NDArray[np.float64]:
-        """Return the wheel torques (n,) [N m], within the torque limit; they do not depend on the time.
+        """Return the wheel torques for one sample; they do not depend on the time.
 
         Parameters
         ----------
+        t : float
+            [s].
         state : array_like (10,)
             Measured: x, y [m] of the ball in the world frame, theta, phi, psi [rad], and their rates. If a value is
             missing (NaN), infinite or beyond `LARGEST_STATE`, the torques are zero and the memory stays as it is.
         reference : array_like (10,)
             Desired state; without feed-forward only x, y and psi may differ from zero.
 
+        Returns
+        -------
+        ndarray (n,)
+            [N m], within the torque limit.
+
         Raises
         ------
         InputError
             If a shape is wrong, or the reference has a value that is not finite, or a lean or a rate without
             feed-forward.
+
+        Examples
+        --------
+        A lean about x of 0.01 rad:
+
+        >>> from ballbot.control.presets import nominal_controller
+        >>> controller = nominal_controller("alten")
+        >>> controller.update(0.0, [0, 0, 0.01, 0, 0, 0, 0, 0, 0, 0], np.zeros(10)).round(3)
+        array([-0.246,  0.123,  0.123])
         """
         measured = real_array(state, (10,), "The state", finite=False)
         wanted = real_array(reference, (10,), "The reference")

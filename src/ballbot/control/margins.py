@@ -172,6 +172,10 @@ def loop_margins(loop: RobotLoop | ControllerLike, *, robot: RobotLike | None = 
     robot : Robot, preset or robot file, optional
         The robot of a controller that is given by name or as a file.
 
+    Returns
+    -------
+    Margins
+
     Raises
     ------
     InputError

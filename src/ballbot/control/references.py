@@ -39,8 +39,22 @@ _ROUNDING = 1e-9
 
 
 def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
-    """Hold a pose: x, y [m], psi [rad].
+    """Hold a pose.
 
+    Parameters
+    ----------
+    x, y : float
+        [m].
+    psi : float
+        [rad].
+
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Examples
+    --------
     >>> hold(x=0.5, psi=1.0)(0.0)
     array([0.5, 0. , 0. , 0. , 1. , 0. , 0. , 0. , 0. , 0. ])
     """
@@ -49,10 +63,27 @@ def hold(*, x: float = 0.0, y: float = 0.0, psi: float = 0.0) -> Reference:
 
 
 def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
-    """Step around the corners of a square: (0, 0), (side, 0), (side, side), (0, side); side [m], period [s].
+    """Step around the corners of a square: (0, 0), (side, 0), (side, side), (0, side).
 
-    Each corner is held for a quarter of the period, the origin first. InputError if the period is not positive.
+    Parameters
+    ----------
+    side : float
+        [m].
+    period : float
+        Of one turn [s]; each corner is held for a quarter of it, the origin first.
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the period is not positive.
+
+    Examples
+    --------
     >>> square(side=0.5, period=32.0)(9.0)[:2]
     array([0.5, 0. ])
     """
@@ -65,10 +96,31 @@ def square(*, side: float = 0.5, period: float = 32.0) -> Reference:
 def change_pose(
     *, x: float = 1.0, y: float = -1.0, psi: float = np.pi, at: float = 3.0, ramp: float = 4.0
 ) -> Reference:
-    """Move from the origin to a pose [m, m, rad], starting `at` [s]: the thesis's change to [1 -1 pi].
+    """Move from the origin to a pose: the thesis's change to [1 -1 pi].
 
-    `ramp` is the duration [s]; zero is a step. InputError if it is negative.
+    Parameters
+    ----------
+    x, y : float
+        [m].
+    psi : float
+        [rad].
+    at : float
+        Begin [s].
+    ramp : float
+        Duration [s]; zero is a step.
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the ramp is negative.
+
+    Examples
+    --------
     >>> change_pose(at=3.0, ramp=4.0)(5.0)[[0, 1, 4]].round(3)
     array([ 0.5  , -0.5  ,  1.571])
     """
@@ -83,10 +135,27 @@ def change_pose(
 
 
 def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
-    """Move counter-clockwise around the circle about (0, radius) [m] through the origin, at constant heading.
+    """Move counter-clockwise around the circle about (0, radius) through the origin, at constant heading.
 
-    `period` is the time of one turn [s]; InputError if it is not positive.
+    Parameters
+    ----------
+    radius : float
+        [m].
+    period : float
+        Of one turn [s].
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the period is not positive.
+
+    Examples
+    --------
     >>> circle(radius=0.5, period=30.0)(7.5)[:2].round(3)
     array([0.5, 0.5])
     """
@@ -102,9 +171,25 @@ def circle(*, radius: float = 0.5, period: float = 30.0) -> Reference:
 def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.0) -> Reference:
     """Move along a figure of eight that crosses itself at the origin (lemniscate of Gerono), at constant heading.
 
-    `length` along x and `width` along y are from end to end [m], `period` is the time of one eight [s]. InputError if
-    it is not positive.
+    Parameters
+    ----------
+    length, width : float
+        Along x and along y, from end to end [m].
+    period : float
+        Of one eight [s].
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the period is not positive.
+
+    Examples
+    --------
     >>> figure_eight(length=1.0, width=0.5, period=40.0)(10.0)[:2].round(3)
     array([0.5, 0. ])
     """
@@ -118,10 +203,31 @@ def figure_eight(*, length: float = 1.0, width: float = 0.5, period: float = 40.
 
 
 def drive(*, speed: float = 0.5, begin: float = 2.0, ramp: float = 0.0, end: float = np.inf) -> Reference:
-    """Go along x at a speed [m/s] from `begin` [s] on, reached evenly within `ramp` [s], and stop at once at `end` [s].
+    """Go along x at a speed and stop at once.
 
-    InputError if the ramp is negative.
+    Parameters
+    ----------
+    speed : float
+        [m/s].
+    begin : float
+        [s].
+    ramp : float
+        The time in which the speed is reached evenly [s].
+    end : float
+        [s].
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the ramp is negative.
+
+    Examples
+    --------
     >>> [drive(speed=1.0, begin=2.0, ramp=2.0, end=5.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 5.0, 6.0)]
     [0.0, 0.25, 1.0, 2.0, 2.0]
     """
@@ -138,10 +244,27 @@ def drive(*, speed: float = 0.5, begin: float = 2.0, ramp: float = 0.0, end: flo
 
 
 def velocity_steps(*, speed: float = 0.5, period: float = 16.0) -> Reference:
-    """Stand, go along x at a speed [m/s], stand, and go back at it, each for a quarter of the period [s].
+    """Stand, go along x at a speed, stand, and go back at it, each for a quarter of the period.
 
-    InputError if the period is not positive.
+    Parameters
+    ----------
+    speed : float
+        [m/s].
+    period : float
+        [s].
 
+    Returns
+    -------
+    Reference
+        A function of time [s].
+
+    Raises
+    ------
+    InputError
+        If the period is not positive.
+
+    Examples
+    --------
     >>> [velocity_steps(speed=0.5, period=8.0)(t)[0].item() for t in (2.0, 3.0, 4.0, 6.0, 7.0, 8.0)]
     [0.0, 0.5, 1.0, 1.0, 0.5, 0.0]
     """

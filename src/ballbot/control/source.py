@@ -163,7 +163,29 @@ def read_source(source: str | Path, robot: RobotLike) -> Controller | UserContro
 
 
 def named_controller(source: str | Path, robot: RobotLike) -> Controller:
-    """Return the same, if a controller file can hold it; InputError for a user's own that is no such."""
+    """Return the controller that a name or a file means, if a controller file can hold it.
+
+    Parameters
+    ----------
+    source : str or Path
+        The name of a ready-made controller, a controller file or FILE.py:NAME.
+    robot : Robot, preset or robot file
+        That it is to drive.
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    InputError
+        If there is no such controller, or it is a user's own that no controller file can hold.
+
+    Examples
+    --------
+    >>> named_controller("nominal", "alten").compensation
+    'none'
+    """
     return designed(read_source(source, robot), name=str(source))
 
 

@@ -88,7 +88,31 @@ def exported_names(project: Path = PROJECT) -> list[str]:
 
 
 def export(controller: Controller | str | Path, robot: RobotLike, *, lean: float = 0.35) -> Export:
-    """Return a controller, by value, name or file, as firmware for a robot; see `export_controller`."""
+    """Return a controller as firmware for a robot; `write(folder)` writes it.
+
+    Parameters
+    ----------
+    controller : Controller, its name or its file
+    robot : Robot, preset or robot file
+        With the uncertainty of its friction, which bounds the compensation while the robot runs.
+    lean : float
+        Largest |theta| and |phi| [rad]; the safety layer stops beyond it.
+
+    Returns
+    -------
+    Export
+
+    Raises
+    ------
+    InputError
+        As `export_controller`.
+
+    Examples
+    --------
+    >>> made = export("nominal", "alten")
+    >>> sorted(made.files)[:1]
+    ['CMakeLists.txt']
+    """
     described = as_robot(robot)
     return export_controller(firmware_controller(controller, described), described=described, lean=lean)
 

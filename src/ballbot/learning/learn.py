@@ -183,6 +183,15 @@ def learn(
     task : Task, or its name
     base : Controller, optional
         The policy is added to its torques. Without it the policy acts alone, and a linear law where it was not trained.
+    training : Training, optional
+        Lanes, updates and what else belongs to the training.
+    run : Run, optional
+        Seed and progress.
+
+    Returns
+    -------
+    Learned
+        `controller` is what was learned.
 
     Raises
     ------

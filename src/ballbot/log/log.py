@@ -105,10 +105,26 @@ class Log(Plotted):
     ) -> Log:
         """Read a log from a file (docs/logs.md) with Ballbot's column names, or, with a mapping, any names and layout.
 
-        A mapping is a TOML file (see `ballbot.log.mapping`) or its content; one of duties or voltages needs the robot,
-        which has the resistance of its motors. InputError if file or mapping cannot be
-        read or do not make a log. Cells without a value become NaN.
+        Parameters
+        ----------
+        path : str or Path
+            Its suffix names the format. Cells without a value become NaN.
+        mapping : str, Path or LogMapping, optional
+            A TOML file or its content (see `ballbot.log.mapping`).
+        robot : Robot, preset or robot file, optional
+            Needed by a mapping of duties or voltages: it has the resistance of the motors.
 
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If file or mapping cannot be read or do not make a log.
+
+        Examples
+        --------
         >>> import tempfile
         >>> folder = tempfile.TemporaryDirectory()
         >>> path = Path(folder.name) / "run.csv"
@@ -126,10 +142,20 @@ class Log(Plotted):
             return Log(columns, changes=tuple(changes))
 
     def write(self, path: str | Path) -> None:
-        """Write the log to `path`, in the format of its suffix; every value reads back to the same bits.
+        """Write the log; every value reads back to the same bits.
 
-        InputError if no format with that suffix is written, or the file cannot be written.
+        Parameters
+        ----------
+        path : str or Path
+            Its suffix names the format.
 
+        Raises
+        ------
+        InputError
+            If no format with that suffix is written, or the file cannot be written.
+
+        Examples
+        --------
         >>> import tempfile
         >>> folder = tempfile.TemporaryDirectory()
         >>> path = Path(folder.name) / "run.csv"
@@ -140,10 +166,15 @@ class Log(Plotted):
         write_columns(path, self.columns)
 
     def to_pandas(self) -> DataFrame:
-        """Return the log as a pandas DataFrame, whose index is t [s], as uneven as it was logged.
+        """Return the log as a pandas DataFrame.
 
-        `frame.attrs["units"]` has the units of the columns, t among them.
+        Returns
+        -------
+        pandas.DataFrame
+            Its index is t [s], as uneven as it was logged; `frame.attrs["units"]` has the units, that of t among them.
 
+        Examples
+        --------
         >>> frame = Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]}).to_pandas()
         >>> frame.index.name, frame.attrs["units"]["theta"]
         ('t', 'rad')
@@ -164,10 +195,27 @@ class Log(Plotted):
     ) -> Log:
         """Return the log in a pandas DataFrame with Ballbot's column names, or, with a mapping, any names.
 
-        The time is a column t, an index named t, or an index of dates or durations; dates count from the first row.
-        Missing values become NaN. InputError if there is no time or it does not increase, or a column does not contain
-        numbers.
+        Parameters
+        ----------
+        frame : pandas.DataFrame
+            Its time is a column t [s], an index named t, or an index of dates or durations; dates count from the first
+            row. Missing values become NaN.
+        mapping : str, Path or LogMapping, optional
+            A TOML file or its content (see `ballbot.log.mapping`).
+        robot : Robot, preset or robot file, optional
+            Needed by a mapping of duties or voltages.
 
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If there is no time or it does not increase, or a column does not contain numbers.
+
+        Examples
+        --------
         >>> import pandas as pd
         >>> Log.from_pandas(pd.DataFrame({"theta": [0.01, 0.02]}, index=pd.Index([0.0, 0.005], name="t"))).names
         ('t', 'theta')
@@ -183,7 +231,13 @@ class Log(Plotted):
         return Log(columns, changes=tuple(changes))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        """Return one column (N,), NaN included; read-only."""
+        """Return one column (N,), NaN included; read-only.
+
+        Raises
+        ------
+        InputError
+            If there is no such column.
+        """
         if not isinstance(name, str):
             raise InputError(
                 f"A log is indexed by the name of one column, such as log['x'], and not by a {type(name).__name__}; "
@@ -249,10 +303,20 @@ class Log(Plotted):
         return reference
 
     def require(self, *names: str) -> None:
-        """Check that every one of `names` is a column and finite throughout.
+        """Check that columns exist and are finite throughout.
 
-        InputError names the columns that are missing, or the first row with a NaN or an infinity.
+        Parameters
+        ----------
+        *names : str
+            Columns.
 
+        Raises
+        ------
+        InputError
+            Names the columns that are missing, or the first row with a NaN or an infinity.
+
+        Examples
+        --------
         >>> Log({"t": [0.0, 0.005], "theta": [0.01, 0.02]}).require("phi")
         Traceback (most recent call last):
         ballbot.errors.InputError: The log has no column phi. Add or rename columns, in the file or by a mapping file.
@@ -268,10 +332,24 @@ class Log(Plotted):
                 )
 
     def complete(self, *names: str) -> Log:
-        """Return the rows that have a value in every one of these columns; the others become a gap in time.
+        """Return the rows that have a value in every one of some columns; the others become a gap in time.
 
-        InputError if one is no column, or no row is left.
+        Parameters
+        ----------
+        *names : str
+            Columns.
 
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If one is no column, or no row is left.
+
+        Examples
+        --------
         >>> Log({"t": [0.0, 0.005, 0.01], "theta": [0.01, np.nan, 0.03]}).complete("theta").t
         array([0.  , 0.01])
         """
@@ -283,8 +361,24 @@ class Log(Plotted):
         return self if known.all() else self._of_rows(known, self.ended)
 
     def between(self, start: float, end: float) -> Log:
-        """Return the rows with start <= t < end [s]; InputError if there is no such row.
+        """Return a part of the log.
 
+        Parameters
+        ----------
+        start, end : float
+            [s]; rows with start <= t < end are kept.
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If there is no such row.
+
+        Examples
+        --------
         >>> Log({"t": [0.0, 0.5, 1.0, 1.5]}).between(0.5, 1.5).t
         array([0.5, 1. ])
         """
@@ -295,8 +389,24 @@ class Log(Plotted):
         return self._of_rows(kept)
 
     def select(self, rows: slice) -> Log:
-        """Return the rows of a slice with a positive step; InputError if it selects none.
+        """Return some rows of the log.
 
+        Parameters
+        ----------
+        rows : slice
+            With a positive step.
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If it is no slice, or selects no row.
+
+        Examples
+        --------
         >>> Log({"t": [0.0, 0.5, 1.0, 1.5]}).select(slice(None, None, 2)).t
         array([0., 1.])
         """
@@ -311,8 +421,24 @@ class Log(Plotted):
         return Log({name: values[rows] for name, values in self.columns.items()}, ended, self.changes)
 
     def with_columns(self, columns: Mapping[str, ArrayLike]) -> Log:
-        """Return a copy with `columns` added, or in place of those of the same name.
+        """Return a copy with more columns.
 
+        Parameters
+        ----------
+        columns : mapping of str to array_like (N,)
+            Added, or put in place of those of the same name.
+
+        Returns
+        -------
+        Log
+
+        Raises
+        ------
+        InputError
+            If a column does not hold numbers or has another length.
+
+        Examples
+        --------
         >>> Log({"t": [0.0, 0.5]}).with_columns({"theta": [0.01, 0.02]}).names
         ('t', 'theta')
         """
@@ -322,8 +448,18 @@ class Log(Plotted):
     def truth(self) -> Log:
         """Return the log of a simulated run with the true states in place of the measured ones.
 
-        The columns true_x .. true_psi_dot become x .. psi_dot; all else stays. InputError if the log has none.
+        Returns
+        -------
+        Log
+            The columns true_x .. true_psi_dot become x .. psi_dot; all else stays.
 
+        Raises
+        ------
+        InputError
+            If the log has no true states.
+
+        Examples
+        --------
         >>> true = {f"true_{name}": [0.1] for name in STATE_NAMES}
         >>> Log({"t": [0.0], "theta": [0.12], **true}).truth()["theta"]
         array([0.1])
@@ -339,6 +475,12 @@ class Log(Plotted):
     def without_truth(self) -> Log:
         """Return the log without its true_* columns, as of a real robot.
 
+        Returns
+        -------
+        Log
+
+        Examples
+        --------
         >>> Log({"t": [0.0], "theta": [0.12], "true_theta": [0.1]}).without_truth().names
         ('t', 'theta')
         """
@@ -349,9 +491,20 @@ class Log(Plotted):
     def of_checked(
         columns: dict[str, NDArray[np.float64]], ended: str | None, changes: tuple[Finding, ...] = ()
     ) -> Log:
-        """Return a log of columns as the class would keep them, read-only and without jumps of the heading.
+        """Return a log of columns as the class would keep them; nothing is checked or copied, for thousands of logs.
 
-        Nothing is checked or copied: a comparison makes thousands of logs.
+        Parameters
+        ----------
+        columns : dict of str to ndarray (N,)
+            float64, read-only, without jumps of the heading.
+        ended : str or None
+            Why the run ended early.
+        changes : tuple of Finding
+            What was left out or changed before.
+
+        Returns
+        -------
+        Log
         """
         made = object.__new__(Log)
         for name, value in (("columns", MappingProxyType(columns)), ("ended", ended), ("changes", changes)):

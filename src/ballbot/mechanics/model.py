@@ -65,7 +65,18 @@ class LinearModel(Summarized):
         )
 
     def poles(self) -> NDArray[np.complex128]:
-        """Return the eigenvalues of A (10,) [rad/s], the largest real part first."""
+        """Return the poles, the largest real part first.
+
+        Returns
+        -------
+        ndarray (10,)
+            Eigenvalues of A [rad/s].
+
+        Examples
+        --------
+        >>> Model("alten").linearize().poles()[0].real.round(2)
+        np.float64(5.2)
+        """
         poles = np.asarray(np.linalg.eigvals(self.A), dtype=np.complex128)
         return poles[np.argsort(-np.real(poles), kind="stable")]
 
@@ -74,7 +85,19 @@ class LinearModel(Summarized):
 
         Inputs are named u1 .. un, states and outputs x .. psi_dot, so that `control.interconnect` finds them.
 
-        InputError if python-control is not installed.
+        Returns
+        -------
+        control.StateSpace
+
+        Raises
+        ------
+        InputError
+            If python-control is not installed.
+
+        Examples
+        --------
+        >>> Model("alten").linearize().to_control().input_labels
+        ['u1', 'u2', 'u3']
         """
         try:
             from control import StateSpace
@@ -183,29 +206,143 @@ class Model(Summarized):
         return Summary(title=f"Model of the robot {self.robot.name}", rows=rows)
 
     def mass_matrix(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return M(q) (..., m, m) for q (..., 5), m = 5; symmetric and positive definite."""
+        """Return the mass matrix M(q), symmetric and positive definite.
+
+        Parameters
+        ----------
+        q : array_like (..., 5)
+            x, y [m], theta, phi, psi [rad].
+
+        Returns
+        -------
+        ndarray (..., m, m)
+            In SI units, m being `velocity_count`.
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong or a value is not finite.
+
+        Examples
+        --------
+        >>> Model("alten").mass_matrix(np.zeros(5)).diagonal().round(2)
+        array([22.64, 22.64,  4.38,  4.38,  0.21])
+        """
         return mass_matrices(self.selected, self._parameters, real_array(q, ("...", 5), "q"))
 
     def acceleration(self, q: ArrayLike, q_dot: ArrayLike, u: ArrayLike) -> NDArray[np.float64]:
-        """Return q_ddot (..., 5) under wheel torques u (..., n) [N m]: rigid body and viscous friction b only.
+        """Return the accelerations of the rigid body with viscous friction b and without dry friction.
 
-        q (..., 5) is in m and rad, q_dot (..., 5) in m/s and rad/s.
+        Parameters
+        ----------
+        q : array_like (..., 5)
+            x, y [m], theta, phi, psi [rad].
+        q_dot : array_like (..., m)
+            Their rates [m/s, rad/s].
+        u : array_like (..., n)
+            Wheel torques [N m].
+
+        Returns
+        -------
+        ndarray (..., m)
+            q_ddot [m/s^2, rad/s^2].
+
+        Raises
+        ------
+        InputError
+            If shapes are wrong or do not match, or a value is not finite.
+
+        Examples
+        --------
+        A robot at rest that leans by 0.01 rad falls further, and its ball rolls away:
+
+        >>> Model("alten").acceleration([0, 0, 0.01, 0, 0], np.zeros(5), np.zeros(3)).round(3)
+        array([ 0.   ,  0.079,  0.271, -0.   , -0.   ])
         """
         n, m = self.robot.wheel_count, self.velocity_count
         q, q_dot, u = _alike((q, 5, "q"), (q_dot, m, "q_dot"), (u, n, "u"))
         return accelerations(self.selected, self._parameters, q, q_dot, u)
 
     def wheel_speed(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
-        """Return the wheel speeds (..., n) [rad/s]: the encoders' ("exact"), or Omega_wheels (II.16) ("thesis")."""
+        """Return the wheel speeds: the encoders' ("exact"), or Omega_wheels (II.16) ("thesis").
+
+        Parameters
+        ----------
+        q : array_like (..., 5)
+            x, y [m], theta, phi, psi [rad].
+        q_dot : array_like (..., m)
+            Their rates [m/s, rad/s].
+
+        Returns
+        -------
+        ndarray (..., n)
+            [rad/s], positive as the torques are.
+
+        Raises
+        ------
+        InputError
+            If shapes are wrong or do not match, or a value is not finite.
+
+        Examples
+        --------
+        Rolling along x at 1 m/s without a lean:
+
+        >>> Model("alten").wheel_speed(np.zeros(5), [1, 0, 0, 0, 0]).round(2)
+        array([ 0.  , -9.72,  9.72])
+        """
         q, q_dot = _alike((q, 5, "q"), (q_dot, self.velocity_count, "q_dot"))
         return wheel_speeds_at(self.selected, self._parameters, q, q_dot)
 
     def wheel_jacobian(self, q: ArrayLike) -> NDArray[np.float64]:
-        """Return W(q) (..., n, m): wheel speeds are W q_dot, and torques u do the generalised force W^T u."""
+        """Return W(q): wheel speeds are W q_dot, and torques u do the generalised force W^T u.
+
+        Parameters
+        ----------
+        q : array_like (..., 5)
+            x, y [m], theta, phi, psi [rad].
+
+        Returns
+        -------
+        ndarray (..., n, m)
+            In 1/m for the columns of x and y, without a unit for the others.
+
+        Raises
+        ------
+        InputError
+            If the shape is wrong or a value is not finite.
+
+        Examples
+        --------
+        >>> Model("alten").wheel_jacobian(np.zeros(5)).shape
+        (3, 5)
+        """
         return wheel_jacobians(self.selected, self._parameters, real_array(q, ("...", 5), "q"))
 
     def energy(self, q: ArrayLike, q_dot: ArrayLike) -> NDArray[np.float64]:
-        """Return kinetic plus potential energy (...) [J]; the potential is zero at the ball's centre's height."""
+        """Return kinetic plus potential energy; the potential is zero at the height of the ball's centre.
+
+        Parameters
+        ----------
+        q : array_like (..., 5)
+            x, y [m], theta, phi, psi [rad].
+        q_dot : array_like (..., m)
+            Their rates [m/s, rad/s].
+
+        Returns
+        -------
+        ndarray (...)
+            [J].
+
+        Raises
+        ------
+        InputError
+            If shapes are wrong or do not match, or a value is not finite.
+
+        Examples
+        --------
+        >>> Model("alten").energy(np.zeros(5), np.zeros(5)).round(2)
+        np.float64(65.83)
+        """
         q, q_dot = _alike((q, 5, "q"), (q_dot, self.velocity_count, "q_dot"))
         return energies(self.selected, self._parameters, q, q_dot)
 
@@ -215,6 +352,22 @@ class Model(Summarized):
         Upright at rest, gravity's torque on the body is m_r g l (theta, phi, 0) to first order, so
 
             M q_ddot = m_r g l (0, 0, theta, phi, 0) + W^T (u - b W q_dot).
+
+        Returns
+        -------
+        LinearModel
+            A (10, 10) and B (10, n) of x_dot = A x + B u.
+
+        Raises
+        ------
+        InputError
+            If the ball may pivot: at rest it sticks.
+
+        Examples
+        --------
+        >>> linear = Model("alten").linearize()
+        >>> linear.A.shape, linear.B.shape
+        ((10, 10), (10, 3))
         """
         if self.pivots:
             raise InputError(
@@ -234,11 +387,32 @@ class Model(Summarized):
         return LinearModel(A=A, B=B)
 
     def advance(self, state: ArrayLike, torques: ArrayLike, duration: float) -> NDArray[np.float64]:
-        """Return the state (10,), or (11,) where the ball pivots, after `duration` [s], torques (n,) [N m] held.
+        """Return the state after a time in which the torques are held; the friction really sticks.
 
-        The friction really sticks. The duration is divided into equal inner steps not longer than `step`. InputError if
-        an array has another shape or a value that is not finite, the duration is not above zero, or the state is past a
-        lean of 1.2 rad, at which the simulation ends.
+        Parameters
+        ----------
+        state : array_like (10,), or (11,) where the ball pivots
+            x, y [m], theta, phi, psi [rad], and their rates.
+        torques : array_like (n,)
+            Wheel torques [N m].
+        duration : float
+            [s]; divided into equal inner steps not longer than `step`.
+
+        Returns
+        -------
+        ndarray, shaped like `state`
+
+        Raises
+        ------
+        InputError
+            If an array has another shape or a value that is not finite, the duration is not above zero, or the state is
+            past a lean of 1.2 rad, at which the simulation ends.
+
+        Examples
+        --------
+        >>> lean = Model("alten").advance([0, 0, 0.01, 0, 0, 0, 0, 0, 0, 0], np.zeros(3), 0.2)[2]
+        >>> lean.round(4)
+        np.float64(0.0159)
         """
         state = real_array(state, (5 + self.velocity_count,), "The state")
         torques = real_array(torques, (self.robot.wheel_count,), "The array of torques")
@@ -252,9 +426,26 @@ class Model(Summarized):
         return simulate_one(self.selected, self.packed, state, torques, sample_time=duration, steps=steps)
 
     def steps_in(self, duration: float) -> int:
-        """Return how many inner steps `duration` is divided into.
+        """Return how many inner steps a time is divided into.
 
-        InputError if they are more than a hundred million, most of a minute's work.
+        Parameters
+        ----------
+        duration : float
+            [s].
+
+        Returns
+        -------
+        int
+
+        Raises
+        ------
+        InputError
+            If they are more than a hundred million, most of a minute's work.
+
+        Examples
+        --------
+        >>> Model("alten").steps_in(0.005)
+        5
         """
         wanted = np.ceil(duration / self.step - 1e-9)
         if not wanted <= _MAX_STEPS:

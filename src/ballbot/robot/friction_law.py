@@ -33,8 +33,35 @@ CLASSICAL = "classical"
 class LawParameter:
     """A parameter of a friction law that is no field of `Friction`.
 
-    `usual` are the bounds within which it is estimated. If the lower one is above zero the parameter must be, and its
-    estimate is by ratios, as of a speed; if it is zero the parameter is not negative; else it may have either sign.
+    Parameters
+    ----------
+    name : str
+        As the function's argument.
+    symbol, meaning : str
+        In results.
+    unit : str
+        SI.
+    usual : (float, float)
+        Bounds within which it is estimated. If the lower one is above zero the parameter must be, and its estimate is
+        by ratios, as of a speed; if it is zero the parameter is not negative; else it may have either sign.
+    default : float
+        Of a robot that states none.
+    each_wheel : bool
+        Whether there is a number for each wheel, or one for all.
+    proportional : bool, optional
+        Whether it is one of those, with `coulomb` and `stribeck`, to which the friction is proportional together; by
+        default if its unit begins with N m.
+
+    Raises
+    ------
+    InputError
+        If the name is no identifier, the bounds are not finite and in order, or the default is outside them.
+
+    Examples
+    --------
+    >>> LawParameter(name="quadratic", symbol="b_2", meaning="torque for each (rad/s)^2", unit="N m s^2/rad^2",
+    ...              usual=(0.0, 0.02), default=0.0).is_proportional
+    True
     """
 
     name: str  #: as the function's argument

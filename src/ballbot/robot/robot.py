@@ -44,10 +44,30 @@ class Robot(Plotted, RobotValues):
 
     `plot()` shows it from its right and from above, to scale.
 
+    Parameters
+    ----------
+    name : str
+    ball, body, wheels, drive, sensors : Ball, Body, Wheels, Drive, Sensors
+        Its components, in SI units; `wheel_count` and `weight` follow from them.
+    friction : Friction
+        Of every wheel, and the rolling friction of the ball.
+    gravity : float
+        [m/s^2].
+    sources : mapping of str to str
+        Where a value came from, by dotted name, such as {"ball.mass": "measured: kitchen scale"}.
+    standard_deviations, correlation, intervals, identified_from
+        What is known of the errors of its values, and the logs they were identified from; `annotated` states them.
+
     Raises
     ------
     InputError
         If the values are not those of a robot (see `ballbot.robot.checks`).
+
+    Examples
+    --------
+    >>> robot = Robot.load("alten")
+    >>> robot.wheel_count, robot.ball.radius
+    (3, 0.11)
     """
 
     def __post_init__(self) -> None:
@@ -71,10 +91,22 @@ class Robot(Plotted, RobotValues):
     ) -> Robot:
         """Return a copy with other values by dotted name in SI units, or with other components; each may be left out.
 
-        One number stands for all wheels. "friction.law" is the name of a law (`ballbot.register_friction_law`), whose
-        own parameters have their defaults until they are given. A value that stays keeps its source and its standard
-        deviation. A value that changes loses both: a file then gives "assumed" as its source. `annotated` states them
-        anew.
+        A value that stays keeps its source and its standard deviation. A value that changes loses both: a file then
+        gives "assumed" as its source. `annotated` states them anew.
+
+        Parameters
+        ----------
+        values : mapping of str to float or to a sequence of n floats, optional
+            By dotted name, SI units; one number stands for all wheels. "friction.law" is the name of a law
+            (`ballbot.register_friction_law`), whose own parameters have their defaults until they are given.
+        name : str, optional
+        ball, body, wheels, drive, sensors, friction : Ball, Body, Wheels, Drive, Sensors, Friction, optional
+        gravity : float, optional
+            [m/s^2].
+
+        Returns
+        -------
+        Robot
 
         Raises
         ------
@@ -115,10 +147,24 @@ class Robot(Plotted, RobotValues):
         intervals: Mapping[str, tuple[float, float]] | None = None,
         identified_from: Collection[str] | None = None,
     ) -> Robot:
-        """Return a copy with other sources or standard deviations, by dotted name and in SI units.
+        """Return a copy with other sources or standard deviations; what is not given stays.
 
-        Correlations, the robot's own if none are given, stay among numbers with a finite standard deviation, intervals
-        with those that have an infinite one.
+        Parameters
+        ----------
+        sources : mapping of str to str, optional
+            By dotted name.
+        standard_deviations : mapping of str to float or to a sequence of n floats, optional
+            By dotted name, in SI units; infinite where a value is only known to lie in an interval.
+        correlation : Correlation, optional
+            Kept among numbers with a finite standard deviation.
+        intervals : mapping of str to (float, float), optional
+            95 %; kept for those that have an infinite standard deviation.
+        identified_from : collection of str, optional
+            What identifies the logs that were used.
+
+        Returns
+        -------
+        Robot
 
         Raises
         ------
@@ -150,6 +196,15 @@ class Robot(Plotted, RobotValues):
     @staticmethod
     def load(source: str | Path) -> Robot:
         """Return the preset of that name, or the robot in that TOML file.
+
+        Parameters
+        ----------
+        source : str or Path
+            `Robot.presets` lists the presets.
+
+        Returns
+        -------
+        Robot
 
         Raises
         ------
@@ -186,7 +241,10 @@ class Robot(Plotted, RobotValues):
     def write(self, path: str | Path) -> None:
         """Write the robot as a commented TOML file that reads back as the same floats.
 
-        A parameter without an entry in `sources` is written as "assumed".
+        Parameters
+        ----------
+        path : str or Path
+            A parameter without an entry in `sources` is written as "assumed".
 
         Raises
         ------
@@ -209,6 +267,12 @@ class Robot(Plotted, RobotValues):
     def presets() -> list[str]:
         """Return the names of the robots that ship with Ballbot.
 
+        Returns
+        -------
+        list of str
+
+        Examples
+        --------
         >>> Robot.presets()
         ['alten', 'cmu', 'kugle', 'rezero', 'rob311']
         """

@@ -158,6 +158,24 @@ class Scenario:
 
         Its values are frozen: tuning them to suit a result would make the result worthless. They are those of a
         three-wheeled robot; with another number of wheels they repeat. Rollers and sensors are those of the robot file.
+
+        Parameters
+        ----------
+        robot : Robot, preset or robot file
+
+        Returns
+        -------
+        Scenario
+
+        Raises
+        ------
+        InputError
+            If there is no such robot.
+
+        Examples
+        --------
+        >>> Scenario.nominal("alten").friction.coulomb
+        (0.11, 0.09, 0.12)
         """
         robot = as_robot(robot)
         friction = Friction(

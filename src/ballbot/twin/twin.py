@@ -190,11 +190,30 @@ class Twin:
         self._psi = 0.0
 
     def reset(self, initial_state: ArrayLike | None = None, *, seed: int = 0) -> Measurement:
-        """Set the robot to a true state (10,) at t = 0, by default upright at rest; return the measurement.
+        """Set the robot to a true state at t = 0 and measure it.
 
         The wheels' angles, the position of each gearbox within its play and all noise follow from the seed: the same
-        seed gives the same run, bit for bit. Wheels start at the speeds of the state. InputError if the state is not
-        ten finite numbers.
+        seed gives the same run, bit for bit. Wheels start at the speeds of the state.
+
+        Parameters
+        ----------
+        initial_state : array_like (10,), optional
+            x, y [m], theta, phi, psi [rad], and their rates; upright at rest if not given.
+        seed : int
+
+        Returns
+        -------
+        Measurement
+
+        Raises
+        ------
+        InputError
+            If the state is not ten finite numbers.
+
+        Examples
+        --------
+        >>> Twin("alten", "ideal").reset([0, 0, 0.02, 0, 0, 0, 0, 0, 0, 0]).truth[2].round(3)
+        np.float64(0.02)
         """
         state = (
             np.zeros(10) if initial_state is None else real_array(initial_state, (10,), "The initial state")
@@ -220,10 +239,32 @@ class Twin:
         return self._measure()
 
     def step(self, torques: ArrayLike, duration: float) -> Measurement:
-        """Hold commanded torques (n,) [N m] for whole sample times [s]; return the measurement at the end.
+        """Hold commanded torques for whole sample times and measure at the end.
 
-        The sensors are read at each sample; noise, torque limit and supply limit act on the torques. InputError if
-        they are not n finite numbers, or the duration is not a whole number of sample times.
+        The sensors are read at each sample; noise, torque limit and supply limit act on the torques.
+
+        Parameters
+        ----------
+        torques : array_like (n,)
+            [N m].
+        duration : float
+            [s]; a whole number of sample times.
+
+        Returns
+        -------
+        Measurement
+
+        Raises
+        ------
+        InputError
+            If the torques are not n finite numbers, or the duration is not a whole number of sample times.
+
+        Examples
+        --------
+        >>> twin = Twin("alten", "ideal")
+        >>> start = twin.reset([0, 0, 0.02, 0, 0, 0, 0, 0, 0, 0])
+        >>> bool(twin.step([0, 0, 0], 0.1).truth[2] > 0.02)
+        True
         """
         held = real_array(torques, (self.robot.wheel_count,), "The array of torques")
         duration = positive_number(duration, "The duration")

@@ -38,10 +38,38 @@ def validate(
 ) -> Validation:
     """Validate a robot's model, with its friction and without, against logs in three ways; see `validate_pair`.
 
-    The logs are checked first, and the validations of several are joined (`join_validations`). `accept` has codes of
-    errors in the logs that are accepted (`ballbot.findings.CODES`); `controller` may be "nominal", "precise"
-    or a file. InputError if the robot has no friction, the checks find an error whose code is not accepted, and as
-    `validate_pair` does. The package `ballbot.validation` has an example.
+    Parameters
+    ----------
+    robot : Robot, preset or robot file
+        With the friction.
+    logs : Log or log file, several in a list or a mapping
+        They are checked first, and the validations of several are joined (`join_validations`).
+    accept : collection of str
+        Codes of errors in the logs that are accepted (`ballbot.findings.CODES`).
+    controller : Controller, "nominal", "precise" or a file, optional
+        The one that drove the robot: with it the closed loop is simulated.
+    run : Run, optional
+        Seed, threads and progress.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    InputError
+        If the robot has no friction, the checks find an error whose code is not accepted, and as `validate_pair`.
+
+    Examples
+    --------
+    A log of a robot on which the model's friction acts, without noise:
+
+    >>> from ballbot import simulate
+    >>> from ballbot.twin.scenario import assumed_friction
+    >>> robot = as_robot("alten").replace(friction=assumed_friction("alten"))
+    >>> log = simulate(robot, "nominal", "circle", duration=12.0)
+    >>> sorted(validate(robot, log).comparisons)
+    ['horizon', 'prediction']
     """
     robot = as_robot(robot)
     models = ModelPair.by_friction(Model(robot))

@@ -50,7 +50,28 @@ class LoopRobot:
 
     @staticmethod
     def of(robot: Robot, scenario: Scenario, *, known: Robot) -> LoopRobot:
-        """Return a robot with its own friction and the rest of a scenario; its estimator knows another one."""
+        """Return a robot on the loop with its own friction and the rest of a scenario.
+
+        Parameters
+        ----------
+        robot : Robot
+            The true one.
+        scenario : Scenario
+            Its friction is not used.
+        known : Robot
+            The one that the estimator knows.
+
+        Returns
+        -------
+        LoopRobot
+
+        Examples
+        --------
+        >>> from ballbot import Robot
+        >>> robot = Robot.load("alten")
+        >>> LoopRobot.of(robot, Scenario.nominal(robot), known=robot).model.robot.name
+        'alten'
+        """
         true = replace(scenario, friction=robot.friction)
         return LoopRobot(
             model=true_model(robot, true),
@@ -123,7 +144,30 @@ Answer = TypeVar("Answer")
 
 
 def grid_runs(controllers: Mapping[Name, Feedback], conditions: Sequence[Condition]) -> list[GridRun]:
-    """Return a run of every controller under every condition, controller by controller."""
+    """Return a run of every controller under every condition, controller by controller.
+
+    Parameters
+    ----------
+    controllers : mapping of name to Feedback
+    conditions : sequence of Condition
+
+    Returns
+    -------
+    list of GridRun
+
+    Examples
+    --------
+    Of two controllers, three seeds each:
+
+    >>> from ballbot import Robot
+    >>> from ballbot.control.presets import nominal_controller, precise_controller
+    >>> from ballbot.control.references import hold
+    >>> robot = Robot.load("alten")
+    >>> plant = LoopRobot.of(robot, Scenario.nominal(robot), known=robot)
+    >>> conditions = [Condition(plant=plant, reference=hold, duration=2.0, seed=seed) for seed in range(3)]
+    >>> len(grid_runs({"soft": nominal_controller(robot), "stiff": precise_controller(robot)}, conditions))
+    6
+    """
     return [
         GridRun(candidate=name, controller=controller, condition=condition)
         for name, controller in controllers.items()
@@ -165,6 +209,13 @@ def run_grid(
     workers : Executor, optional
         Computes the runs that are not on the compiled loop, which takes as many threads. The answers do not depend on
         it.
+    run : Run, optional
+        Progress.
+
+    Returns
+    -------
+    GridTable
+        The answers in the order of the runs; `of` returns those of one controller.
 
     Raises
     ------
@@ -172,6 +223,18 @@ def run_grid(
         If there is nothing to run, a plant or controller fails, or a run cannot be scored.
     ExecutorError
         If a process was killed.
+
+    Examples
+    --------
+    >>> from ballbot import Robot
+    >>> from ballbot.control.presets import precise_controller
+    >>> from ballbot.control.references import hold
+    >>> robot = Robot.load("alten")
+    >>> plant = LoopRobot.of(robot, Scenario.nominal(robot), known=robot)
+    >>> conditions = [Condition(plant=plant, reference=hold, duration=8.0, seed=seed) for seed in range(3)]
+    >>> table = run_grid(grid_runs({"stiff": precise_controller(robot)}, conditions))
+    >>> [score.ended for score in table.of("stiff")]
+    [None, None, None]
     """
     if not runs:
         raise InputError("There is nothing to compare: controllers, courses and seeds are needed.")

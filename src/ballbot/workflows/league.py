@@ -94,10 +94,40 @@ def compare(
     workers: Executor = ALL_CORES,
     run: Run = DEFAULT_RUN,
 ) -> League:
-    """Compare controllers, by name or as `ballbot compare` names them, on the same courses with the same seeds.
+    """Compare controllers on the same courses with the same seeds.
 
-    A robot whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`). InputError
-    as `run_league`, and if a name is unknown.
+    Parameters
+    ----------
+    robot : Robot, preset or robot file
+        One whose file has no friction gets that of the nominal scenario for its load (`assumed_friction`).
+    controllers : sequence of str, or mapping of str to Controller, controller file or function
+        By name, or as `ballbot compare` names them.
+    courses : str
+        A set of courses, or courses of it, as `ballbot compare --courses` takes them.
+    plant : {"model", "twin"}
+        The compiled loop, or the physics engine.
+    seeds : sequence of int
+        Of the start and of all that is random in the plant.
+    workers : Executor, optional
+        All cores if not given.
+    run : Run, optional
+        Progress.
+
+    Returns
+    -------
+    League
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, and as `run_league`.
+
+    Examples
+    --------
+    >>> league = compare("alten", ["none", "precise"], courses="square", seeds=[1])
+    >>> one, other = (league.scores["square", name][0] for name in ("none", "precise"))
+    >>> other.peak_position_error < one.peak_position_error
+    True
     """
     known, assumed = with_assumed_friction(robot)
     if not isinstance(controllers, Mapping):

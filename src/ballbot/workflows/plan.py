@@ -121,6 +121,10 @@ def plan(
     limits : MoveLimits, optional
         `default_limits(robot)` if not given.
 
+    Returns
+    -------
+    Plan
+
     Raises
     ------
     InputError
@@ -129,7 +133,7 @@ def plan(
 
     Examples
     --------
-    >>> ballbot.plan("alten", to=(2.0, 0.0, 0.0)).bound  # doctest: +SKIP
+    >>> plan("alten", to=(2.0, 0.0, 0.0)).bound
     'wheel torque'
     """
     robot = as_robot(robot)

@@ -82,7 +82,36 @@ def record(
     duration: float = DURATIONS["balance"],
     seed: int = 1,
 ) -> Recording:
-    """Record a balancing run of the twin as `ballbot record` does, but write nothing; InputError if it cannot run."""
+    """Record a run of the twin as `ballbot record` does, but write nothing.
+
+    Parameters
+    ----------
+    scenario : Scenario, scenario's name or scenario file
+    robot : Robot, preset or robot file
+    controller : Controller, its name or file, or a function of time, state and reference
+    reference : str
+        The name of a course, or a reference file.
+    duration : float
+        [s].
+    seed : int
+        Of all that is random.
+
+    Returns
+    -------
+    Recording
+        `logs["log"]` is what the robot logs.
+
+    Raises
+    ------
+    InputError
+        If it cannot run.
+
+    Examples
+    --------
+    >>> run = record("ideal", controller="precise", reference="hold", duration=0.5)
+    >>> len(run.logs["log"])
+    100
+    """
     job = RecordJob(
         robot=(described := as_robot(robot)),
         scenario=load_scenario(scenario, described),

@@ -123,11 +123,28 @@ def study(
     run : Run, optional
         Its seed draws the robots.
 
+    Returns
+    -------
+    Study
+        `found` is the identification, `validation` its test, `choice` the controllers compared.
+
     Raises
     ------
     InputError
         If a log lacks a column or is not of this robot, its checks find an error whose code is not accepted, or
         the friction cannot be identified from the logs.
+
+    Examples
+    --------
+    On two short logs of a simulated robot with friction, and few robots drawn from what the logs leave open:
+
+    >>> from ballbot import Robot, simulate
+    >>> rubbing = Robot.load("alten").replace({"friction.coulomb": 0.15})
+    >>> courses = ("square", "circle")
+    >>> logs = [simulate(rubbing, "nominal", course, duration=10.0, scenario="nominal") for course in courses]
+    >>> whole = study("alten", logs, options=StudyOptions(draws=6, confirm=False))
+    >>> bool(0.1 < max(whole.found.robot.friction.breakaway) < 0.3)
+    True
     """
     robot = as_robot(robot)
     checked = checked_logs(robot, logs, accept=options.accept)
