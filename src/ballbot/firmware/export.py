@@ -96,7 +96,7 @@ def export(controller: Controller | str | Path, robot: RobotLike, *, lean: float
     robot : Robot, preset or robot file
         With the uncertainty of its friction, which bounds the compensation while the robot runs.
     lean : float
-        Largest |theta| and |phi| [rad]; the safety layer stops beyond it.
+        Largest magnitude of theta and phi [rad]; the safety layer stops beyond it.
 
     Returns
     -------
