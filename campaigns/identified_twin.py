@@ -37,7 +37,9 @@ def identified_friction() -> Section:
     upside_down = identify_upside_down(ROBOT, ball).robot.friction
     balancing = [twin_log(name, duration=DURATION, seed=seed) for name, seed in BALANCING.items()]
     stages = {
-        "driveline, wheel free": robot_with_friction(ROBOT, sweep_estimate(fits), source="identified").friction,
+        "driveline, wheel free": robot_with_friction(
+            ROBOT, sweep_estimate(fits), source="identified"
+        ).friction,
         "upside down, ball on the wheels": replace(upside_down, rolling=0.0),
         "balancing": identify(ROBOT, balancing, seed=0).robot.friction,
         "set in the twin's drivelines": NOMINAL.friction,
