@@ -229,7 +229,7 @@ class Controller(Plotted):
         Raises
         ------
         InputError
-            If it is none of these.
+            If `compensation` is another word.
 
         Examples
         --------

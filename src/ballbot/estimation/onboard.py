@@ -72,7 +72,7 @@ class _Turns(NamedTuple):
     c3: float
 
 
-class Turning(NamedTuple):
+class AngularVelocity(NamedTuple):
     """An angular velocity."""
 
     x: float  # [rad/s]
@@ -99,7 +99,7 @@ def _fill_rates(a, w, state):
 
 @inlined
 def ball_rate(ball_from_wheels, wheel_count, speeds):
-    """Return the ball's turning relative to the body."""
+    """Return the ball's angular velocity relative to the body, in its frame [rad/s]."""
     x = 0.0
     y = 0.0
     z = 0.0
@@ -107,18 +107,18 @@ def ball_rate(ball_from_wheels, wheel_count, speeds):
         x += ball_from_wheels[0, i] * speeds[i]
         y += ball_from_wheels[1, i] * speeds[i]
         z += ball_from_wheels[2, i] * speeds[i]
-    return Turning(x, y, z)
+    return AngularVelocity(x, y, z)
 
 
 @inlined
 def _ball_turning(a, relative, gyro):
-    """Return Omega of a ball with such a turning relative to the body, world frame."""
+    """Return Omega [rad/s], world frame, of a ball with this angular velocity relative to the body."""
     z_x, z_y, z_z = relative.x + gyro[0], relative.y + gyro[1], relative.z + gyro[2]
     # R = Rx(theta) Ry(phi) Rz(psi); first Rz z, then Ry, then Rx
     forward = a.c3 * z_x - a.s3 * z_y
     left = a.s3 * z_x + a.c3 * z_y
     up = a.c2 * z_z - a.s2 * forward
-    return Turning(a.c2 * forward + a.s2 * z_z, a.c1 * left - a.s1 * up, a.s1 * left + a.c1 * up)
+    return AngularVelocity(a.c2 * forward + a.s2 * z_z, a.c1 * left - a.s1 * up, a.s1 * left + a.c1 * up)
 
 
 @inlined

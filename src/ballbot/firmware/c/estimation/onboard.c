@@ -86,8 +86,8 @@ static void remember(const struct ballbot_onboard_record *record, struct ballbot
     }
 }
 
-/* Return the ball's turning relative to the body. */
-struct ballbot_turning ballbot_ball_rate(const float ball_from_wheels[3][4], int32_t wheel_count,
+/* Return the ball's angular velocity relative to the body, in its frame [rad/s]. */
+struct ballbot_angular_velocity ballbot_ball_rate(const float ball_from_wheels[3][4], int32_t wheel_count,
         const float speeds[BALLBOT_MAX_WHEELS])
 {
     float x = 0.0f;
@@ -99,11 +99,11 @@ struct ballbot_turning ballbot_ball_rate(const float ball_from_wheels[3][4], int
         y += ball_from_wheels[1][i] * speeds[i];
         z += ball_from_wheels[2][i] * speeds[i];
     }
-    return (struct ballbot_turning){ x, y, z };
+    return (struct ballbot_angular_velocity){ x, y, z };
 }
 
-/* Return Omega of a ball with such a turning relative to the body, world frame. */
-static struct ballbot_turning ball_turning(const struct turns *a, struct ballbot_turning relative,
+/* Return Omega [rad/s], world frame, of a ball with this angular velocity relative to the body. */
+static struct ballbot_angular_velocity ball_turning(const struct turns *a, struct ballbot_angular_velocity relative,
         const float gyro[3])
 {
     const float z_x = relative.x + gyro[0];
@@ -114,7 +114,7 @@ static struct ballbot_turning ball_turning(const struct turns *a, struct ballbot
     const float left = a->s3 * z_x + a->c3 * z_y;
     const float up = a->c2 * z_z - a->s2 * forward;
 
-    return (struct ballbot_turning){ a->c2 * forward + a->s2 * z_z, a->c1 * left - a->s1 * up,
+    return (struct ballbot_angular_velocity){ a->c2 * forward + a->s2 * z_z, a->c1 * left - a->s1 * up,
         a->s1 * left + a->c1 * up };
 }
 
@@ -140,9 +140,9 @@ int32_t ballbot_onboard_update(const struct ballbot_onboard_record *record, stru
     state[5] = memory->velocity[0];
     state[6] = memory->velocity[1];
     if (rolls) {
-        const struct ballbot_turning relative = ballbot_ball_rate(record->ball_from_wheels, wheel_count,
+        const struct ballbot_angular_velocity relative = ballbot_ball_rate(record->ball_from_wheels, wheel_count,
             reading->wheel_speeds);
-        const struct ballbot_turning omega = ball_turning(&a, relative, memory->gyro);
+        const struct ballbot_angular_velocity omega = ball_turning(&a, relative, memory->gyro);
 
         state[5] = record->radius * omega.y;
         state[6] = -record->radius * omega.x;

@@ -13,7 +13,7 @@
 #include "compensated_sum.h"
 
 /* An angular velocity. */
-struct ballbot_turning {
+struct ballbot_angular_velocity {
     float x; /* [rad/s] */
     float y; /* [rad/s] */
     float z; /* [rad/s] */
@@ -22,8 +22,8 @@ struct ballbot_turning {
 /* Forget the past; the robot stands at a position x, y [m], world frame. */
 void ballbot_onboard_reset(struct ballbot_onboard_memory *memory, const float position[2]);
 
-/* Return the ball's turning relative to the body. */
-struct ballbot_turning ballbot_ball_rate(const float ball_from_wheels[3][4], int32_t wheel_count,
+/* Return the ball's angular velocity relative to the body, in its frame [rad/s]. */
+struct ballbot_angular_velocity ballbot_ball_rate(const float ball_from_wheels[3][4], int32_t wheel_count,
         const float speeds[BALLBOT_MAX_WHEELS]);
 
 /* Take one sample and fill the state: x, y [m], theta, phi, psi [rad] and their rates, world frame.
