@@ -117,6 +117,10 @@ def bursts(random: Random) -> Pair:
     """Rows stamped as they arrive, several at a time; the twin has runs with pauses between them."""
     t, columns = motion(random)
     h, size = t[1], int(random.integers(4, 16))
+    t, columns = (
+        t[: 400 // size * size],
+        {name: values[: 400 // size * size] for name, values in columns.items()},
+    )
     of_burst = np.arange(len(t)) // size
     late = random.uniform(0.0, 0.3 * size * h, of_burst[-1] + 1)
     arrival = (
@@ -124,7 +128,11 @@ def bursts(random: Random) -> Pair:
         + late[of_burst]
         + np.arange(len(t)) % size * random.choice([0.0, 5e-5, 2e-4])
     )
-    file = replace(plain(t, columns, "time_s", [f"{one:.5f}" for one in arrival]), tolerance=0.5 * size * h)
+    come = of_burst != (random.integers(2, of_burst[-1] - 2) if random.integers(2) else -1)  # one may be lost
+    file = plain(
+        t[come], {name: values[come] for name, values in columns.items()}, "time_s", cells(arrival[come])
+    )
+    file = replace(file, tolerance=0.5 * size * h)
     moments, moving = motion(random, 400 * int(random.integers(8, 20)))
     recorded = np.arange(len(moments)) // size % (len(moments) // 400) == 0
     return file, plain(moments[recorded], {name: values[recorded] for name, values in moving.items()})
