@@ -5,7 +5,7 @@ it stands. A file's `t` and `columns` are what Ballbot must read; a file with a 
 that has these words.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -63,7 +63,7 @@ def motion(random: Random, rows: int = 400) -> tuple[Floats, dict[str, Floats]]:
     return t, columns | {current.format(k): swaying(0.4, 3) for k in (1, 2, 3)}
 
 
-def lines_of(columns: dict[str, Sequence[str]], mark: str = ",") -> list[str]:
+def lines_of(columns: Mapping[str, Sequence[str]], mark: str = ",") -> list[str]:
     """Return the header and the rows of columns of cells."""
     return [mark.join(columns), *map(mark.join, zip(*columns.values(), strict=True))]
 

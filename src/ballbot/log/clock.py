@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ballbot.arrays import Floats
+from ballbot.arrays import Bools, Floats
 from ballbot.errors import InputError
 from ballbot.log.columns import FACTORS, Columns
 from ballbot.log.mapping_search.units import Unit
@@ -74,12 +74,14 @@ def without_bursts(table: Mapping[str, Floats], time: str) -> tuple[Floats, int]
     return (even, int(np.median(rows))) if (np.diff(even) > 0.0).all() else (t, 0)
 
 
-def _continues(table: Mapping[str, Floats], apart: np.ndarray) -> bool:
+def _continues(table: Mapping[str, Floats], apart: Bools) -> bool:
     """Return whether no column but clocks changes much more where rows are `apart` (N - 1,) than elsewhere."""
     for values in table.values():
-        change = np.abs(np.diff(values))
-        clock = len(change) != len(apart) or bool((np.diff(values) >= 0.0).all())
-        if not clock and np.nanmean(change[apart]) > _CONTINUES * np.nanmean(change[~apart]):
+        steps = np.diff(values)
+        change, known = np.abs(steps), np.isfinite(steps)
+        across, within = known & apart, known & ~apart
+        more = change[across].sum() * within.sum() > _CONTINUES * change[within].sum() * across.sum()
+        if more and (steps[known] < 0.0).any():
             return False
     return True
 

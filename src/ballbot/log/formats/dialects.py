@@ -28,7 +28,7 @@ EXACT: Literal["round_trip"] | None = (
 #: lines examined for labels
 _EXAMINED = 200
 #: a name before a number; it begins with a letter, so that a time of day has none
-_LABEL = re.compile(r"(?<![^\s,;])([^\W\d_][^,;\t:=]*?)\s*[:=]\s*(?=[-+.\d])")
+_LABEL = re.compile(r"(?<![^\s,;])([^\W\d_][^,;\t:=]*?)\s*[:=]\s*(?=[-+.\d]|nan)")
 #: a number and the unit of a duration
 _DURATION = re.compile(r"[-+]?[\d.]+ ?(s|secs?|seconds?|ms|us|µs|ns|mins?|hrs?|days?)\b")
 #: columns of a long table: times, topic and value, and others such as a type
@@ -99,12 +99,14 @@ def read_long_table(path: str | Path) -> Columns | None:
 def unpadded_times(cells: list[str]) -> Floats | None:
     """Return the seconds (N,) of a clock that prints seconds, a point and a fraction as two whole numbers.
 
-    The fraction is in ms, us or ns by its most digits. None if not all cells are such a clock's, or time decreases.
+    The fraction is in ms, us or ns by its most digits; other cells become NaN. None if these are most, or time goes
+    back.
     """
     parts = [re.fullmatch(r"(\d+)\.(\d{1,9})", cell) for cell in cells]
-    digits = 3 * -(-max((len(part[2]) for part in parts if part), default=0) // 3)
-    times = [int(part[1]) + int(part[2]) / 10.0**digits for part in parts if part]
-    return np.array(times) if len(times) == len(cells) and (np.diff(times) >= 0.0).all() else None
+    unit = 10.0 ** (3 * -(-max((len(part[2]) for part in parts if part), default=0) // 3))
+    times = np.array([int(part[1]) + int(part[2]) / unit if part else np.nan for part in parts])
+    known = times[np.isfinite(times)]
+    return times if 2 * len(known) > len(cells) and (np.diff(known) >= 0.0).all() else None
 
 
 def seconds_of(cell: str) -> float | None:

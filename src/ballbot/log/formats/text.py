@@ -135,7 +135,7 @@ def read_text_table(
             if (times := unpadded_times(stamps)) is not None:
                 table[:, i] = times
                 notes.append(
-                    f"{names[i]} has seconds, a point and a whole number of smaller units, and is read so."
+                    f"{names[i]} has seconds and their fraction as two whole numbers, and is read so."
                 )
     # of words, by what the table is used for, or by most cells with something in them
     most = 2 * words.sum(axis=0) > (words | ~np.isnan(table)).sum(axis=0)
@@ -171,16 +171,12 @@ def read_text_table(
 
 
 def _steps_back_within_a_second(values: Floats) -> bool:
-    """Return whether values are times whose whole seconds never decrease though the times do."""
+    """Return whether values go back though their whole seconds increase."""
     known = values[np.isfinite(values)]
-    seconds = np.floor(known)
-    ordered = (
-        known.size > 1
-        and known[0] >= 0.0
-        and seconds[-1] > seconds[0]
-        and bool((np.diff(seconds) >= 0.0).all())
+    increase = np.diff(np.floor(known))
+    return bool(
+        (np.diff(known) < 0.0).any() and (increase >= 0.0).all() and increase.any() and known[0] >= 0.0
     )
-    return ordered and bool((np.diff(known) < 0.0).any())
 
 
 def _text_of(path: str | Path) -> str:

@@ -56,7 +56,8 @@ _WORDS = {
         "batt battery vbat supply temp bus temperature mag magnetometer status state mode abort flag cost cpu bias std "
         "var cov integral est dt period latency load checksum crc joy joystick loop exec cycle acc accel accelerometer "
         "acceleration linacc akku batterie temperatur fehler zustand beschleunigung",
-        "time": "time tv timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel uhrzeit",
+        "time": "time tv timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel "
+        "uhrzeit",
         "x": "roll rollwinkel",
         "y": "pitch nick nickwinkel",
         "z": "yaw heading gier gierwinkel",
