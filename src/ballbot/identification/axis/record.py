@@ -279,9 +279,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     table = read_variables(path, names=given_names(columns.columns))
     table.need_names(path, "t,position,force")
     notes, variables = list(table.notes), {**table.columns}
-    if columns.time in variables and {len(values) for values in variables.values()} == {
-        len(variables[columns.time])
-    }:
+    if columns.time in variables and len({*map(len, variables.values())}) == 1:
         variables = rows_with_times(variables, columns.time, notes)
     file = _File(name=path.name, variables=variables, units=table.units, unit=columns.unit)
     motion = "velocity" if columns.position is None and columns.velocity else "position"
