@@ -8,6 +8,7 @@ from ballbot.cli.findings import check_input
 from ballbot.errors import about
 from ballbot.log import Log
 from ballbot.log.collection import named_files
+from ballbot.log.pose import read_motion_capture
 from ballbot.report.alignment import alignment_report
 from ballbot.report.words import logs_words
 from ballbot.validation.alignment import align as align_log
@@ -41,7 +42,7 @@ def align(
         The motion-capture file: t, qw qx qy qz of the body, and x y z of the ball's centre or of any point of the
         body.
     """
-    run, cameras = Log.read(log, mapping=mapping, robot=robot), Log.read(mocap)
+    run, cameras = Log.read(log, mapping=mapping, robot=robot), read_motion_capture(mocap)
     findings = check_input(None, [log], [run], accept=accept, mappings=[mapping])
     (name,) = named_files([log])
     with open_result(out, doing="aligning", writes=["aligned.csv"]) as result:

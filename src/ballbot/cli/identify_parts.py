@@ -22,6 +22,7 @@ from ballbot.identification.upside_down import identify_upside_down as find_fric
 from ballbot.log import Log
 from ballbot.log.checks import bench_findings
 from ballbot.log.mapping import dead_band_findings
+from ballbot.log.pose import read_motion_capture
 from ballbot.progress import in_stage
 from ballbot.report.axis import axis_report
 from ballbot.report.bench import driveline_report, geometry_report, upside_down_report
@@ -164,7 +165,9 @@ def identify_geometry(
         geometry = survey_geometry(
             described,
             upside_down=of_ball,
-            balancing=[(log, Log.read(capture)) for log, capture in zip(of_runs, captures, strict=True)],
+            balancing=[
+                (log, read_motion_capture(capture)) for log, capture in zip(of_runs, captures, strict=True)
+            ],
             progress=result.report,
         )
         step = f"`ballbot study {result.path('robot.toml')} LOG --out found`, with logs of balancing"

@@ -67,6 +67,19 @@ def check_column_names(names: Iterable[str], *, source: str) -> None:
             )
 
 
+def given_names(columns: str | None) -> list[str] | None:
+    """Return the names that --columns lists; those of columns without a name get a number, so that all differ."""
+    if columns is None:
+        return None
+    names = list[str]()
+    for number, word in enumerate(columns.split(","), start=1):
+        name = word.strip() if any(map(str.isalnum, word)) else f"unused_{number}"
+        if name in names:
+            raise InputError(f"--columns has the name {name} twice.")
+        names.append(name)
+    return names
+
+
 def wheel_angle_names(count: int) -> tuple[str, ...]:
     """Return wheel1 .. wheel`count`, the wheels' encoder angles [rad]."""
     return tuple(f"wheel{i}" for i in range(1, count + 1))

@@ -13,11 +13,12 @@ from typing import Literal
 
 import numpy as np
 
-from ballbot.errors import InputError
+from ballbot.errors import InputError, about
 from ballbot.file_formats import format_line
 from ballbot.findings import Finding, by_severity, note, warning
 from ballbot.log.checks import check
 from ballbot.log.checks.table import judged
+from ballbot.log.clock import clock_unit
 from ballbot.log.evidence import CONFIDENT
 from ballbot.log.formats import read_foreign_table
 from ballbot.log.formats.text import OWN_LAYOUT
@@ -35,15 +36,16 @@ from ballbot.log.mapping_search.commands import (
 )
 from ballbot.log.mapping_search.motion import Columned, SensedMotion, Stated, Tilts, motion_of_file
 from ballbot.log.mapping_search.names import InputKind, Roles, roles_of
-from ballbot.log.mapping_search.units import Unit, lean_units, time_unit
+from ballbot.log.mapping_search.units import Unit, lean_units
 from ballbot.log.placement import LeanTest, SensorFrame, frame_of
 from ballbot.log.pose import with_odometry
-from ballbot.log.row_order import increasing_rows, longest_run, rows_with_times
+from ballbot.log.row_order import LONGEST_PAUSE, increasing_rows, longest_run, rows_with_times
 from ballbot.log.signals import INTERVAL, MOVING_SPEED, row_spans
 from ballbot.log.wrapping import continuous_clock
 from ballbot.printable import printable_line
 from ballbot.robot import Drive, Robot
 from ballbot.schema import toml_line
+from ballbot.summary import counted
 
 #: standard error of the IMU's turn above which the user is asked [rad]: of four logs of the campaign with an error of 4
 #: to 6 degrees one turn is wrong by 15, of 140 with a smaller one none by more than 9. Also the directions by which a
@@ -61,6 +63,9 @@ LARGEST_LEAN = 0.2
 #: the largest ratio of torques, in either direction, that friction outside the law explains in a weak motion (2.8 on a
 #: real log), and one that is reported: masses and torque constants of robot files are this uncertain
 LARGEST_RATIO, NOTABLE_RATIO = 4.0, 1.25
+#: least share of the rows in the run that is used: a robot that is started again makes a few runs, a clock that is
+#: misread some in every second
+LEAST_KEPT = 0.2
 #: errors that are faults of the recording under any mapping: they stop the analysis of the log, not the mapping
 OF_THE_RECORDING = frozenset(("corrupted", "gap", "held", "jump", "missing", "rows", "spike"))
 #: a likely dead band that is not stated is asked for, or reported, if it changes the torques by these shares
@@ -165,14 +170,10 @@ def propose(path: str | Path, robot: Robot, stated: Stated | None = None) -> Pro
 def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned, list[Finding]]:
     """Return the rows of a file that are used, and findings on those that are left out."""
     table, roles = roles_of(path, read_foreign_table(path, names=stated.columns), robot.wheel_count)
+    with about(path):
+        timed = rows_with_times(table.columns, roles.time, [])[roles.time]
+        time = clock_unit(timed, roles.time, roles.unit((roles.time,)))
     clock, _ = continuous_clock(table.columns[roles.time])
-    time = time_unit(clock, roles.unit((roles.time,)))
-    if time is None:
-        raise InputError(
-            f"{path}: {roles.time} is no time in s, ms, us or ns by its intervals (median "
-            f"{float(np.median(np.diff(clock))):.6g}); write a mapping file with its scale, "
-            f'[columns] t = {{ from = "{roles.time}", scale = .. }} in seconds.'
-        )
     first, last = longest_run(time.factor * clock)
     sentences, layout = list(table.notes), table.layout
     cut = {name: values[first:last] for name, values in table.columns.items()}
@@ -182,6 +183,16 @@ def _columned(path: str | Path, robot: Robot, stated: Stated) -> tuple[Columned,
     if not ordered.all():
         cut = {name: values[ordered] for name, values in cut.items()}
         layout = replace(layout, unordered_rows="drop")
+    if len(cut[roles.time]) < LEAST_KEPT * len(timed):
+        steps = time.factor * np.diff(clock)
+        breaks = np.flatnonzero((steps < 0.0) | (steps > LONGEST_PAUSE))
+        row = int(breaks[0]) + 1 if breaks.size else 1
+        raise InputError(
+            f"{path}: time goes back or pauses {counted(breaks.size, 'time')}, first from {clock[row - 1]:.10g} to "
+            f"{clock[row]:.10g} in {roles.time} at row {row + 1}, so that of {len(timed)} rows at most "
+            f"{len(cut[roles.time])} are one run. Log one clock, with all digits and leading zeros of a fraction, or "
+            "give one run in a file."
+        )
     if (first, last) != (0, len(clock)):
         notes.append(warning("time", f"The longest run is rows {first + 1} to {last}; others are left out."))
         layout = replace(layout, rows=(first + 1, last))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ballbot.arrays import Bools, Floats, format_duration
 from ballbot.errors import InputError
+from ballbot.log.clock import without_bursts
 from ballbot.log.columns import Columns
 from ballbot.log.wrapping import continuous_clock
 from ballbot.summary import counted
@@ -80,7 +81,7 @@ def increasing_rows(t: Floats) -> Bools:
 
 
 def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) -> Columns:
-    """Return a table without the rows that lack a time or repeat the row before, its clock continued.
+    """Return a table without the rows that lack a time or repeat the row before, its clock continued and even.
 
     Sentences on what is left out or changed are added to `notes`.
     """
@@ -102,6 +103,11 @@ def rows_with_times(table: Mapping[str, Floats], time: str, notes: list[str]) ->
         notes.append(
             f"{time} begins again {counted(resets.size, 'time')}, first at row {resets[0] + 1}, as a counter that "
             "overflows or a time of day at midnight: it is continued there."
+        )
+    rest[time], burst = without_bursts(rest, time)
+    if burst:
+        notes.append(
+            f"By {time} rows arrive about {burst} at once, as a host stamps them: their mean interval is taken instead."
         )
     return rest
 

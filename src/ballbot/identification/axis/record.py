@@ -20,8 +20,9 @@ import numpy as np
 from ballbot.arrays import Bools, Floats, positive_number, real_array
 from ballbot.errors import InputError, check_known, either
 from ballbot.findings import Finding, note, warning
-from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, unit_at_the_end, unit_spelled
+from ballbot.log.columns import FACTORS, LARGEST_CELL, Columns, given_names, unit_at_the_end, unit_spelled
 from ballbot.log.formats import read_variables
+from ballbot.log.row_order import rows_with_times
 from ballbot.log.signals import unwrapped
 
 #: least rows of a record
@@ -188,6 +189,10 @@ class AxisColumns:
     unit: Literal["m", "rad"] = "m"
     """Unit of positions: m for a sliding mass, rad for a rotating inertia."""
 
+    columns: str | None = None
+    """The names of a text's columns in its order, with commas between, for a file without a header: t,position,force.
+    Write _ for a column that is not needed."""
+
 
 #: by the unit of positions: the units of each quantity, with the factor to SI units
 _UNITS: Mapping[str, Mapping[str, Mapping[str, float]]] = {
@@ -271,8 +276,12 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     1.0
     """
     path = Path(path)
-    variables, units = read_variables(path)
-    file = _File(name=path.name, variables=variables, units=units, unit=columns.unit)
+    table = read_variables(path, names=given_names(columns.columns))
+    table.need_names(path, "t,position,force")
+    notes, variables = list(table.notes), {**table.columns}
+    if columns.time in variables and len({*map(len, variables.values())}) == 1:
+        variables = rows_with_times(variables, columns.time, notes)
+    file = _File(name=path.name, variables=variables, units=table.units, unit=columns.unit)
     motion = "velocity" if columns.position is None and columns.velocity else "position"
     moving = getattr(columns, motion) or "position"
     names = {"time": columns.time, motion: moving, "force": columns.force}
@@ -302,6 +311,7 @@ def read_axis_record(path: str | Path, columns: AxisColumns) -> AxisRecord:
     if motion == "velocity":
         values = np.append(0.0, np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)))
     position, findings = _without_wraps(values, factors[motion], columns.unit)
+    findings = [*(note("file", sentence) for sentence in notes), *findings]
     findings += [
         note("axis-unit", f"{name} is multiplied by {factors[key]:.6g}, by its unit in the file.", name)
         for (key, name), scale in zip(names.items(), scales, strict=True)

@@ -16,7 +16,7 @@ name is taken.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -56,7 +56,8 @@ _WORDS = {
         "batt battery vbat supply temp bus temperature mag magnetometer status state mode abort flag cost cpu bias std "
         "var cov integral est dt period latency load checksum crc joy joystick loop exec cycle acc accel accelerometer "
         "acceleration linacc akku batterie temperatur fehler zustand beschleunigung",
-        "time": "time timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel uhrzeit",
+        "time": "time tv timestamp stamp clock elapsed utime tsec tnow ts seconds millis micros zeit zeitstempel "
+        "uhrzeit",
         "x": "roll rollwinkel",
         "y": "pitch nick nickwinkel",
         "z": "yaw heading gier gierwinkel",
@@ -295,12 +296,8 @@ def roles_of(path: object, table: ForeignTable, wheel_count: int) -> tuple[Forei
 
     InputError, with what to give as --columns, if no name says which column is the time, or which are lean or wheels.
     """
-    if not table.named:
-        raise InputError(
-            f"{path} has no header: name its {len(table.columns)} columns in their order, "
-            "--columns t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3 (_ for a column that is not needed)."
-        )
-    columns, quaternion = dict(table.columns), _quaternion(table.columns)
+    table.need_names(path, "t,roll,pitch,yaw,enc1,enc2,enc3,u1,u2,u3")
+    columns, quaternion = dict(table.columns), next(iter(quaternions(table.columns)), ())
     names = [name for name in columns if name not in quaternion]
     roles = roles_by_name(names, wheel_count=wheel_count, units=table.units)
     if quaternion and not roles.attitude:
@@ -369,26 +366,29 @@ def _axes(readings: Iterable[NameReading], kind: Kind) -> dict[str, str]:
     return {axis: reading.name for axis, reading in best.items()}
 
 
-def _quaternion(columns: Mapping[str, Floats]) -> tuple[str, ...]:
-    """Return the names of the w, x, y and z of an IMU's quaternion, that of the odometry last; empty if none has one.
+def quaternions(columns: Mapping[str, Floats]) -> list[tuple[str, ...]]:
+    """Return the names of the w, x, y and z of each quaternion, those of odometry last: the sum of squares is one."""
+    found = []
+    for series in marked_series(columns, "wxyz"):
+        values = np.column_stack([columns[column] for column in series])
+        values = values[np.isfinite(values).all(axis=1)]
+        norm = np.linalg.norm(values, axis=1)
+        unit = np.abs(norm - 1.0) < UNIT_NORM
+        if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
+            found.append(series)
+    return sorted(found, key=lambda series: "odom" in series[0].lower())
 
-    They differ in one letter, w, x, y and z, and the sum of their squares is one.
-    """
-    candidates = []
-    for name in columns:
-        for position, mark in enumerate(name):
-            if mark not in "wW":
-                continue
-            marks = "wxyz" if mark == "w" else "WXYZ"
-            series = tuple(name[:position] + letter + name[position + 1 :] for letter in marks)
-            if all(column in columns for column in series):
-                values = np.column_stack([columns[column] for column in series])
-                values = values[np.isfinite(values).all(axis=1)]
-                norm = np.linalg.norm(values, axis=1)
-                unit = np.abs(norm - 1.0) < UNIT_NORM
-                if len(norm) and np.mean(unit | (norm == 0.0)) > UNIT_ROWS and np.ptp(values, axis=0).any():
-                    candidates.append(series)
-    return min(candidates, key=lambda series: "odom" in series[0].lower(), default=())
+
+def marked_series(names: Collection[str], marks: str) -> list[tuple[str, ...]]:
+    """Return the names that differ in one letter alone, each of the marks in turn, all small or all capitals."""
+    series = (
+        tuple(name[:position] + mark + name[position + 1 :] for mark in letters)
+        for name in names
+        for letters in (marks, marks.upper())
+        for position, letter in enumerate(name)
+        if letter == letters[0]
+    )
+    return [one for one in series if all(name in names for name in one)]
 
 
 def _odometry_angles(columns: Mapping[str, Floats]) -> tuple[str, ...]:

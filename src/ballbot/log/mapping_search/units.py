@@ -1,4 +1,4 @@
-"""Find the units of a foreign file's time, wheels and lean: from its headings, else from the physics.
+"""Find the units of a foreign file's wheels and lean: from its headings, else from the physics.
 
 A unit in a heading is taken. Without one every choice of units has a weight: the encoder's step, the size of the
 lean, and the response of the lean to the wheels, which must be the robot's (`placement`), and the turning of the wheels
@@ -18,8 +18,6 @@ from ballbot.log.evidence import probabilities
 from ballbot.log.signals import encoder_step
 from ballbot.robot import Robot
 
-#: intervals between rows that a log may have [s]
-INTERVALS = (2e-4, 0.2)
 #: a balancing robot's lean is within this in nine tenths of the rows [rad], and hardly ever within this [deg]
 LEAN_IN_RADIANS, LEAN_IN_DEGREES = 0.35, 0.15
 #: a step that agrees with an encoder's this well is that encoder's
@@ -44,17 +42,6 @@ class Unit:
 
 
 Units = tuple[Unit, Unit]  #: of the lean and the wheels
-
-
-def time_unit(t: Floats, named: str | None) -> Unit | None:
-    """Return the unit of a column of times (N,) by its intervals; None if none makes it a log's, or the name's."""
-    steps = np.diff(t)
-    usual = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    for unit, factor in FACTORS["s"].items():
-        if INTERVALS[0] <= usual * factor < INTERVALS[1] and named in (None, unit):
-            reason = f"rows come every {1e3 * usual * factor:.4g} ms"
-            return Unit(name=unit, factor=factor, reason=reason)
-    return None
 
 
 def wheel_units(
