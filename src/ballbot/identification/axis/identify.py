@@ -206,13 +206,6 @@ def residual_force(motion: AxisMotion, model: AxisModel, values: Values) -> Floa
     return motion.lowpassed(left - axis.friction(motion.speed))[motion.moving]
 
 
-def explained_force(motions: Sequence[AxisMotion], model: AxisModel, values: Values) -> float:
-    """Return the share of the squared force in the moving rows that a model explains."""
-    left = sum(float(np.sum(residual_force(motion, model, values) ** 2)) for motion in motions)
-    forces = (motion.lowpassed(motion.force(interpolated=model.interpolated)) for motion in motions)
-    return 1.0 - left / sum(float(np.sum(f[m.moving] ** 2)) for f, m in zip(forces, motions, strict=True))
-
-
 def open_loop_error(axis: Axis, record: AxisRecord) -> Floats:
     """Return the error [m] of the position (N - 1,) after each row, simulated from the first row on."""
     start = np.array([[record.position[0], speed_at_start(record)]])
@@ -482,18 +475,15 @@ def _check_force(fit: AxisEstimate, law: str) -> None:
     The fit takes the recorded force for all that drives the axis. Another one moves the simulated positions away from
     the recorded ones, the less the larger the mass, so that the mass becomes far too large.
     """
-    plain, record = replace(fit.model, law=law), fit.motions[0].record
-    inverse = inverse_model(fit.motions, plain)
-    own, more = (
-        100.0 * max(explained_force(fit.motions, model, values), 0.0)
-        for model, values in ((fit.model, fit.values), (plain, inverse.values))
-    )
-    if more - own > 100.0 * _CONTRADICTED:
+    inverse, record = inverse_model(fit.motions, replace(fit.model, law=law)), fit.motions[0].record
+    left = [residual_force(motion, fit.model, fit.values) for motion in fit.motions]
+    own = 1.0 - float(np.sum(np.concatenate(left) ** 2)) / inverse.squares
+    if inverse.explained - own > _CONTRADICTED:
         raise InputError(
-            f"{record.name}: the parameters that predict the position best explain {own:.0f} % of the force, and a "
-            f"plain regression of the force on acceleration and speed {more:.0f} % ({inverse.text(record.unit)}): "
-            "something else than this force drives the axis, the force is late, or it is the friction alone. Record "
-            "all of the force that drives the axis."
+            f"{record.name}: the parameters that predict the position best explain {100.0 * max(own, 0.0):.0f} % of "
+            f"the force, and a plain regression of the force on acceleration and speed {100.0 * inverse.explained:.0f} "
+            f"% ({inverse.text(record.unit)}): something else than this force drives the axis, the force is late, or "
+            "it is the friction alone. Record all of the force that drives the axis."
         )
 
 

@@ -139,7 +139,8 @@ class InverseModel:
 
     values: dict[str, float]  #: by name, those in which the force is linear; friction may be negative
     errors: dict[str, float]  #: their standard errors
-    explained: float  #: share of the squared force
+    squares: float  #: sum of the squared force, less its known parts
+    explained: float  #: share of it
     condition: float  #: of the columns, each of length one
 
     def text(self, axis_unit: str) -> str:
@@ -171,6 +172,7 @@ def inverse_model(motions: Sequence[AxisMotion], model: AxisModel) -> InverseMod
     return InverseModel(
         values=dict(zip(names, fit.values.tolist(), strict=True)),
         errors=dict(zip(names, fit.errors.tolist(), strict=True)),
+        squares=float(np.sum(force**2)),
         explained=float(1.0 - np.sum(fit.residuals**2) / np.sum(force**2)),
         condition=float(singular[0] / singular[-1]),
     )
