@@ -60,3 +60,31 @@ def _held_speeds(t: Floats, random: np.random.Generator) -> Floats:
     levels = random.uniform(0.1, 1.0, number[-1] + 1) * (-1.0) ** np.arange(number[-1] + 1)
     b, a = np.asarray(scipy.signal.butter(2, 4.0 / RATE))
     return np.asarray(scipy.signal.filtfilt(b, a, levels[number]))
+
+
+Columns = dict[str, Floats]
+#: kinds of faulty samples of a foreign log, by what a logger did
+FAULTS = ("failed readings", "one recorded twice", "no heading", "changes of the counts")
+
+
+def with_fault(table: Columns, fault: str, *, wheels: list[str], lean: list[str], seed: int) -> Columns:
+    """Return a foreign log's columns as a faulty logger writes them; `lean` are roll, pitch and yaw."""
+    random, changed = np.random.default_rng([71, seed, *fault.encode()]), {**table}
+    match fault:
+        case "failed readings":  # of some of the encoders
+            every, first = int(random.integers(3, 40)), int(random.integers(0, 3))
+            for name in random.permutation(wheels)[: random.integers(1, len(wheels) + 1)].tolist():
+                read = table[name].copy()
+                read[first::every] = 0.0
+                changed[name] = read
+        case "one recorded twice":
+            one, other = random.permutation(wheels if random.random() < 0.5 else lean[:2])[:2].tolist()
+            changed[other] = table[one]
+        case "no heading":
+            changed[lean[2]] = np.full_like(table[lean[2]], random.choice([999.0, -1.0, 0.0, 180.0]))
+        case "changes of the counts":
+            for name in wheels:
+                changed[name] = np.diff(table[name], prepend=table[name][:1])
+        case _:
+            raise ValueError(fault)
+    return changed
